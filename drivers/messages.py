@@ -1,0 +1,163 @@
+"""What a daemon and an agent say to each other: one JSON object a line over the agent's Unix socket.
+
+The daemon sends `Request`s, each with an `id` of its own; the agent answers each with one `Reply` of the same
+id, and pushes a `Snapshot` whenever something changed, and about once a wall second while anything is warm or
+prints. Requests are idempotent by `print_id`: sent again, they change nothing and are answered as before.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+
+class _Message(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class LinkState(StrEnum):
+    """What the agent knows of its board."""
+
+    ABSENT = "absent"  # the port is not there, or cannot be opened
+    CONNECTING = "connecting"  # opened; waiting for the banner or for the first answer
+    READY = "ready"  # answers, no print
+    BUSY = "busy"  # a print is open
+    FAULT = "fault"  # a person has to look; nothing is started
+
+
+class Filament(StrEnum):
+    """Where the end of the filament is."""
+
+    PARKED = "parked"  # 20 mm back, as the end code and the printer's own menu leave it
+    AT_NOZZLE = "at_nozzle"
+    UNKNOWN = "unknown"
+
+
+class PrintPhase(StrEnum):
+    """One print as the agent sees it. The last three are ends."""
+
+    SPOOLED = "spooled"
+    CONNECTING = "connecting"
+    HEATING = "heating"
+    PRINTING = "printing"
+    ENDING = "ending"  # heaters going off, by end code or by an abort
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        return self in (PrintPhase.DONE, PrintPhase.FAILED, PrintPhase.CANCELLED)
+
+
+class Heater(_Message):
+    """A heater as last reported, in degrees Celsius."""
+
+    now_c: float
+    target_c: float
+
+
+class PrintSnapshot(_Message):
+    """The print that is open, or the last one that ended and was not yet forgotten."""
+
+    print_id: str
+    phase: PrintPhase
+    fault: str | None = None  # a name: `drivers.session.Fault` value, or `agent_died`
+    reason: str | None = None  # one sentence for a person
+    line: int = 0  # lines of the stripped file that the printer has acknowledged
+    lines: int = 0
+    progress_s: float = 0.0  # print time done, by the slicer's ;TIME_ELAPSED
+    print_time_s: float = 0.0  # of the whole file
+    extruded: bool = False  # something of this print may lie on the bed
+    started_s: float | None = None  # farm clock, first command of this print
+    ended_s: float | None = None  # farm clock, heaters off and the head still
+
+
+class Snapshot(_Message):
+    """Everything the daemon may know of an agent. Times on the farm's clock."""
+
+    kind: Literal["snapshot"] = "snapshot"
+    printer: str
+    agent_pid: int
+    link: LinkState
+    reason: str | None = None  # why ABSENT or FAULT, one sentence
+    nozzle: Heater | None = None
+    bed: Heater | None = None
+    heaters_off: bool = False  # a report has shown both targets 0 since the last heating command
+    filament: Filament = Filament.UNKNOWN
+    bed_clear: bool | None = None  # an emulator's own word; a real board cannot tell
+    starved_s: float = 0.0  # emulator only: farm seconds in which it waited for the host
+    board_resets: int = 0  # resets since the agent started that it did not cause itself
+    print: PrintSnapshot | None = None
+
+
+class Hello(_Message):
+    """Ask for a snapshot."""
+
+    do: Literal["hello"] = "hello"
+    id: int
+
+
+class StartPrint(_Message):
+    """Print a G-code file. The agent copies it into its spool and checks the hash before anything heats."""
+
+    do: Literal["start"] = "start"
+    id: int
+    print_id: str
+    gcode: str  # absolute path
+    sha256: str
+    print_time_s: float
+    filament: Filament  # what the daemon's books say; UNKNOWN is refused
+
+
+class CancelPrint(_Message):
+    """End a print safely: head away, heaters off, filament parked. No such print open: nothing happens."""
+
+    do: Literal["cancel"] = "cancel"
+    id: int
+    print_id: str
+    reason: str = "cancelled"
+
+
+class ForgetPrint(_Message):
+    """The daemon has the end of this print in its books; the agent may drop it and its spool file."""
+
+    do: Literal["forget"] = "forget"
+    id: int
+    print_id: str
+
+
+class BedCleared(_Message):
+    """A person cleared the bed (an emulator is told so; a fault that waited for a person is lifted)."""
+
+    do: Literal["cleared"] = "cleared"
+    id: int
+    filament: Filament | None = None  # what the person says of it, if anything
+
+
+class Shutdown(_Message):
+    """End the agent: with `now` an open print is ended safely first; without, refused while printing."""
+
+    do: Literal["shutdown"] = "shutdown"
+    id: int
+    now: bool = False
+
+
+Request = Hello | StartPrint | CancelPrint | ForgetPrint | BedCleared | Shutdown
+
+
+class Reply(_Message):
+    """The answer to one request. `error` is one sentence where it was refused."""
+
+    kind: Literal["reply"] = "reply"
+    id: int
+    error: str | None = None
+    snapshot: Snapshot | None = None
+
+
+FromAgent = Snapshot | Reply
+
+request_adapter: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="do")])
+from_agent_adapter: TypeAdapter[FromAgent] = TypeAdapter(Annotated[FromAgent, Field(discriminator="kind")])
