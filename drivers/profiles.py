@@ -1,8 +1,9 @@
 """Facts about each printer model, and the one function for the room that a part has on its bed.
 
 Coordinates are bed-centred, in millimetres. Sizes and clips are those of Cura's machine definitions
-(``machine_width/depth/height``, ``machine_disallowed_areas``); accelerations and feed rates are those that the
-firmware prints in its banner (``M201/M203/M204/M205``). The heating figures are assumed, not measured on a printer.
+(``machine_width/depth/height``, ``machine_disallowed_areas``); accelerations and feed rates are those that
+the firmware prints in its banner (``M201/M203/M204/M205``). The heating figures are assumed, not measured on
+a printer.
 """
 
 from __future__ import annotations
