@@ -1,0 +1,197 @@
+"""`fleet.yaml`: what a person says of the fleet, checked before anything acts on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Self
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from farm.errors import FleetFileError
+
+SIMULATED = "sim://"
+_FORWARDED = "rfc2217://"
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class FleetSection(_Section):
+    """The keys under `fleet`."""
+
+    name: Name = "farm"
+    timezone: str = "UTC"
+    time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
+
+    @field_validator("timezone")
+    @classmethod
+    def _known(cls, value: str) -> str:
+        try:
+            ZoneInfo(value)
+        except (ZoneInfoNotFoundError, ValueError) as error:
+            raise ValueError(f"{value!r} is no time zone; use a name like Europe/Berlin") from error
+        return value
+
+
+class PrinterSection(_Section):
+    """One entry of `printers`."""
+
+    name: Name
+    model: str
+    port: str
+    material: str = "generic_pla"
+    colour: str | None = None
+    nozzle_mm: Positive = 0.4
+    volume_mm: tuple[Positive, Positive, Positive] | None = None
+    enabled: bool = True
+
+    @property
+    def simulated(self) -> bool:
+        return self.port.startswith(SIMULATED)
+
+    @field_validator("port")
+    @classmethod
+    def _printable(cls, value: str) -> str:
+        if value.startswith((SIMULATED, _FORWARDED, "/")):
+            return value
+        if value.startswith("socket://"):
+            raise ValueError("socket:// has no DTR, so a board could not be stopped: use rfc2217://HOST:PORT")
+        raise ValueError(f"{value!r} is no port: use a device path, rfc2217://HOST:PORT or sim://MODEL")
+
+    @model_validator(mode="after")
+    def _simulates_itself(self) -> Self:
+        if self.simulated and self.port.removeprefix(SIMULATED).partition("?")[0] != self.model:
+            raise ValueError(f"port {self.port} simulates another model than {self.model}")
+        return self
+
+
+class Fleet(_Section):
+    """The whole file, with the defaults filled in."""
+
+    fleet: FleetSection = FleetSection()
+    printers: tuple[PrinterSection, ...]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names: set[str] = set()
+        ports: dict[Path | str, str] = {}
+        for printer in self.printers:
+            if printer.name in names:
+                raise ValueError(f"two printers are named {printer.name}: each needs a name of its own")
+            names.add(printer.name)
+            if printer.simulated:
+                continue
+            port = Path(printer.port).resolve() if printer.port.startswith("/") else printer.port
+            if port in ports:
+                raise ValueError(
+                    f"{ports[port]} and {printer.name} are on one port ({printer.port}): "
+                    "a port belongs to one printer; see `ls -l /dev/serial/by-path`"
+                )
+            ports[port] = printer.name
+        if self.fleet.time_scale != 1 and not all(printer.simulated for printer in self.printers):
+            raise ValueError(
+                "time_scale must be 1 unless every port is sim://: a real printer has no fast clock"
+            )
+        return self
+
+    def printer(self, name: str) -> PrinterSection:
+        """The entry of a printer; KeyError where there is none."""
+        return {printer.name: printer for printer in self.printers}[name]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(printer.name for printer in self.printers)
+
+    @property
+    def zone(self) -> ZoneInfo:
+        return ZoneInfo(self.fleet.timezone)
+
+
+def load_fleet(path: Path, models: frozenset[str]) -> Fleet:
+    """Read and check a fleet file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    models
+        The printer models that the drivers know.
+
+    Raises
+    ------
+    FleetFileError
+        With file, line and field of the first mistake, and what to write instead.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FleetFileError(f"{path}: cannot be read ({error}); name another file with --fleet") from error
+    try:
+        node = yaml.compose(text, Loader=yaml.SafeLoader)
+        raw = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}:{mark.line + 1}" if mark else str(path)
+        raise FleetFileError(f"{where}: not YAML: {getattr(error, 'problem', None) or error}") from error
+    if not isinstance(raw, dict) or not isinstance(raw.get("printers"), list):
+        raise FleetFileError(f"{path}: needs a list `printers`; see the example in the README")
+    defaults = raw.pop("defaults", None) or {}
+    if not isinstance(defaults, dict):
+        raise FleetFileError(f"{path}:{_line(node, ('defaults',))}: `defaults` must hold printer keys")
+    raw["printers"] = [
+        {**defaults, **printer} if isinstance(printer, dict) else printer for printer in raw["printers"]
+    ]
+    try:
+        fleet = Fleet.model_validate(raw)
+    except ValidationError as error:
+        raise FleetFileError(_first_mistake(path, node, error)) from error
+    for index, printer in enumerate(fleet.printers):
+        if printer.model not in models:
+            line = _line(node, ("printers", index, "model"))
+            known = ", ".join(sorted(models))
+            raise FleetFileError(
+                f"{path}:{line}: printers.{index}.model: {printer.model!r} is not one of {known}"
+            )
+    return fleet
+
+
+def _first_mistake(path: Path, node: yaml.Node | None, error: ValidationError) -> str:
+    first = error.errors()[0]
+    place = first["loc"]
+    line = _line(node, place)
+    if first["type"] == "extra_forbidden":
+        owners: dict[str, type[BaseModel]] = {"fleet": FleetSection, "printers": PrinterSection}
+        owner = owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
+        message = f"unknown key; known are {', '.join(owner.model_fields)}"
+    else:
+        message = first["msg"].removeprefix("Value error, ")
+    field = ".".join(map(str, place))
+    return f"{path}:{line}: {field}: {message}" if field else f"{path}:{line}: {message}"
+
+
+def _line(node: yaml.Node | None, place: tuple[str | int, ...]) -> int:
+    """The line (from 1) of the deepest node on the way to `place`."""
+    line = 1
+    for step in place:
+        for key, child in _children(node):
+            if key == step:
+                node = child
+                line = child.start_mark.line + 1
+                break
+        else:
+            break
+    return line
+
+
+def _children(node: yaml.Node | None) -> Iterator[tuple[Any, yaml.Node]]:
+    if isinstance(node, yaml.MappingNode):
+        yield from ((key.value, value) for key, value in node.value)
+    elif isinstance(node, yaml.SequenceNode):
+        yield from enumerate(node.value)

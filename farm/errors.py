@@ -1,0 +1,92 @@
+"""Errors of the farm, one root; each knows the exit code that a command ends with."""
+
+from __future__ import annotations
+
+from enum import IntEnum, StrEnum
+
+
+class ExitCode(IntEnum):
+    """How every command ends."""
+
+    DONE = 0
+    FAILED = 1
+    USAGE = 2
+    UNREACHABLE = 3
+    NO_SUCH_THING = 4
+    REFUSED = 5
+    JOB_FAILED = 6
+    INTERRUPTED = 130
+
+
+class ErrorCode(StrEnum):
+    """The name of what went wrong, for `--json` and for the books."""
+
+    FAILED = "failed"
+    FLEET_FILE = "fleet_file"
+    UNREACHABLE = "unreachable"
+    NO_SUCH_THING = "no_such_thing"
+    REFUSED = "refused"
+    MODEL = "model"  # the model cannot be read or is no solid
+    NO_FIT = "no_fit"  # no partition of it fits the printers
+    GEOMETRY = "geometry"  # a result broke a geometry rule: nothing of it is printed
+    SETTINGS = "settings"
+    ENGINE = "engine"  # CuraEngine is missing or failed
+    SLICE = "slice"  # a slice was not accepted
+    ATTEMPTS = "attempts"  # a plate failed too often
+    CANCELLED = "cancelled"
+
+
+EXIT_CODES: dict[ErrorCode, ExitCode] = {
+    ErrorCode.FAILED: ExitCode.FAILED,
+    ErrorCode.FLEET_FILE: ExitCode.USAGE,
+    ErrorCode.UNREACHABLE: ExitCode.UNREACHABLE,
+    ErrorCode.NO_SUCH_THING: ExitCode.NO_SUCH_THING,
+    ErrorCode.REFUSED: ExitCode.REFUSED,
+    ErrorCode.MODEL: ExitCode.REFUSED,
+    ErrorCode.NO_FIT: ExitCode.REFUSED,
+    ErrorCode.GEOMETRY: ExitCode.REFUSED,
+    ErrorCode.SETTINGS: ExitCode.USAGE,
+    ErrorCode.ENGINE: ExitCode.FAILED,
+    ErrorCode.SLICE: ExitCode.REFUSED,
+    ErrorCode.ATTEMPTS: ExitCode.JOB_FAILED,
+    ErrorCode.CANCELLED: ExitCode.JOB_FAILED,
+}
+
+
+class FarmError(Exception):
+    """Something that a person is told in one line: what, where, and what to do."""
+
+    code: ErrorCode = ErrorCode.FAILED
+
+    def __init__(self, message: str, code: ErrorCode | None = None) -> None:
+        super().__init__(message)
+        if code is not None:
+            self.code = code
+
+    @property
+    def exit_code(self) -> ExitCode:
+        return EXIT_CODES[self.code]
+
+
+class FleetFileError(FarmError):
+    """`fleet.yaml` is missing, is no YAML, or says something that is not allowed."""
+
+    code = ErrorCode.FLEET_FILE
+
+
+class DaemonUnreachable(FarmError):
+    """No daemon answers on the socket."""
+
+    code = ErrorCode.UNREACHABLE
+
+
+class NoSuchThing(FarmError):
+    """A job, part, plate or printer of that name is not known."""
+
+    code = ErrorCode.NO_SUCH_THING
+
+
+class Refused(FarmError):
+    """The farm will not do this now."""
+
+    code = ErrorCode.REFUSED

@@ -1,0 +1,214 @@
+"""The words of the farm as data: jobs, parts, plates, prints, printers, and what an agent was seen to do.
+
+Everything here is frozen. Times are seconds since the epoch on the farm's clock (`drivers.clock`), spans are
+seconds, lengths millimetres, temperatures degrees Celsius.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from farm.errors import ErrorCode
+
+
+class Entity(BaseModel):
+    """A frozen record of the books."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class JobState(StrEnum):
+    QUEUED = "queued"
+    PLANNING = "planning"  # being repaired, decomposed and sliced
+    PRINTING = "printing"  # planned and committed; plates go to printers
+    PRINTED = "printed"  # every part has been printed
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        return self in (JobState.PRINTED, JobState.FAILED, JobState.CANCELLED)
+
+
+class PrintState(StrEnum):
+    ASSIGNED = "assigned"  # in the books; the agent has been or will be told
+    HEATING = "heating"
+    PRINTING = "printing"
+    ENDING = "ending"  # heaters going off
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        return self in (PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED)
+
+
+class Bed(StrEnum):
+    CLEAR = "clear"
+    NOT_CLEAR = "not_clear"
+    UNKNOWN = "unknown"
+
+
+class FilamentState(StrEnum):
+    PARKED = "parked"
+    AT_NOZZLE = "at_nozzle"
+    UNKNOWN = "unknown"
+
+
+class Link(StrEnum):
+    """What is known of the way to a board."""
+
+    STARTING = "starting"  # no word from its agent yet
+    ABSENT = "absent"
+    CONNECTING = "connecting"
+    READY = "ready"
+    BUSY = "busy"
+    FAULT = "fault"
+
+
+class HoldCode(StrEnum):
+    """Why a plate, or a job that has no plates yet, waits."""
+
+    NOT_FRONT = "not_front"
+    BEING_PLANNED = "being_planned"
+    NO_SUCH_PRINTER = "no_such_printer"
+    TOO_FEW_PRINTERS = "too_few_printers"
+    PRINTER_BUSY = "printer_busy"
+    BED_NOT_CLEAR = "bed_not_clear"
+    FILAMENT_UNKNOWN = "filament_unknown"
+    NEEDS_A_LOOK = "needs_a_look"
+    PRINTER_ABSENT = "printer_absent"
+
+
+class Hold(Entity):
+    code: HoldCode
+    text: str
+
+
+class JobOptions(Entity):
+    """How a person wants a job printed."""
+
+    printers: int | None = Field(default=None, ge=1)  # None: all that are free
+    longest_side_mm: float | None = Field(default=None, gt=0)
+    scale: float | None = Field(default=None, gt=0)
+    engine: str = "best"
+    material: str | None = None  # None: whatever the printers have
+    colour: str | None = None
+    quality: str = "glue"
+
+
+class Job(Entity):
+    id: int
+    request_id: str  # of the submission: a retry never submits twice
+    name: str
+    model_file: str  # in the file store
+    options: JobOptions
+    state: JobState = JobState.QUEUED
+    submitted_s: float
+    hold: Hold | None = None  # why it has not begun
+    error: ErrorCode | None = None
+    reason: str | None = None
+    repairs: tuple[str, ...] = ()
+    scale: float | None = None
+    estimated_s: float | None = None  # parallel printing time of the plan
+    serial_s: float | None = None
+    picture: str | None = None
+    plates: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
+    planned_s: float | None = None
+    ended_s: float | None = None
+
+
+class Part(Entity):
+    id: str  # "3/p01"
+    job: int
+    plate: str
+    file: str  # STL in printing pose
+    to_model: tuple[float, ...]
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+    volume_mm3: float
+    verdict: str | None = None  # a person's word; none yet
+
+
+class Plate(Entity):
+    id: str  # "3/01"
+    job: int
+    parts: tuple[str, ...]
+    gcode: str
+    sha256: str
+    print_time_s: float  # CuraEngine's
+    estimated_s: float  # with heat-up, start and end code
+    grams: float
+    filament_mm: float
+    layers: int
+    model: str  # the printer model that it was sliced for
+    height_mm: float
+    material: str
+    nozzle_mm: float
+    printer: str  # as planned
+    prints: tuple[str, ...] = ()
+    hold: Hold | None = None
+
+
+class Print(Entity):
+    """One attempt. Its id never comes back, even where the books are lost."""
+
+    id: str
+    plate: str
+    job: int
+    printer: str
+    state: PrintState = PrintState.ASSIGNED
+    assigned_s: float
+    started_s: float | None = None
+    ended_s: float | None = None
+    fault: str | None = None
+    reason: str | None = None
+    extruded: bool = False
+    cancel_asked: str | None = None
+    starved_s: float = 0.0
+
+
+class Printer(Entity):
+    """What the books remember of a printer; the rest is telemetry."""
+
+    name: str
+    bed: Bed = Bed.NOT_CLEAR
+    filament: FilamentState = FilamentState.UNKNOWN
+    look: str | None = None  # why a person has to look before it prints again
+
+
+class AgentPrint(Entity):
+    """An agent's word on its open print."""
+
+    print_id: str
+    state: PrintState
+    fault: str | None
+    reason: str | None
+    progress_s: float
+    print_time_s: float
+    extruded: bool
+    started_s: float | None
+    ended_s: float | None
+
+
+class AgentSnapshot(Entity):
+    """What an agent was last heard to say."""
+
+    printer: str
+    link: Link
+    agent_pid: int | None = None
+    reason: str | None = None
+    nozzle_c: float | None = None
+    bed_c: float | None = None
+    nozzle_target_c: float | None = None
+    bed_target_c: float | None = None
+    heaters_off: bool = False
+    filament: FilamentState = FilamentState.UNKNOWN
+    bed_clear: bool | None = None
+    starved_s: float = 0.0
+    board_resets: int = 0
+    print: AgentPrint | None = None

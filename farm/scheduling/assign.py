@@ -1,0 +1,154 @@
+"""Which plate goes to which printer now, and why every other plate waits. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from farm.model import Bed, FilamentState, Hold, HoldCode, Link
+
+
+@dataclass(frozen=True, slots=True)
+class PrinterView:
+    """All that decides whether a printer can take a plate."""
+
+    name: str
+    model: str
+    height_mm: float  # of its part room
+    material: str
+    colour: str | None
+    nozzle_mm: float
+    bed: Bed
+    filament: FilamentState
+    link: Link
+    booked: bool  # an open print is booked on it
+    look: str | None
+
+    def obstacle(self) -> Hold | None:
+        """Why nothing can start on it now; None where it is idle and clear."""
+        if self.booked or self.link is Link.BUSY:
+            return Hold(code=HoldCode.PRINTER_BUSY, text=f"{self.name} is printing")
+        if self.look is not None:
+            return Hold(
+                code=HoldCode.NEEDS_A_LOOK,
+                text=f"{self.name} waits for a person to look at it ({self.look}), then `farm cleared {self.name}`",
+            )
+        if self.link is not Link.READY:
+            return Hold(code=HoldCode.PRINTER_ABSENT, text=f"{self.name} does not answer ({self.link})")
+        if self.bed is not Bed.CLEAR:
+            return Hold(
+                code=HoldCode.BED_NOT_CLEAR,
+                text=f"{self.name} waits for its bed: take off what is there, then `farm cleared {self.name}`",
+            )
+        if self.filament is FilamentState.UNKNOWN:
+            return Hold(
+                code=HoldCode.FILAMENT_UNKNOWN,
+                text=f"where the filament of {self.name} is is not known: "
+                f"`farm cleared {self.name} --filament parked` (or at_nozzle) says it",
+            )
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """What a plate, or a job that is not planned yet, asks of a printer."""
+
+    material: str | None
+    colour: str | None
+    nozzle_mm: float | None
+    height_mm: float = 0.0
+
+    def matches(self, printer: PrinterView) -> bool:
+        return (
+            self.material in (None, printer.material)
+            and self.colour in (None, printer.colour)
+            and self.nozzle_mm in (None, printer.nozzle_mm)
+            and self.height_mm <= printer.height_mm
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlateView:
+    """A waiting plate, in the order of the queue."""
+
+    id: str
+    need: Need
+    planned: str  # the printer that the plan gave it
+    estimated_s: float
+    failed_on: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    plate: str
+    printer: str
+
+
+def assign(
+    plates: Sequence[PlateView], printers: Iterable[PrinterView]
+) -> tuple[list[Assignment], dict[str, Hold]]:
+    """Give each waiting plate a printer, or a reason.
+
+    A plate keeps the printer of its plan while that one can take it now; otherwise it goes to any matching
+    printer that is idle and clear and that no other waiting plate was planned for. A plate does not go back
+    to a printer on which it failed while another one matches.
+
+    Parameters
+    ----------
+    plates
+        Waiting plates, first in the queue first.
+    printers
+        The fleet, in any order: the answer is the same.
+
+    Returns
+    -------
+    assignments, holds
+        Each printer at most once, each plate in exactly one of the two.
+    """
+    fleet = {printer.name: printer for printer in sorted(printers, key=lambda p: p.name)}
+    free = {name for name, printer in fleet.items() if printer.obstacle() is None}
+    given: list[Assignment] = []
+    left: list[PlateView] = []
+    for plate in plates:
+        planned = fleet.get(plate.planned)
+        fits = planned is not None and plate.planned in free and plate.need.matches(planned)
+        if fits and plate.planned not in plate.failed_on:
+            given.append(Assignment(plate.id, plate.planned))
+            free.discard(plate.planned)
+        else:
+            left.append(plate)
+    # Longest first: what is left of the job ends when its longest plate does.
+    for plate in sorted(left, key=lambda p: -p.estimated_s):
+        matching = [name for name in sorted(free) if plate.need.matches(fleet[name])]
+        choice = min(matching, key=lambda n: (n in plate.failed_on, fleet[n].height_mm, n), default=None)
+        if choice is not None:
+            given.append(Assignment(plate.id, choice))
+            free.discard(choice)
+            left.remove(plate)
+    return given, {plate.id: _hold(plate, fleet) for plate in left}
+
+
+def _hold(plate: PlateView, fleet: dict[str, PrinterView]) -> Hold:
+    planned = fleet.get(plate.planned)
+    if planned is not None and plate.need.matches(planned):
+        obstacle = planned.obstacle()
+        if obstacle is not None:
+            return obstacle
+    matching = [printer for printer in fleet.values() if plate.need.matches(printer)]
+    if not matching:
+        return Hold(
+            code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {_words(plate.need)}"
+        )
+    obstacles = [obstacle for printer in matching if (obstacle := printer.obstacle()) is not None]
+    if obstacles:
+        return obstacles[0]
+    return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer was given another plate")
+
+
+def _words(need: Need) -> str:
+    asked = [str(value) for value in (need.material, need.colour) if value]
+    if need.nozzle_mm:
+        asked.append(f"nozzle {need.nozzle_mm} mm")
+    if need.height_mm:
+        asked.append(f"{need.height_mm:.0f} mm of height")
+    return ", ".join(asked) or "nothing asked"

@@ -1,0 +1,172 @@
+"""What can happen (past tense) and what is then to be done (imperative)."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+from farm.errors import ErrorCode
+from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState
+
+
+class Event(BaseModel):
+    """Something that happened at `at_s` on the farm's clock."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    at_s: float
+
+
+class PrinterAdded(Event):
+    """A printer of `fleet.yaml` that the books did not know."""
+
+    name: str
+    bed: Bed
+
+
+class JobSubmitted(Event):
+    job: Job
+
+
+class JobHeld(Event):
+    """The job in front cannot begin yet."""
+
+    job: int
+    hold: Hold | None
+
+
+class PlanningStarted(Event):
+    job: int
+
+
+class PlanningAbandoned(Event):
+    """The plan could not be made now (a daemon died, too few printers): the job waits in front again."""
+
+    job: int
+    hold: Hold | None
+
+
+class JobPlanned(Event):
+    job: int
+    parts: tuple[Part, ...]
+    plates: tuple[Plate, ...]
+    repairs: tuple[str, ...]
+    scale: float
+    serial_s: float
+    estimated_s: float
+    picture: str | None
+
+
+class JobFailed(Event):
+    job: int
+    error: ErrorCode
+    reason: str
+
+
+class JobCancelled(Event):
+    job: int
+
+
+class PlateAssigned(Event):
+    plate: str
+    printer: str
+    print_id: str
+
+
+class PlatesHeld(Event):
+    """Why each waiting plate waits; None where it no longer does."""
+
+    holds: dict[str, Hold | None]
+
+
+class PrintProgressed(Event):
+    """A print entered another state, or began to extrude."""
+
+    print_id: str
+    state: PrintState
+    started_s: float | None
+    extruded: bool
+
+
+class PrintEnded(Event):
+    print_id: str
+    state: PrintState
+    fault: str | None
+    reason: str | None
+    started_s: float | None
+    ended_s: float
+    extruded: bool
+    filament: FilamentState
+    starved_s: float = 0.0
+
+
+class BedCleared(Event):
+    """A person cleared the bed, and looked at what had to be looked at."""
+
+    printer: str
+    by: str
+    filament: FilamentState | None = None
+
+
+class PrinterSeen(Event):
+    """An emulator's word on its bed and filament, taken where the books do not know."""
+
+    printer: str
+    bed: Bed
+    filament: FilamentState
+
+
+class PrinterDoubted(Event):
+    """Something happened at the printer that the farm did not cause: bed and filament are not known."""
+
+    printer: str
+    reason: str
+
+
+AnyEvent = (
+    PrinterAdded
+    | JobSubmitted
+    | JobHeld
+    | PlanningStarted
+    | PlanningAbandoned
+    | JobPlanned
+    | JobFailed
+    | JobCancelled
+    | PlateAssigned
+    | PlatesHeld
+    | PrintProgressed
+    | PrintEnded
+    | BedCleared
+    | PrinterSeen
+    | PrinterDoubted
+)
+
+
+class Instruction(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+
+class SendStart(Instruction):
+    print_id: str
+    printer: str
+
+
+class SendCancel(Instruction):
+    print_id: str
+    printer: str
+    reason: str
+
+
+class SendForget(Instruction):
+    print_id: str
+    printer: str
+
+
+class SendCleared(Instruction):
+    printer: str
+    filament: FilamentState | None
+
+
+class StopPlanning(Instruction):
+    job: int
+
+
+AnyInstruction = SendStart | SendCancel | SendForget | SendCleared | StopPlanning

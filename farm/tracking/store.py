@@ -1,0 +1,122 @@
+"""The books on disk: SQLite in WAL mode, one transaction an event. The only import of sqlite3."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Self, TypeVar
+
+from farm.errors import FarmError
+from farm.model import Entity, Job, Part, Plate, Print, Printer
+from farm.tracking.books import Books, changed
+from farm.tracking.events import Event
+
+E = TypeVar("E", bound=Entity)
+
+SCHEMA = 1
+_TABLES: dict[type[Entity], str] = {
+    Job: "job",
+    Part: "part",
+    Plate: "plate",
+    Print: "print",
+    Printer: "printer",
+}
+
+
+class StoreError(FarmError):
+    """The books cannot be opened or written."""
+
+
+class Store:
+    """Where the books are kept. Every method may raise StoreError.
+
+    Each entity is a row of its kind's table, with its fields as JSON: the books are read whole at start and
+    live in memory, so that nothing but the daemon's own model needs to know them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._db = sqlite3.connect(path, isolation_level=None)
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            self._create(path)
+        except sqlite3.Error as error:
+            raise StoreError(f"the books {path} cannot be opened: {error}") from error
+
+    def _create(self, path: Path) -> None:
+        (version,) = self._db.execute("PRAGMA user_version").fetchone()
+        if version > SCHEMA:
+            raise StoreError(
+                f"the books {path} are of a newer farm ({version}): upgrade, or use another --state"
+            )
+        self._db.execute("BEGIN IMMEDIATE")
+        for table in _TABLES.values():
+            self._db.execute(f"CREATE TABLE IF NOT EXISTS {table} (id TEXT PRIMARY KEY, body TEXT NOT NULL)")
+        self._db.execute(
+            "CREATE TABLE IF NOT EXISTS event"
+            " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)"
+        )
+        self._db.execute(f"PRAGMA user_version = {SCHEMA}")
+        self._db.execute("COMMIT")
+
+    def load(self) -> Books:
+        """The books as last committed."""
+        jobs = {job.id: job for job in self._rows(Job)}
+        return Books(
+            jobs=jobs,
+            parts={part.id: part for part in self._rows(Part)},
+            plates={plate.id: plate for plate in self._rows(Plate)},
+            prints={attempt.id: attempt for attempt in self._rows(Print)},
+            printers={printer.name: printer for printer in self._rows(Printer)},
+        )
+
+    def _rows(self, kind: type[E]) -> Iterable[E]:
+        try:
+            rows = self._db.execute(f"SELECT body FROM {_TABLES[kind]}").fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"the books cannot be read: {error}") from error
+        return (kind.model_validate_json(body) for (body,) in rows)
+
+    def commit(self, event: Event, before: Books, after: Books) -> None:
+        """Write an event and all that it changed, in one transaction, to the disk itself."""
+        try:
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                self._db.execute(
+                    "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
+                    (event.at_s, type(event).__name__, event.model_dump_json()),
+                )
+                for entity in changed(before, after):
+                    self._db.execute(
+                        f"INSERT OR REPLACE INTO {_TABLES[type(entity)]} VALUES (?, ?)",
+                        (_key(entity), entity.model_dump_json()),
+                    )
+            except BaseException:
+                self._db.execute("ROLLBACK")
+                raise
+            self._db.execute("COMMIT")
+        except sqlite3.Error as error:
+            raise StoreError(f"the books cannot be written: {error}; nothing was started") from error
+
+    def events(self) -> list[tuple[float, str, str]]:
+        """The event log: farm time, name, JSON."""
+        return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
+
+    def close(self) -> None:
+        self._db.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _key(entity: Entity) -> str:
+    match entity:
+        case Printer():
+            return entity.name
+        case Job() | Part() | Plate() | Print():
+            return str(entity.id)
+    raise TypeError(f"the store keeps no {type(entity).__name__}")
