@@ -31,14 +31,14 @@ class PrinterView:
         if self.look is not None:
             return Hold(
                 code=HoldCode.NEEDS_A_LOOK,
-                text=f"{self.name} waits for a person to look at it ({self.look}), then `farm cleared {self.name}`",
+                text=f"{self.name} needs a look ({self.look}), then `farm cleared {self.name}`",
             )
         if self.link is not Link.READY:
             return Hold(code=HoldCode.PRINTER_ABSENT, text=f"{self.name} does not answer ({self.link})")
         if self.bed is not Bed.CLEAR:
             return Hold(
                 code=HoldCode.BED_NOT_CLEAR,
-                text=f"{self.name} waits for its bed: take off what is there, then `farm cleared {self.name}`",
+                text=f"the bed of {self.name} is not clear: clear it, then `farm cleared {self.name}`",
             )
         if self.filament is FilamentState.UNKNOWN:
             return Hold(

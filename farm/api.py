@@ -1,0 +1,173 @@
+"""Requests and responses of the daemon: what the CLI may ask, and the form of `--json`.
+
+Moments are ISO 8601 in the fleet's time zone on the farm's clock; spans are seconds.
+"""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PrintState
+
+SCHEMA = 1
+
+
+class _View(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class PrintView(_View):
+    """One attempt at the plate that a part is on."""
+
+    printer: str
+    state: PrintState
+    reason: str | None
+    started: str | None
+    ended: str | None
+
+
+class PartView(_View):
+    id: str
+    verdict: str | None
+    plate: str
+    file: str
+    prints: list[PrintView]
+
+
+class PlateStatus(_View):
+    id: str
+    parts: list[str]
+    printer: str  # where it is or was printed last, else where the plan puts it
+    gcode: str
+    estimated_s: float
+    grams: float
+    hold: Hold | None
+
+
+class JobView(_View):
+    id: int
+    name: str
+    state: JobState
+    error: str | None
+    reason: str | None
+    exit_code: int
+    hold: Hold | None
+    submitted: str
+    options: JobOptions
+    parts: list[PartView]
+    plates: list[PlateStatus]
+    repairs: list[str]
+    scale: float | None
+    estimated_s: float | None
+    eta: str | None
+    elapsed_s: float | None  # parallel printing time so far, or reached
+    serial_s: float | None
+    speedup: float | None
+    utilisation: float | None
+    grams: float | None
+    starved_share: float | None  # simulated printers that could not keep up; over 1 % the run is not valid
+    picture: str | None
+    waits_for_person: bool
+
+
+class Targets(_View):
+    nozzle_c: float | None
+    bed_c: float | None
+
+
+class Reel(_View):
+    material: str
+    colour: str | None
+    grams: float | None
+
+
+class PrintProgress(_View):
+    """What a printer is printing."""
+
+    job: int
+    plate: str
+    state: PrintState
+    progress: float = Field(ge=0, le=1)
+    remaining_s: float
+
+
+class PrinterView(_View):
+    name: str
+    model: str
+    state: str
+    bed: Bed
+    filament: FilamentState
+    reel: Reel
+    agent_pid: int | None
+    nozzle_c: float | None
+    bed_c: float | None
+    targets: Targets
+    heaters_off: bool
+    print: PrintProgress | None
+    look: str | None
+    hold: Hold | None
+
+
+class Todo(_View):
+    """What a person has to do now."""
+
+    code: str
+    printers: list[str]
+    text: str
+
+
+class FleetView(_View):
+    name: str
+    timezone: str
+    time_scale: float
+    now: str
+    file: str
+
+
+class DaemonView(_View):
+    pid: int
+    version: str
+    since: str
+
+
+class Status(_View):
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    daemon: DaemonView
+    todo: list[Todo]
+    fleet: FleetView
+    printers: list[PrinterView]
+    jobs: list[JobView]
+
+
+class JobStatus(_View):
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    daemon: DaemonView
+    job: JobView
+
+
+class Submitted(_View):
+    """The daemon has the model; `again` where this request id had been submitted before."""
+
+    job: int
+    again: bool
+
+
+class Problem(_View):
+    """Why a request was refused."""
+
+    error: str
+    code: str
+    exit_code: int
+
+
+class ClearedRequest(_View):
+    filament: FilamentState | None = None
+    by: str = "a person"
+
+
+class DownRequest(_View):
+    now: bool = False

@@ -1,0 +1,114 @@
+"""Where a farm keeps its things: state folder, socket, fleet file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+_LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108, and uvicorn and httpx know no way round
+
+
+@dataclass(frozen=True, slots=True)
+class StateFolder:
+    """The daemon's folder. Each agent has one of its own below it."""
+
+    root: Path
+
+    @property
+    def books(self) -> Path:
+        return self.root / "farm.db"
+
+    @property
+    def files(self) -> Path:
+        return self.root / "files"
+
+    @property
+    def work(self) -> Path:
+        """Scratch space of plans being made; emptied when the daemon starts."""
+        return self.root / "work"
+
+    @property
+    def slices(self) -> Path:
+        return self.root / "slices"
+
+    @property
+    def lock(self) -> Path:
+        return self.root / "lock"
+
+    @property
+    def log(self) -> Path:
+        return self.root / "daemon.log"
+
+    @property
+    def clock(self) -> Path:
+        return self.root / "clock.json"
+
+    def agent(self, printer: str) -> Path:
+        return self.root / "agents" / printer
+
+    def make(self) -> None:
+        """Create what is missing; OSError where that cannot be done."""
+        self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for folder in (self.files, self.work, self.slices, self.root / "agents"):
+            folder.mkdir(mode=0o700, exist_ok=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """The three places that every command may be told: `--state`, `--socket`, `--fleet`."""
+
+    state: StateFolder
+    socket: Path
+    fleet: Path
+
+
+def find_places(
+    state: Path | None, socket: Path | None, fleet: Path | None, env: Mapping[str, str] = os.environ
+) -> Places:
+    """Flags first, then the environment, then the XDG folders.
+
+    Where a state folder was named but no socket, the socket lies in that folder, so that two farms on one
+    host never meet.
+    """
+    home = Path(env.get("HOME", "/"))
+    named = state or (Path(env["FARM_STATE"]) if env.get("FARM_STATE") else None)
+    root = named or Path(env.get("XDG_STATE_HOME") or home / ".local/state") / "farm"
+    root = root.absolute()
+    if socket is None and env.get("FARM_SOCKET"):
+        socket = Path(env["FARM_SOCKET"])
+    if socket is None:
+        runtime = env.get("XDG_RUNTIME_DIR")
+        socket = Path(runtime) / "farm" / "farm.sock" if runtime and named is None else root / "farm.sock"
+    socket = socket.absolute()
+    if len(os.fsencode(socket)) > _LONGEST_SOCKET_PATH:
+        digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
+        base = Path(env.get("XDG_RUNTIME_DIR") or Path(tempfile.gettempdir()) / f"farm-{os.getuid()}")
+        socket = base / f"farm-{digest}.sock"
+    if fleet is None and env.get("FARM_FLEET"):
+        fleet = Path(env["FARM_FLEET"])
+    if fleet is None:
+        config = Path(env.get("XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
+        candidates = (Path("fleet.yaml"), config, Path("/etc/farm/fleet.yaml"))
+        fleet = next((path for path in candidates if path.is_file()), candidates[0])
+    return Places(StateFolder(root), socket, fleet.absolute())
+
+
+def read_anchor(path: Path) -> tuple[float, float] | None:
+    """Scale and anchor of the farm's clock as last written; None where there is none."""
+    try:
+        saved = json.loads(path.read_text())
+        return float(saved["scale"]), float(saved["anchor_s"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def write_anchor(path: Path, scale: float, anchor_s: float) -> None:
+    """Keep the clock, whole or not at all."""
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(json.dumps({"scale": scale, "anchor_s": anchor_s}))
+    temporary.replace(path)

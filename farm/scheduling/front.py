@@ -1,0 +1,64 @@
+"""Whether the job in front can begin now, and with which printers. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from farm.model import Hold, HoldCode, Link
+from farm.scheduling.assign import Need, PrinterView
+
+
+@dataclass(frozen=True, slots=True)
+class Begin:
+    """Plan the job for these printers, in as many rounds."""
+
+    printers: tuple[str, ...]
+    rounds: int = 1
+
+
+def begin(
+    need: Need, wanted: int | None, least: int, printers: Iterable[PrinterView], taken: frozenset[str]
+) -> Begin | Hold:
+    """The printers that the job in front takes.
+
+    It takes all that match and are idle and clear, or as many as it was given, once they can hold it in one
+    round; where even the whole fleet cannot, the idle ones with further rounds.
+
+    Parameters
+    ----------
+    need
+        What the job asks of a printer.
+    wanted
+        How many printers a person gave it; None for all.
+    least
+        How many parts an earlier attempt has shown to be needed; 0 where nothing is known.
+    printers
+        The fleet.
+    taken
+        Printers that waiting plates of earlier jobs will get.
+    """
+    matching = sorted((p for p in printers if need.matches(p)), key=lambda p: p.name)
+    if not matching:
+        return Hold(code=HoldCode.NO_SUCH_PRINTER, text="no printer of the fleet matches this job")
+    arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
+    if arriving:
+        return Hold(code=HoldCode.PRINTER_ABSENT, text=f"connecting to {' '.join(arriving)}")
+    idle = [p for p in matching if p.obstacle() is None and p.name not in taken]
+    if not idle:
+        obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
+        if not obstacles:
+            return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer has a plate waiting")
+        # What ends by itself is waited for first; a person is asked only where nothing does.
+        obstacles.sort(key=lambda hold: hold.code is not HoldCode.PRINTER_BUSY)
+        return obstacles[0]
+    given = min(len(idle), wanted or len(idle))
+    ceiling = min(len(matching), wanted or len(matching))
+    if least > given:
+        if least <= ceiling:
+            text = f"it needs {least} printers in one round, {given} of {ceiling} are idle and clear"
+            return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
+        return Begin(tuple(p.name for p in idle[:given]), rounds=-(-least // given))
+    # The roomiest first: a person who gives two printers gives the best two.
+    idle.sort(key=lambda p: (-p.height_mm, p.name))
+    return Begin(tuple(sorted(p.name for p in idle[:given])))

@@ -1,0 +1,35 @@
+"""Files named by their SHA-256, never changed: models, part meshes, G-code."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+
+def sha256_of(path: Path) -> str:
+    """The SHA-256 of a file's bytes, in hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def store_file(folder: Path, source: Path) -> str:
+    """Move a finished file into the store; its name there is its hash and its suffix.
+
+    The bytes are on the disk before the name exists, so a name always stands for a whole file.
+    """
+    name = sha256_of(source) + source.suffix.lower()
+    target = folder / name
+    if target.exists():
+        source.unlink()
+        return name
+    with source.open("rb") as file:
+        os.fsync(file.fileno())
+    source.chmod(0o444)
+    source.replace(target)
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+    return name

@@ -1,0 +1,252 @@
+"""What the books and the agents' latest words look like to a person. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from farm import api
+from farm.config import Fleet, PrinterSection
+from farm.errors import EXIT_CODES, ExitCode
+from farm.model import (
+    AgentSnapshot,
+    Bed,
+    Hold,
+    HoldCode,
+    Job,
+    JobState,
+    Link,
+    Plate,
+    Print,
+    PrintState,
+)
+from farm.tracking.books import Books
+
+_PERSON_HOLDS = {
+    HoldCode.BED_NOT_CLEAR,
+    HoldCode.FILAMENT_UNKNOWN,
+    HoldCode.NEEDS_A_LOOK,
+    HoldCode.PRINTER_ABSENT,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """All that a view is drawn from."""
+
+    fleet: Fleet
+    books: Books
+    snapshots: Mapping[str, AgentSnapshot]
+    files: Path
+    now_s: float
+
+    def moment(self, at_s: float | None) -> str | None:
+        """ISO 8601 in the fleet's zone."""
+        return (
+            None if at_s is None else datetime.fromtimestamp(at_s, self.fleet.zone).isoformat("T", "seconds")
+        )
+
+
+def job_view(scene: Scene, job: Job) -> api.JobView:
+    """Everything about a job."""
+    books = scene.books
+    plates = list(books.plates_of(job))
+    prints = [attempt for plate in plates for attempt in books.prints_of(plate)]
+    elapsed_s = _elapsed_s(job, prints, scene.now_s)
+    remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(scene, plates)
+    ended = job.state is JobState.PRINTED
+    makespan_s = elapsed_s if ended else job.estimated_s
+    busy_s = sum(_busy_s(scene, plate) for plate in plates)
+    used = {(_last(books, plate).printer if plate.prints else plate.printer) for plate in plates}
+    exit_code = EXIT_CODES[job.error] if job.error else ExitCode.DONE
+    if job.state is JobState.FAILED and job.planned_s is not None:
+        exit_code = ExitCode.JOB_FAILED
+    return api.JobView(
+        id=job.id,
+        name=job.name,
+        state=job.state,
+        error=job.error,
+        reason=job.reason,
+        exit_code=int(exit_code),
+        hold=job.hold,
+        submitted=scene.moment(job.submitted_s) or "",
+        options=job.options,
+        parts=[_part_view(scene, name) for name in job.parts],
+        plates=[_plate_view(scene, plate) for plate in plates],
+        repairs=list(job.repairs),
+        scale=job.scale,
+        estimated_s=job.estimated_s,
+        eta=scene.moment(job.ended_s if ended else _eta_s(scene, job, remaining_s)),
+        elapsed_s=elapsed_s,
+        serial_s=job.serial_s,
+        speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
+        utilisation=busy_s / (len(used) * makespan_s) if used and makespan_s else None,
+        grams=sum(plate.grams for plate in plates) if plates else None,
+        starved_share=sum(p.starved_s for p in prints) / busy_s if busy_s and prints else None,
+        picture=str(scene.files / job.picture) if job.picture else None,
+        waits_for_person=_waits_for_person(books, job, plates),
+    )
+
+
+def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
+    """Everything about a printer; `hold` is what keeps it from a plate, if anything."""
+    entry = scene.books.printer(section.name)
+    snapshot = scene.snapshots.get(section.name) or AgentSnapshot(printer=section.name, link=Link.STARTING)
+    attempt = scene.books.open_print_on(section.name)
+    return api.PrinterView(
+        name=section.name,
+        model=section.model,
+        state=_printer_state(entry.look, snapshot, attempt, section.enabled),
+        bed=entry.bed,
+        filament=entry.filament,
+        reel=api.Reel(material=section.material, colour=section.colour, grams=None),
+        agent_pid=snapshot.agent_pid,
+        nozzle_c=snapshot.nozzle_c,
+        bed_c=snapshot.bed_c,
+        targets=api.Targets(nozzle_c=snapshot.nozzle_target_c, bed_c=snapshot.bed_target_c),
+        heaters_off=snapshot.heaters_off,
+        print=_progress(scene, attempt) if attempt else None,
+        look=entry.look or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
+        hold=hold,
+    )
+
+
+def todo(scene: Scene) -> list[api.Todo]:
+    """What a person has to do now, most pressing first."""
+    entries = [scene.books.printers[name] for name in scene.fleet.names if name in scene.books.printers]
+    looks = [
+        api.Todo(code="look", printers=[entry.name], text=f"look at {entry.name}: {entry.look}")
+        for entry in entries
+        if entry.look
+    ]
+    absent = [
+        api.Todo(code="connect", printers=[name], text=f"connect {name}: {snapshot.reason or 'no answer'}")
+        for name in scene.fleet.names
+        if (snapshot := scene.snapshots.get(name)) is not None and snapshot.link is Link.ABSENT
+    ]
+    full = [
+        entry.name
+        for entry in entries
+        if entry.bed is not Bed.CLEAR and not entry.look and scene.books.open_print_on(entry.name) is None
+    ]
+    clear = []
+    if full:
+        beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
+        text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
+        clear = [api.Todo(code="clear", printers=full, text=text)]
+    return [*looks, *absent, *clear]
+
+
+def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
+    """Parallel printing time: from the first print command to the end of the last part."""
+    started = [p.started_s for p in prints if p.started_s is not None]
+    if not started:
+        return None
+    return (job.ended_s if job.ended_s is not None else now_s) - min(started)
+
+
+def _remaining_s(scene: Scene, plates: list[Plate]) -> float:
+    """Until the last plate ends, if every waiting plate started now. At least 0."""
+    return max((_plate_remaining_s(scene, plate) for plate in plates), default=0.0)
+
+
+def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
+    if not plate.prints:
+        return plate.estimated_s
+    attempt = _last(scene.books, plate)
+    if attempt.state is PrintState.DONE:
+        return 0.0
+    if attempt.state.ended or attempt.started_s is None:
+        return plate.estimated_s
+    return _print_remaining_s(scene, attempt, plate)
+
+
+def _print_remaining_s(scene: Scene, attempt: Print, plate: Plate) -> float:
+    """By the timeline once it prints (heat-up is over then), by the estimate before."""
+    snapshot = scene.snapshots.get(attempt.printer)
+    said = snapshot.print if snapshot is not None else None
+    if said is not None and said.print_id == attempt.id and said.progress_s > 0:
+        return max(0.0, plate.print_time_s - said.progress_s)
+    return max(0.0, plate.estimated_s - (scene.now_s - (attempt.started_s or scene.now_s)))
+
+
+def _eta_s(scene: Scene, job: Job, remaining_s: float | None) -> float | None:
+    return None if remaining_s is None or job.state is not JobState.PRINTING else scene.now_s + remaining_s
+
+
+def _busy_s(scene: Scene, plate: Plate) -> float:
+    """Printing time of a plate: reached where it is done, as estimated otherwise."""
+    if plate.prints:
+        attempt = _last(scene.books, plate)
+        if attempt.state is PrintState.DONE and attempt.started_s is not None and attempt.ended_s is not None:
+            return attempt.ended_s - attempt.started_s
+    return plate.estimated_s
+
+
+def _last(books: Books, plate: Plate) -> Print:
+    return books.prints[plate.prints[-1]]
+
+
+def _waits_for_person(books: Books, job: Job, plates: list[Plate]) -> bool:
+    if job.state is JobState.QUEUED:
+        return job.hold is not None and job.hold.code in _PERSON_HOLDS
+    if job.state is not JobState.PRINTING or any(True for _ in books.open_prints(job.id)):
+        return False
+    return any(plate.hold is not None and plate.hold.code in _PERSON_HOLDS for plate in plates)
+
+
+def _part_view(scene: Scene, name: str) -> api.PartView:
+    part = scene.books.parts[name]
+    plate = scene.books.plates[part.plate]
+    return api.PartView(
+        id=part.id,
+        verdict=part.verdict,
+        plate=part.plate,
+        file=str(scene.files / part.file),
+        prints=[
+            api.PrintView(
+                printer=attempt.printer,
+                state=attempt.state,
+                reason=attempt.reason,
+                started=scene.moment(attempt.started_s),
+                ended=scene.moment(attempt.ended_s),
+            )
+            for attempt in scene.books.prints_of(plate)
+        ],
+    )
+
+
+def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
+    return api.PlateStatus(
+        id=plate.id,
+        parts=list(plate.parts),
+        printer=_last(scene.books, plate).printer if plate.prints else plate.printer,
+        gcode=str(scene.files / plate.gcode),
+        estimated_s=plate.estimated_s,
+        grams=plate.grams,
+        hold=plate.hold,
+    )
+
+
+def _progress(scene: Scene, attempt: Print) -> api.PrintProgress:
+    plate = scene.books.plates[attempt.plate]
+    remaining_s = _print_remaining_s(scene, attempt, plate)
+    return api.PrintProgress(
+        job=attempt.job,
+        plate=attempt.plate,
+        state=attempt.state,
+        progress=min(1.0, max(0.0, 1 - remaining_s / plate.estimated_s)),
+        remaining_s=remaining_s,
+    )
+
+
+def _printer_state(look: str | None, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool) -> str:
+    if not enabled:
+        return "disabled"
+    if attempt is not None:
+        return str(attempt.state)
+    if look is not None:
+        return "look"
+    return "idle" if snapshot.link is Link.READY else str(snapshot.link)
