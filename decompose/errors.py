@@ -1,0 +1,62 @@
+"""Errors of decomposition, one root for the package."""
+
+from __future__ import annotations
+
+
+class DecomposeError(Exception):
+    """Anything that decomposition reports; the message says what, where, and what to do."""
+
+
+class ModelUnreadable(DecomposeError):
+    """The file is not there, or is not a whole model of a format that is known."""
+
+
+class ModelEmpty(DecomposeError):
+    """The file holds no triangle with an area."""
+
+
+class ModelFlat(DecomposeError):
+    """The model has no thickness along an axis."""
+
+
+class ModelNotFinite(DecomposeError):
+    """A coordinate is NaN or infinite."""
+
+
+class ModelNotSolid(DecomposeError):
+    """The triangles bound no solid, and repair would have to invent or drop much of it."""
+
+
+class ModelTiny(DecomposeError):
+    """The model is so small that its unit is probably not the millimetre; a scale is needed."""
+
+
+class NoFit(DecomposeError):
+    """The parts do not fit the printers.
+
+    Attributes
+    ----------
+    printers_needed
+        The fewest printers of this kind that would do, where known.
+    """
+
+    def __init__(self, message: str, printers_needed: int | None = None) -> None:
+        super().__init__(message)
+        self.printers_needed = printers_needed
+
+
+class GeometryError(DecomposeError):
+    """A result breaks a geometry rule; it is never printed.
+
+    Attributes
+    ----------
+    rule
+        A short name of the rule, see `decompose.check.Rule`.
+    part
+        The part at fault, where it is one.
+    """
+
+    def __init__(self, rule: str, part: str | None, what: str) -> None:
+        super().__init__(f"{part or 'decomposition'}: {what} (rule {rule}); nothing was written")
+        self.rule = rule
+        self.part = part

@@ -1,0 +1,323 @@
+"""The grid over a model: classes of its cells, and what each cell holds of everything that costs time.
+
+Each triangle is clipped to the cells that it crosses, once. All else follows exactly from the divergence
+theorem: the flux of a constant field through a cell's piece of surface gives the cut area of its far side
+from that of its near side, and the first moment of that flux gives the volume. No boolean is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.cost import OVERHANG_COS, SKIN_COS
+from decompose.jit import jit
+
+Floats = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+GRANULARITY = {
+    "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
+}  # fmt: skip
+MAX_BOXES = 6_000_000  # all boxes of the grid are held in memory
+MIN_CELL_MM = 4.0
+CLEAR_MM = (
+    2.0  # a grid plane keeps this far from flat faces where it can: no slivers, no face taken for a cut
+)
+
+# Columns of `Grid.sums`, each a sum over a cell. The pose indices are those of `decompose.cost`.
+VOLUME = 0
+LATERAL = 1  # 3 columns, one for each axis as up
+SKIN = 4  # 3 columns
+OVERHANG = 7  # 6 columns: projected area of faces that look down in a pose
+MOMENT = 13  # 6 columns: the same times coordinate along the axis
+SUMS = 19
+
+
+class Cell(IntEnum):
+    """The class of a cell."""
+
+    EXTERNAL = 0
+    INTERNAL = 1
+    BOUNDARY = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A rectilinear grid and its contents. Shapes in cells: (nx, ny, nz).
+
+    Attributes
+    ----------
+    planes
+        For each axis the n+1 coordinates of its planes in mm, ascending.
+    cells
+        `Cell` classes.
+    needed
+        Cells that must be printed: those with surface, and those of the wall behind it.
+    sums
+        (nx, ny, nz, SUMS), see the column constants.
+    extents
+        (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf where empty.
+    cuts
+        For each axis the area in mm2 of solid on each plane, by cell: (n+1 along that axis).
+    """
+
+    planes: tuple[Floats, Floats, Floats]
+    cells: npt.NDArray[np.int8]
+    needed: Bools
+    sums: Floats
+    extents: Floats
+    cuts: tuple[Floats, Floats, Floats]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        nx, ny, nz = self.cells.shape
+        return nx, ny, nz
+
+    def bounds_mm(self, box: tuple[int, ...]) -> tuple[Floats, Floats]:
+        """Corners in mm of a box of cells ``(x0, y0, z0, x1, y1, z1)``, half-open."""
+        lo = np.array([self.planes[a][box[a]] for a in range(3)])
+        hi = np.array([self.planes[a][box[a + 3]] for a in range(3)])
+        return lo, hi
+
+
+@jit
+def _clip_into_cells(
+    triangles: Floats, px: Floats, py: Floats, pz: Floats, skin_cos: float, overhang_cos: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Clip every triangle to the cells it crosses and add up.
+
+    Returns area (nx, ny, nz), flux (nx, ny, nz, 4) = A n and the moment A nx (x - x0), sums without the
+    volume, extents of the surface.
+    """
+    nx, ny, nz = len(px) - 1, len(py) - 1, len(pz) - 1
+    area = np.zeros((nx, ny, nz))
+    flux = np.zeros((nx, ny, nz, 4))
+    sums = np.zeros((nx, ny, nz, 19))
+    extents = np.full((nx, ny, nz, 6), np.inf)
+    extents[:, :, :, 3:] = -np.inf
+    planes = (px, py, pz)
+    poly = np.zeros((4, 12, 3))  # the polygon after 0, 1, 2, 3 axes
+    half = np.zeros((12, 3))
+    count = np.zeros(4, np.int64)
+    first = np.zeros(3, np.int64)
+    last = np.zeros(3, np.int64)
+    at = np.zeros(3, np.int64)
+    normal = np.zeros(3)
+    for t in range(len(triangles)):
+        poly[0, :3] = triangles[t]
+        count[0] = 3
+        e1 = triangles[t, 1] - triangles[t, 0]
+        e2 = triangles[t, 2] - triangles[t, 0]
+        normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
+        normal[1] = e1[2] * e2[0] - e1[0] * e2[2]
+        normal[2] = e1[0] * e2[1] - e1[1] * e2[0]
+        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+        if length == 0.0:
+            continue
+        normal /= length
+        axis = 0
+        entering = True
+        while axis >= 0:  # walk the slabs of x, within each those of y, within each those of z
+            p = planes[axis]
+            if entering:
+                lo = np.inf
+                hi = -np.inf
+                for i in range(count[axis]):
+                    lo = min(lo, poly[axis, i, axis])
+                    hi = max(hi, poly[axis, i, axis])
+                first[axis] = max(0, int(np.searchsorted(p, lo, side="right")) - 1)
+                last[axis] = min(len(p) - 2, int(np.searchsorted(p, hi, side="left")) - 1)
+                last[axis] = max(last[axis], first[axis])
+                at[axis] = first[axis]
+                entering = False
+            if at[axis] > last[axis]:
+                axis -= 1
+                if axis >= 0:
+                    at[axis] += 1
+                continue
+            # Clip by the two planes of the slab (Sutherland-Hodgman).
+            n = count[axis]
+            m = 0
+            low = p[at[axis]]
+            for i in range(n):
+                a = poly[axis, i]
+                b = poly[axis, (i + 1) % n]
+                if a[axis] >= low:
+                    half[m] = a
+                    m += 1
+                if (a[axis] > low and b[axis] < low) or (a[axis] < low and b[axis] > low):
+                    s = (low - a[axis]) / (b[axis] - a[axis])
+                    half[m] = a + s * (b - a)
+                    half[m, axis] = low
+                    m += 1
+            n = m
+            m = 0
+            high = p[at[axis] + 1]
+            for i in range(n):
+                a = half[i]
+                b = half[(i + 1) % n]
+                if a[axis] <= high:
+                    poly[axis + 1, m] = a
+                    m += 1
+                if (a[axis] > high and b[axis] < high) or (a[axis] < high and b[axis] > high):
+                    s = (high - a[axis]) / (b[axis] - a[axis])
+                    poly[axis + 1, m] = a + s * (b - a)
+                    poly[axis + 1, m, axis] = high
+                    m += 1
+            if m < 3:
+                at[axis] += 1
+                continue
+            count[axis + 1] = m
+            if axis < 2:
+                axis += 1
+                entering = True
+                continue
+            # A fragment in one cell: its area and centroid by a fan of triangles.
+            piece = poly[3]
+            whole = 0.0
+            centre = np.zeros(3)
+            for i in range(1, m - 1):
+                u = piece[i] - piece[0]
+                v = piece[i + 1] - piece[0]
+                a2 = (
+                    (u[1] * v[2] - u[2] * v[1]) * normal[0]
+                    + (u[2] * v[0] - u[0] * v[2]) * normal[1]
+                    + (u[0] * v[1] - u[1] * v[0]) * normal[2]
+                ) / 2.0
+                whole += a2
+                centre += a2 * (piece[0] + piece[i] + piece[i + 1]) / 3.0
+            if whole > 1e-12:
+                centre /= whole
+                x, y, z = at[0], at[1], at[2]
+                area[x, y, z] += whole
+                for i in range(m):
+                    for k in range(3):
+                        extents[x, y, z, k] = min(extents[x, y, z, k], piece[i, k])
+                        extents[x, y, z, k + 3] = max(extents[x, y, z, k + 3], piece[i, k])
+                flux[x, y, z, 3] += whole * normal[0] * (centre[0] - px[x])
+                for k in range(3):
+                    c = normal[k]
+                    flux[x, y, z, k] += whole * c
+                    sums[x, y, z, 1 + k] += whole * np.sqrt(max(0.0, 1.0 - c * c))
+                    if abs(c) > skin_cos:
+                        sums[x, y, z, 4 + k] += whole * abs(c)
+                    if abs(c) > overhang_cos:
+                        pose = 2 * k if c < 0.0 else 2 * k + 1
+                        sums[x, y, z, 7 + pose] += whole * abs(c)
+                        sums[x, y, z, 13 + pose] += whole * abs(c) * centre[k]
+            at[2] += 1
+    return area, flux, sums, extents
+
+
+def flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
+    """The coordinates (k,) at which the mesh has faces square to an axis, sorted."""
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    flat = (np.abs(cross[:, axis]) > (1.0 - 1e-9) * length) & (length > 0.0)
+    return np.unique(np.round(triangles[flat, 0, axis], 6))
+
+
+def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
+    """Coordinates of count+1 planes: the first and last outside the model, the others clear of flat faces.
+
+    A plane that would lie within CLEAR_MM of a flat face moves to the nearest place that is clear; where
+    there is none within 0.4 of a cell it goes where it is furthest from any.
+    """
+    pad = 0.01 * (hi_mm - lo_mm) / count + 1e-3
+    step = (hi_mm - lo_mm) / count
+    planes: Floats = lo_mm + step * np.arange(count + 1, dtype=np.float64)
+    planes[0], planes[-1] = lo_mm - pad, hi_mm + pad
+    if not len(flats):
+        return planes
+    clear = min(CLEAR_MM, 0.2 * step)
+    offsets = np.linspace(-0.4, 0.4, 161) * step
+    offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
+    for i in range(1, count):
+        distance = np.abs((planes[i] + offsets)[:, None] - flats[None, :]).min(axis=1)
+        enough = np.flatnonzero(distance >= clear)
+        planes[i] += offsets[enough[0]] if len(enough) else offsets[int(np.argmax(distance))]
+    return planes
+
+
+def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
+    """Cells along each axis: near-cubes, granularity cubed of them, fewer where cells get too small."""
+    edge = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
+    while True:
+        nx, ny, nz = (max(1, round(float(s) / edge)) for s in size_mm)
+        if nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2) <= MAX_BOXES:
+            return nx, ny, nz
+        edge *= 1.03
+
+
+def build_grid(triangles: Floats, granularity: int, min_wall_mm: float, keep_interior: bool) -> Grid:
+    """Lay a grid over a closed mesh.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm, outward by the right-hand rule, closed.
+    granularity
+        The cube root of the number of cells wanted.
+    min_wall_mm
+        Internal cells nearer than this to the surface are needed.
+    keep_interior
+        Every internal cell is needed.
+    """
+    lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    counts = cell_counts(hi - lo, granularity)
+    px, py, pz = (
+        place_planes(float(lo[a]), float(hi[a]), counts[a], flat_coordinates(triangles, a)) for a in range(3)
+    )
+    planes = (px, py, pz)
+    area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, SKIN_COS, OVERHANG_COS)
+    steps = [np.diff(p) for p in planes]
+    cuts = []
+    for axis in range(3):
+        through = np.zeros([n + (a == axis) for a, n in enumerate(area.shape)])
+        inner = [slice(None)] * 3
+        inner[axis] = slice(1, None)
+        through[tuple(inner)] = -np.cumsum(flux[..., axis], axis=axis)
+        face = np.multiply.outer(steps[(axis + 1) % 3], steps[(axis + 2) % 3]).min()
+        through[np.abs(through) < 1e-9 * face] = 0.0
+        cuts.append(np.maximum(through, 0.0))
+    sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps[0][:, None, None])
+    # What lies behind a cut face reaches the cell's side; without surface the cell is full or empty.
+    for axis in range(3):
+        near = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
+        far = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
+        shape = [1, 1, 1]
+        shape[axis] = -1
+        low, high = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
+        extents[..., axis] = np.where(near, low, extents[..., axis])
+        extents[..., axis + 3] = np.where(far, high, extents[..., axis + 3])
+    cells = np.full(area.shape, Cell.EXTERNAL, dtype=np.int8)
+    cells[(area == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
+    cells[area > 0.0] = Cell.BOUNDARY
+    needed = cells != Cell.EXTERNAL
+    if not keep_interior:
+        needed = (cells == Cell.BOUNDARY) | _wall(cells, extents, planes, min_wall_mm)
+    return Grid(planes, cells, needed, sums, extents, (cuts[0], cuts[1], cuts[2]))
+
+
+def _wall(
+    cells: npt.NDArray[np.int8], extents: Floats, planes: tuple[Floats, ...], min_wall_mm: float
+) -> Bools:
+    """Internal cells that the surface may come nearer to than min_wall_mm.
+
+    The distance is that between the cell and the box about the solid of each boundary cell, never more than
+    the true one.
+    """
+    boundary = np.argwhere(cells == Cell.BOUNDARY)
+    wall = np.zeros(cells.shape, dtype=np.bool_)
+    boxes = extents[tuple(boundary.T)]
+    for x, y, z in np.argwhere(cells == Cell.INTERNAL):
+        lo = np.array([planes[0][x], planes[1][y], planes[2][z]])
+        hi = np.array([planes[0][x + 1], planes[1][y + 1], planes[2][z + 1]])
+        gap = np.maximum(0.0, np.maximum(boxes[:, :3] - hi, lo - boxes[:, 3:]))
+        wall[x, y, z] = bool((np.einsum("ij,ij->i", gap, gap) < min_wall_mm**2).any())
+    return wall

@@ -1,0 +1,238 @@
+"""`decompose`: a model and printers in, checked parts out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.check import check
+from decompose.cost import POSES, CostModel, PrinterRoom, pose_axes, pose_costs
+from decompose.cut import cut_box
+from decompose.errors import DecomposeError, NoFit
+from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
+from decompose.guillotine import UNREACHABLE, Box, Boxes, Partitioner, all_boxes, box_index
+from decompose.mesh import Model
+from decompose.report import Coverage, Decomposition, Engine, Interior, Options, Part
+from decompose.solid import Solid
+
+Floats = npt.NDArray[np.float64]
+
+AUTO_GRANULARITY = 15
+CELLS_PER_PART = 60  # boundary cells; with fewer, one layer of cells is too large a share of a part
+
+
+def decompose(
+    model: Model, printers: Sequence[PrinterRoom], options: Options, cost: CostModel
+) -> Decomposition:
+    """Cut a model into parts that finish together.
+
+    Parameters
+    ----------
+    model
+        From `decompose.mesh.load_model`.
+    printers
+        Those that are free, one part each at most. All parts fit the smallest.
+    options
+        How to cut.
+    cost
+        Print time of a part.
+
+    Raises
+    ------
+    NoFit
+        The parts are more than the printers, with how many would do.
+    GeometryError
+        The result breaks a geometry rule.
+    """
+    if not printers:
+        raise NoFit("no printer: name at least one")
+    if not (math.isfinite(options.min_wall_mm) and options.min_wall_mm >= 0.0):
+        raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
+    watch = _Watch()
+    vertices, faces = model.solid.arrays()
+    triangles = vertices[faces]
+    keep = options.interior is Interior.KEEP
+    grid = build_grid(triangles, granularity(options.granularity, len(printers)), options.min_wall_mm, keep)
+    watch.lap("grid")
+    boxes = all_boxes(grid, list(printers), cost)
+    watch.lap("boxes")
+    bound = lower_bound_s(triangles, grid, len(printers), cost)
+    found, pieces = _search(model, grid, boxes, len(printers), bound)
+    watch.lap("search")
+    parts = _parts(pieces, printers, cost)
+    serial = pose_costs(vertices, faces, cost)
+    makespan = max(p.estimated_s for p in parts)
+    result = Decomposition(
+        engine=Engine.GUILLOTINE,
+        options=options,
+        serial_s=float(serial.min()),
+        serial_as_is_s=float(serial[4]),
+        makespan_s=makespan,
+        sum_s=sum(p.estimated_s for p in parts),
+        lower_bound_s=bound,
+        gap=(makespan - bound) / bound,
+        compute_s={},
+        parts=tuple(parts),
+        coverage=Coverage(0.0, 0.0),
+        cells=grid.shape,
+    )
+    watch.lap("parts")
+    coverage = check(result, model, printers, grid, found)
+    watch.lap("check")
+    return replace(result, coverage=coverage, compute_s=watch.laps())
+
+
+def granularity(wanted: str | int, printers: int) -> int:
+    """The cube root of the number of cells, from a name, a number, or ``auto``."""
+    if wanted == "auto":
+        # About half of 15 cubed cells are boundary where the interior is hollow; finer for many printers.
+        finer = math.ceil(math.pow(2.0 * CELLS_PER_PART * printers, 1.0 / 3.0))
+        return max(AUTO_GRANULARITY, finer)
+    if wanted in GRANULARITY:
+        return GRANULARITY[str(wanted)]
+    try:
+        number = int(wanted)
+    except ValueError:
+        number = 0
+    if not 1 <= number <= 60:
+        known = ", ".join(GRANULARITY)
+        raise DecomposeError(f"--granularity {wanted}: give auto, one of {known}, or a number from 1 to 60")
+    return number
+
+
+def lower_bound_s(triangles: Floats, grid: Grid, printers: int, cost: CostModel) -> float:
+    """A makespan that no partition into boxes of this grid undercuts, in seconds.
+
+    Every partition prints the whole surface, each triangle as wall and skin in one of three up axes, and all
+    needed cells; cuts, supports, brims and heights only add. The work is shared by at most `printers` parts,
+    each with its fixed time.
+    """
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(cross, axis=1) / 2.0
+    n = np.abs(cross[area > 0.0]) / (2.0 * area[area > 0.0, None])
+    skin = np.where(n > math.cos(math.radians(47.0)), n, 0.0)
+    each = cost.lateral_s_mm2 * np.sqrt(np.maximum(0.0, 1.0 - n * n)) + cost.skin_s_mm2 * skin
+    surface = float((area[area > 0.0] * each.min(axis=1)).sum())
+    volume = float(grid.sums[grid.needed][:, VOLUME].sum())
+    return cost.fixed_s + (surface + cost.volume_s_mm3 * volume) / printers
+
+
+def _search(
+    model: Model, grid: Grid, boxes: Boxes, printers: int, bound_s: float
+) -> tuple[list[Box], list[Solid]]:
+    """The boxes of the least makespan, and the pieces of solid in them.
+
+    The grid takes the solid in a cell as one piece; where a chosen box turns out to have more pieces, that is
+    put into the table and the search is made again. Counts only grow, so the makespan only grows: the first
+    solution whose counts are all true is the best.
+    """
+    solver = Partitioner(boxes)
+    cut: dict[Box, list[Solid]] = {}
+    least_s = bound_s
+    while True:
+        makespan = solver.least_makespan(printers, least_s)
+        if makespan is None:
+            raise _no_fit(model, solver, printers)
+        chosen = solver.chosen()
+        wrong = False
+        for box in chosen:
+            if box not in cut:
+                cut[box] = cut_box(model.solid, grid, box)
+            at = box_index(box, boxes.shape)
+            if len(cut[box]) != int(boxes.pieces[at]):
+                wrong = wrong or len(cut[box]) > int(boxes.pieces[at])
+                boxes.pieces[at] = len(cut[box])
+        if not wrong:
+            return chosen, [piece for box in chosen for piece in cut[box]]
+        least_s = max(bound_s, makespan - 1.0)
+
+
+def _no_fit(model: Model, solver: Partitioner, printers: int) -> NoFit:
+    needed = solver.parts(math.inf)
+    if needed >= UNREACHABLE:
+        return NoFit(
+            "a single cell of the grid fits no printer: give a finer --granularity or a larger volume"
+        )
+    size = " x ".join(f"{v:.0f}" for v in model.extents_mm)
+    longest = float(model.extents_mm.max()) * (printers / needed) ** (1.0 / 3.0)
+    return NoFit(
+        f"{size} mm needs {needed} parts, each on a printer of its own, and there are {printers}: free more "
+        f"printers, or try --longest-side {max(1.0, math.floor(longest)):.0f}",
+        needed,
+    )
+
+
+def _parts(pieces: list[Solid], printers: Sequence[PrinterRoom], cost: CostModel) -> list[Part]:
+    """Pieces in their best poses, numbered by position from the bottom up, each with a printer."""
+    order = sorted(pieces, key=lambda p: tuple(np.round(p.bounds_mm.mean(axis=0)[::-1], 3)))
+    posed = [(piece, *_best_pose(piece, printers, cost)) for piece in order]
+    free = list(printers)
+    # The part that fits the fewest printers chooses first.
+    names: dict[int, str] = {}
+    fitting = {i: [p for p in printers if _fits(piece, pose, p)] for i, (piece, pose, _) in enumerate(posed)}
+    for i in sorted(fitting, key=lambda i: (len(fitting[i]), i)):
+        taken = next((p for p in free if p in fitting[i]), None)
+        if taken is None:
+            raise NoFit(f"part {i + 1} of {len(order)} fits no printer that is left", len(order))
+        free.remove(taken)
+        names[i] = taken.name
+    digits = max(2, len(str(len(order))))
+    return [
+        Part(f"p{i + 1:0{digits}d}", piece, _to_model(piece, pose), pose, seconds, names[i])
+        for i, (piece, pose, seconds) in enumerate(posed)
+    ]
+
+
+def _fits(piece: Solid, pose: int, printer: PrinterRoom) -> bool:
+    lo, hi = piece.bounds_mm
+    width, depth, height = (float(hi[a] - lo[a]) for a in pose_axes(pose))
+    return printer.fits(width, depth, height)
+
+
+def _best_pose(piece: Solid, printers: Sequence[PrinterRoom], cost: CostModel) -> tuple[int, float]:
+    """The cheapest pose that fits every printer, and its time; a box was only chosen because it has one."""
+    times = pose_costs(*piece.arrays(), cost)
+    fitting = [p for p in range(POSES) if all(_fits(piece, p, printer) for printer in printers)]
+    if not fitting:
+        raise NoFit("a part fits no printer in any pose; this is a fault in the tables of the search")
+    pose = min(fitting, key=lambda p: (times[p], (4, 5, 0, 1, 2, 3).index(p)))
+    return pose, float(times[pose])
+
+
+def _to_model(piece: Solid, pose: int) -> Floats:
+    """The rigid motion from printing pose (centred, on z = 0) to the model's frame, (4, 4)."""
+    a, b, up = pose_axes(pose)
+    rotation = np.zeros((3, 3))  # columns: where the bed's x, y and z point in the model
+    rotation[a, 0] = 1.0
+    rotation[b, 1] = 1.0
+    rotation[up, 2] = 1.0
+    if pose % 2:  # turned over about the bed's x
+        rotation[:, 1:] *= -1.0
+    lo, hi = piece.bounds_mm
+    origin = (lo + hi) / 2.0
+    origin[up] = hi[up] if pose % 2 else lo[up]
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = origin
+    return matrix
+
+
+class _Watch:
+    """Wall time by stage."""
+
+    def __init__(self) -> None:
+        self._start = self._last = perf_counter()
+        self._laps: dict[str, float] = {}
+
+    def lap(self, stage: str) -> None:
+        now = perf_counter()
+        self._laps[stage] = now - self._last
+        self._last = now
+
+    def laps(self) -> dict[str, float]:
+        return {**self._laps, "total": self._last - self._start}

@@ -1,0 +1,177 @@
+"""What decomposition answers: parts, figures, and how they are written to a folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.assembly import draw_assembly
+from decompose.solid import Solid
+from decompose.stl import write_stl
+
+SCHEMA = 1
+Floats = npt.NDArray[np.float64]
+
+
+class Engine(StrEnum):
+    """How the model is cut."""
+
+    GUILLOTINE = "guillotine"
+
+
+class Interior(StrEnum):
+    """What becomes of whole cells deep inside the model."""
+
+    LEAVE = "leave"  # not printed
+    KEEP = "keep"
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to decompose. `granularity` is a name of `decompose.grid.GRANULARITY`, a number, or ``auto``."""
+
+    engine: Engine = Engine.GUILLOTINE
+    granularity: str | int = "auto"
+    interior: Interior = Interior.LEAVE
+    min_wall_mm: float = 10.0
+    seed: int = 0  # for engines that draw; the guillotine engine does not
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One printable piece.
+
+    Attributes
+    ----------
+    solid
+        In the model's frame, mm.
+    to_model
+        (4, 4) row-major: coordinates of the part's file (printing pose) -> model frame, mm.
+    pose
+        The direction of the model that points up: 0..5 for +x, -x, +y, -y, +z, -z.
+    printer
+        The name of the printer that it is meant for.
+    """
+
+    id: str
+    solid: Solid
+    to_model: Floats
+    pose: int
+    estimated_s: float
+    printer: str
+    file: str = ""
+
+    def printed(self) -> tuple[Floats, npt.NDArray[np.int64]]:
+        """Vertices and faces in printing pose: centred on the bed's origin, standing on z = 0."""
+        vertices, faces = self.solid.arrays()
+        return (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3], faces
+
+    def as_dict(self) -> dict[str, Any]:
+        lo, hi = self.solid.bounds_mm
+        return {
+            "id": self.id,
+            "file": self.file,
+            "to_model": self.to_model.tolist(),
+            "min_mm": lo.tolist(),
+            "max_mm": hi.tolist(),
+            "volume_mm3": self.solid.volume_mm3,
+            "area_mm2": self.solid.area_mm2,
+            "estimated_s": self.estimated_s,
+            "printer": self.printer,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How well the parts cover the model: relative error of the original area, and doubly covered volume."""
+
+    surface_error: float
+    overlap_mm3: float
+
+
+@dataclass(frozen=True, slots=True)
+class Decomposition:
+    """A checked result. All times are estimates of the cost model, in seconds.
+
+    Attributes
+    ----------
+    serial_s, serial_as_is_s
+        The whole model on one imagined large printer: in its best pose, and as it stands in its file.
+    makespan_s, sum_s
+        The longest part, and all parts together.
+    lower_bound_s
+        No partition into at most as many box-shaped parts as there are printers ends sooner: the least work
+        that surface and needed cells are worth in any pose, shared out evenly, plus each part's fixed time.
+    gap
+        (makespan_s - lower_bound_s) / lower_bound_s.
+    compute_s
+        Wall time of the decomposition, by stage; ``total`` is all.
+    """
+
+    engine: Engine
+    options: Options
+    serial_s: float
+    serial_as_is_s: float
+    makespan_s: float
+    sum_s: float
+    lower_bound_s: float
+    gap: float
+    compute_s: dict[str, float]
+    parts: tuple[Part, ...]
+    coverage: Coverage
+    cells: tuple[int, int, int]
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object that decomposition.json holds."""
+        return {
+            "schema": SCHEMA,
+            "engine": self.engine,
+            "options": asdict(self.options),
+            "serial_s": self.serial_s,
+            "serial_as_is_s": self.serial_as_is_s,
+            "makespan_s": self.makespan_s,
+            "sum_s": self.sum_s,
+            "lower_bound_s": self.lower_bound_s,
+            "gap": self.gap,
+            "compute_s": self.compute_s["total"],
+            "stages_s": self.compute_s,
+            "cells": list(self.cells),
+            "parts": [p.as_dict() for p in self.parts],
+            "coverage": asdict(self.coverage),
+        }
+
+
+def write(decomposition: Decomposition, folder: Path) -> Decomposition:
+    """Write one binary STL a part, decomposition.json and assembly.png, and read each STL back.
+
+    Returns
+    -------
+    Decomposition
+        The same, with the parts' file names.
+
+    Raises
+    ------
+    GeometryError
+        An STL, read back, is not watertight or has another volume.
+    """
+    from decompose.check import check_stl
+
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = []
+    for part in decomposition.parts:
+        named = replace(part, file=f"{part.id}.stl")
+        vertices, faces = named.printed()
+        write_stl(folder / named.file, vertices, faces)
+        check_stl(folder / named.file, named)
+        parts.append(named)
+    written = replace(decomposition, parts=tuple(parts))
+    text = json.dumps(written.as_dict(), indent=1) + "\n"
+    (folder / "decomposition.json").write_text(text, encoding="utf-8")
+    draw_assembly(written.parts, folder / "assembly.png")
+    return written

@@ -1,0 +1,115 @@
+"""Closed solids in double precision. The only module that imports manifold3d.
+
+Manifold reports a failed operation as a status value and goes on with an empty solid; here every operation
+is checked and raises.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import manifold3d
+import numpy as np
+import numpy.typing as npt
+
+from decompose.errors import ModelNotSolid
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_BOX_FACES = np.array(
+    [
+        [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+        [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+    ],
+    dtype=np.uint64,
+)  # fmt: skip
+
+
+def _checked(manifold: Any, doing: str) -> Any:
+    status = manifold.status()
+    if status != manifold3d.Error.NoError:
+        raise ModelNotSolid(f"{doing}: the triangles bound no solid ({status.name}); repair the model")
+    return manifold
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """A closed, oriented 2-manifold in mm, with the operations that cutting needs."""
+
+    manifold: Any
+
+    @classmethod
+    def from_arrays(cls, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
+        """Build from vertices (n, 3) in mm and faces (m, 3).
+
+        Raises
+        ------
+        ModelNotSolid
+            An edge is not shared by exactly two triangles of opposite directions.
+        """
+        mesh = manifold3d.Mesh64(
+            vert_properties=np.ascontiguousarray(vertices, dtype=np.float64),
+            tri_verts=np.ascontiguousarray(faces, dtype=np.uint64),
+        )
+        return cls(_checked(manifold3d.Manifold(mesh), "building a solid"))
+
+    @classmethod
+    def box(cls, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
+        """An axis-aligned box with exactly these corners, in mm."""
+        ends = np.array([lo, hi], dtype=np.float64)
+        corners = np.array([[ends[i & 1, 0], ends[i >> 1 & 1, 1], ends[i >> 2, 2]] for i in range(8)])
+        return cls.from_arrays(corners, _BOX_FACES)
+
+    @classmethod
+    def union(cls, solids: list[Solid]) -> Solid:
+        """All solids as one."""
+        merged = manifold3d.Manifold.batch_boolean([s.manifold for s in solids], manifold3d.OpType.Add)
+        return cls(_checked(merged, "joining solids"))
+
+    @property
+    def is_empty(self) -> bool:
+        return bool(self.manifold.is_empty())
+
+    @property
+    def volume_mm3(self) -> float:
+        return float(self.manifold.volume())
+
+    @property
+    def area_mm2(self) -> float:
+        return float(self.manifold.surface_area())
+
+    @property
+    def bounds_mm(self) -> Floats:
+        """(2, 3): the least and the greatest coordinates."""
+        return np.array(self.manifold.bounding_box(), dtype=np.float64).reshape(2, 3)
+
+    def arrays(self) -> tuple[Floats, Ints]:
+        """Vertices (n, 3) in mm, and faces (m, 3)."""
+        mesh = self.manifold.to_mesh64()
+        vertices = np.array(mesh.vert_properties, dtype=np.float64)[:, :3]
+        return vertices, np.array(mesh.tri_verts, dtype=np.int64)
+
+    def intersect(self, other: Solid) -> Solid:
+        return Solid(_checked(self.manifold ^ other.manifold, "intersecting solids"))
+
+    def subtract(self, other: Solid) -> Solid:
+        return Solid(_checked(self.manifold - other.manifold, "subtracting solids"))
+
+    def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
+        """What lies inside an axis-aligned box."""
+        return self.intersect(Solid.box(lo, hi))
+
+    def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
+        """What lies below and above an axis plane."""
+        normal = tuple(1.0 if i == axis else 0.0 for i in range(3))
+        above, below = self.manifold.split_by_plane(normal, at_mm)
+        return Solid(_checked(below, "cutting a solid")), Solid(_checked(above, "cutting a solid"))
+
+    def pieces(self) -> list[Solid]:
+        """The connected pieces, in the order of their least corners."""
+        if self.is_empty:
+            return []
+        pieces = [Solid(_checked(p, "separating pieces")) for p in self.manifold.decompose()]
+        return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))
