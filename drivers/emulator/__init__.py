@@ -1,0 +1,7 @@
+"""An Ultimaker 2+ on a pseudo-terminal: a process of its own that outlives its agent, as a printer does.
+
+`launch` starts one or finds the one that is alive, `status` is what may be read of it from outside,
+`__main__` is the process and `port` its pseudo-terminal. The rest is pure: `firmware` (bytes in, bytes
+out), `machine` (what a command does), `planner` (how long a move takes), `thermal` and `board` (what is
+there physically), `faults` (what goes wrong on request), `wording` (the firmware's own words).
+"""

@@ -1,0 +1,215 @@
+"""The process, ``python -m drivers.emulator``: one loop over the port, the control socket and the clock."""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import json
+import os
+import random
+import select
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+from typing import IO, Any
+
+from drivers.clock import Clock
+from drivers.emulator.faults import Faults, parse_faults
+from drivers.emulator.firmware import Firmware
+from drivers.emulator.launch import ALIVE_LOCK, CONTROL, TTY, Command, short_path
+from drivers.emulator.port import Port
+from drivers.emulator.status import EmulatorStatus, write_status
+from drivers.errors import PortError
+from drivers.profiles import PROFILES, Profile
+
+STATUS_S = 0.4  # wall seconds between two looks; readers are promised one each 0.5 s
+CONTROL_S = 0.5
+
+
+class Emulator:
+    """The firmware with its surroundings. `run` returns when it is switched off.
+
+    The firmware's own clock begins at power on: small numbers keep their microseconds in a float.
+    """
+
+    def __init__(self, profile: Profile, faults: Faults, seed: int, folder: Path, clock: Clock) -> None:
+        self._profile = profile
+        self._folder = folder
+        self._clock = clock
+        self._origin_s = clock.now()
+        self._firmware = Firmware(profile, faults, random.Random(seed), 0.0)
+        self._port = Port(folder / TTY)
+        self._control = _listen(folder)
+        self._on = True
+        self._shown = -1
+        self._show_at = 0.0
+        self.show(0.0)
+
+    def run(self) -> None:
+        """Serve until the power goes."""
+        firmware, port, door = self._firmware, self._port, self._control.fileno()
+        clock, board = self._clock, self._firmware.board
+        scale = clock.scale
+        now_s = 0.0
+        while self._on:
+            wait_s = min((firmware.deadline_s() - now_s) / scale, self._show_at - time.monotonic())
+            sources: list[int] = [port.watch, door, port.master] if port.is_open else [port.watch, door]
+            ready = select.select(sources, (), (), max(0.0, wait_s))[0]
+            now_s = max(now_s, clock.now() - self._origin_s)
+            data = b""
+            if ready:
+                if port.watch in ready:
+                    self._notice(now_s)
+                elif port.master in ready:
+                    data = port.read()
+                if door in ready:
+                    self._obey(now_s)
+            out = firmware.feed(data, now_s)
+            if out:
+                port.write(out)
+            if board.changes != self._shown or time.monotonic() >= self._show_at:
+                self.show(now_s)
+        firmware.machine.power_down(now_s)
+        self.show(now_s)
+
+    def switch_off(self) -> None:
+        self._on = False
+
+    def show(self, now_s: float) -> None:
+        """Write the status; the power goes where the folder is gone."""
+        firmware, board = self._firmware, self._firmware.board
+        x, y, z, _ = firmware.machine.planner.position(now_s)
+        status = EmulatorStatus(
+            pid=os.getpid(),
+            model=self._profile.model,
+            tty=self._port.name,
+            link_open=self._port.is_open,
+            phase=firmware.phase,
+            time_s=self._origin_s + now_s,
+            nozzle_c=round(board.nozzle.temperature_c(now_s), 2),
+            nozzle_target_c=board.nozzle.target_c,
+            bed_c=round(board.bed.temperature_c(now_s), 2),
+            bed_target_c=board.bed.target_c,
+            position_mm=(round(x, 4), round(y, 4), round(z, 4)),
+            homed=firmware.machine.homed,
+            filament_mm=round(board.filament_mm, 4),
+            filament_end_mm=round(board.filament_end_mm, 4),
+            bed_clear=board.bed_clear,
+            starved_s=round(firmware.starved_s, 4),
+            moves=firmware.moves,
+            lines=firmware.lines,
+            errors=firmware.errors,
+            resets=firmware.resets,
+            printing_s=round(firmware.printing_s, 4),
+        )
+        try:
+            write_status(self._folder, status)
+        except FileNotFoundError:
+            self._on = False
+        self._shown = board.changes
+        self._show_at = time.monotonic() + STATUS_S
+
+    def _notice(self, now_s: float) -> None:
+        """The host opened or closed the port: opened is a reset, closed is nothing at all."""
+        was_open = self._port.is_open
+        if self._port.opened():
+            self._port.discard()
+            self._firmware.feed(b"", now_s)
+            self._firmware.reset(now_s)
+        if self._port.is_open != was_open:
+            self._firmware.board.changes += 1
+
+    def _obey(self, now_s: float) -> None:
+        """One command of the person at the printer."""
+        try:
+            link, _ = self._control.accept()
+            with link:
+                link.settimeout(CONTROL_S)
+                with link.makefile("rb") as requests:
+                    answer = self._do(json.loads(requests.readline()), now_s)
+                self.show(now_s)
+                link.sendall(json.dumps(answer).encode() + b"\n")
+        except (OSError, ValueError) as error:
+            print(f"control: {error}", file=sys.stderr)  # noqa: T201 - its log
+
+    def _do(self, request: dict[str, Any], now_s: float) -> dict[str, Any]:
+        match request.get("do"):
+            case Command.CLEAR_BED:
+                self._firmware.board.clear_bed()
+            case Command.RESET:
+                self._firmware.feed(b"", now_s)
+                self._firmware.reset(now_s)
+            case Command.POWER_OFF:
+                self.switch_off()
+            case other:
+                return {"error": f"no command {other!r}; use one of {', '.join(Command)}"}
+        return {"done": request["do"]}
+
+
+def _listen(folder: Path) -> socket.socket:
+    (folder / CONTROL).unlink(missing_ok=True)
+    listener = socket.socket(socket.AF_UNIX)
+    with short_path(folder) as short:
+        listener.bind(f"{short}/{CONTROL}")
+    (folder / CONTROL).chmod(0o600)
+    listener.listen()
+    return listener
+
+
+def _hold(path: Path) -> IO[bytes]:
+    lock = path.open("ab")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise PortError(f"{path.parent}: an emulator lives here already; switch it off first") from None
+    return lock
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m drivers.emulator", description="An Ultimaker 2+ on a pty."
+    )
+    parser.add_argument("--model", required=True, choices=sorted(PROFILES))
+    parser.add_argument("--folder", required=True, type=Path)
+    parser.add_argument("--scale", type=float, default=1.0, help="farm seconds in a wall second")
+    parser.add_argument("--anchor", type=float, default=0.0, help="epoch seconds at which both clocks agree")
+    parser.add_argument("--fault", action="append", default=[], metavar="NAME[=VALUE]")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--detach", action="store_true", help="go on in the background when the port is there"
+    )
+    chosen = parser.parse_args(arguments)
+    try:
+        faults = parse_faults(chosen.fault)
+        chosen.folder.mkdir(parents=True, exist_ok=True)
+        lock = _hold(chosen.folder / ALIVE_LOCK)
+    except PortError as error:
+        parser.error(str(error))
+    with lock:
+        if chosen.detach:
+            ready, done = os.pipe()
+            if os.fork() > 0:
+                os.close(done)
+                return 0 if os.read(ready, 1) else 1
+            os.close(ready)
+        emulator = Emulator(
+            PROFILES[chosen.model], faults, chosen.seed, chosen.folder, Clock(chosen.scale, chosen.anchor)
+        )
+
+        def off(signum: int, frame: FrameType | None) -> None:
+            emulator.switch_off()
+
+        signal.signal(signal.SIGTERM, off)
+        signal.signal(signal.SIGINT, off)
+        if chosen.detach:
+            os.write(done, b"1")
+            os.close(done)
+        emulator.run()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

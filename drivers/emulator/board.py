@@ -1,0 +1,75 @@
+"""What is there physically: heaters, head, filament and bed; a reset of the firmware moves none of it."""
+
+from __future__ import annotations
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.thermal import Heater
+from drivers.profiles import Profile
+
+PARKED_MM = -20.0  # where the end code and the printer's own menu leave the filament's end
+BED_PERIOD_S = 5.0
+CHANGE_HEIGHT_MM = 5.0
+OOZE_MM = 0.5
+
+
+class Board:
+    """The printer without its firmware's memory.
+
+    The bed is not clear as soon as more than `OOZE_MM` of filament has left the nozzle with the head lower
+    than `CHANGE_HEIGHT_MM` under its home. Filament leaves the nozzle only when its end is pushed past the
+    tip, so bringing parked filament back to the nozzle dirties nothing, and purging with the bed all the
+    way down (where a person changes material) does not count. Only `clear_bed` makes it clear again.
+
+    Attributes
+    ----------
+    head_mm
+        Where the head really is (x, y, z), whatever the firmware believes.
+    filament_mm
+        Net filament through the feeder since power on.
+    filament_end_mm
+        The filament's end relative to the nozzle's tip; never above 0.
+    changes
+        Goes up whenever something changed that a person at the printer would see at once.
+    """
+
+    def __init__(self, profile: Profile, faults: Faults) -> None:
+        self.profile = profile
+        self.nozzle = Heater(profile.nozzle, dead=faults.dead_nozzle)
+        self.bed = Heater(profile.bed, BED_PERIOD_S, dead=faults.dead_bed)
+        self.head_mm = profile.home_mm
+        self.filament_mm = 0.0
+        self.filament_end_mm = PARKED_MM
+        self.bed_clear = True
+        self.changes = 0
+        self._on_bed_mm = 0.0
+
+    def fed(self, e_mm: float, z_mm: float) -> None:
+        """The feeder turned by `e_mm`, with the head at `z_mm` in the end."""
+        self.filament_mm += e_mm
+        end_mm = self.filament_end_mm + e_mm
+        if end_mm > 0.0:
+            if self.bed_clear and z_mm < self.profile.home_mm[2] - CHANGE_HEIGHT_MM:
+                self._on_bed_mm += end_mm
+                if self._on_bed_mm > OOZE_MM:
+                    self.bed_clear = False
+                    self.changes += 1
+            end_mm = 0.0
+        self.filament_end_mm = end_mm
+
+    def clear_bed(self) -> None:
+        """A person took everything off the bed."""
+        self._on_bed_mm = 0.0
+        self.bed_clear = True
+        self.changes += 1
+
+    def set_nozzle(self, target_c: float, now_s: float) -> None:
+        self.nozzle.set_target(target_c, now_s)
+        self.changes += 1
+
+    def set_bed(self, target_c: float, now_s: float) -> None:
+        self.bed.set_target(target_c, now_s)
+        self.changes += 1
+
+    def heaters_off(self, now_s: float) -> None:
+        self.set_nozzle(0.0, now_s)
+        self.set_bed(0.0, now_s)

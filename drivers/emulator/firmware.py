@@ -1,0 +1,443 @@
+"""The firmware's serial link and main loop: bytes and the time in, bytes out; no I/O and no clock.
+
+`Firmware.feed` works out everything that happened up to `now` at its own exact time (a move that ended at
+103.2 s frees its place at 103.2 s, also when that is noticed at 103.4 s), so that a late host does not
+stretch a print while the planner has moves left. `Firmware.deadline_s` is when it wants to be called again
+without bytes.
+
+The order of things follows ``Marlin_main.cpp``: ``get_command`` takes lines out of a ring of 127 bytes into
+a buffer of 8, and says ok to G0-G3 there; the loop carries out one line at a time and reads no other while
+it is busy.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import re
+from collections import deque
+from collections.abc import Callable
+from enum import StrEnum
+
+from drivers.emulator import wording
+from drivers.emulator.board import Board
+from drivers.emulator.faults import Dice, Faults
+from drivers.emulator.machine import Machine, Work, value
+from drivers.profiles import Profile
+
+RING_BYTES = 127
+LINES = 8
+LINE_BYTES = 95
+BOOTLOADER_S = 1.0  # [assumed] bytes are lost
+BANNER_S = 0.036  # from start to the end of the banner
+FIRST_COMMAND_S = 0.26  # from the end of the banner
+SD_FAIL_S = 2.3  # from start
+WATCHDOG_S = 4.07
+
+# A complete numbered move as slicers write it: the one line that has to be cheap.
+_MOVE = re.compile(
+    rb"N(\d+) ?G[01](?: F(\d+\.?\d*))?"
+    + b"".join(rb"(?: %b(-?(?:\d+\.?\d*|\.\d+)))?" % axis for axis in (b"X", b"Y", b"Z", b"E"))
+    + rb"\*(\d+)\n"
+)
+_SPECIAL = re.compile(rb"[\r:;]")
+_WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
+
+
+class Phase(StrEnum):
+    """What the board's processor does."""
+
+    BOOTLOADER = "bootloader"  # bytes are lost
+    BOOTING = "booting"  # bytes wait in the ring
+    RUNNING = "running"
+    HALTED = "halted"  # kill(): waits for its watchdog
+    MUTE = "mute"  # a fault: hears and says nothing, and goes on heating
+
+
+def checksum(line: bytes) -> int:
+    """XOR of all bytes, by folding one long number; lines of up to 128 bytes."""
+    n = int.from_bytes(line, "little")
+    n ^= n >> 512
+    n ^= n >> 256
+    n ^= n >> 128
+    n ^= n >> 64
+    n ^= n >> 32
+    n ^= n >> 16
+    n ^= n >> 8
+    return n & 0xFF
+
+
+class Firmware:
+    """One printer from power on; `reset` is what an opened port does to it.
+
+    Parameters
+    ----------
+    profile
+        The printer model.
+    faults
+        What goes wrong.
+    rng
+        The dice of the faults.
+    now_s
+        Power on, on the caller's clock, in seconds. Power on boots, as a reset does.
+    """
+
+    def __init__(self, profile: Profile, faults: Faults, rng: random.Random, now_s: float) -> None:
+        self.board = Board(profile, faults)
+        self.lines = 0  # accepted since power on
+        self.errors = 0
+        self.resets = -1  # the boot at power on is none
+        self._faults = faults
+        self._dice = Dice(faults, rng)
+        self._out: list[bytes] = []
+        self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation of the lives before this one
+        self._time_s = now_s
+        self.machine = Machine(self.board, self._say, now_s)
+        self.reset(now_s)
+
+    # --- from outside ---
+
+    def reset(self, now_s: float, boot_s: float = BOOTLOADER_S) -> None:
+        """Power of motors and heaters goes, all memory is lost, and ``start`` comes after `boot_s`."""
+        old = self.machine
+        old.power_down(now_s)
+        moves, moving_s, starved_s = self._past
+        self._past = (
+            moves + old.planner.moves,
+            moving_s + old.planner.busy_s,
+            starved_s + old.starved_s,
+        )
+        self.resets += 1
+        self.board.changes += 1
+        self.phase = Phase.BOOTLOADER
+        self.machine = Machine(self.board, self._say, now_s)
+        self._ring = b""
+        self._partial = b""
+        self._comment = False
+        self._buffer: deque[bytes] = deque()
+        self._running: Work | None = None
+        self._resume_s = math.inf
+        self._last_n = 0
+        self._stopped_n = 0
+        start_s = now_s + boot_s
+        self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(
+            (
+                (start_s, self._start),
+                (start_s + BANNER_S + FIRST_COMMAND_S, self._run),
+                (start_s + SD_FAIL_S, lambda _: self._say(wording.SD_FAIL)),
+            )
+        )
+        self._time_s = now_s
+
+    def feed(self, data: bytes, now_s: float) -> bytes:
+        """Bytes that came from the host by now (perhaps none); returns those that go to it."""
+        machine = self.machine
+        if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting:
+            # Nobody knows when in the last wait they came: the host gets the benefit of it.
+            machine.heard_s = max(machine.heard_s, now_s - machine.dead_man_s + 1e-3)
+        self._pass(now_s)
+        if data and self.phase in (Phase.RUNNING, Phase.BOOTING):
+            if not self._busy():
+                self._time_s = now_s
+            self._take(data, now_s)
+        if not self._out:
+            return b""
+        out = b"".join(self._out)
+        self._out.clear()
+        return b"" if self.phase is Phase.MUTE else out
+
+    def deadline_s(self) -> float:
+        """When it has to be fed at the latest; infinite where nothing is due."""
+        due_s = self._alarm_s()
+        if self.phase is Phase.RUNNING:
+            if self.machine.waiting:
+                return min(due_s, self.machine.planner.free_s())
+            if self._running is not None:
+                return min(due_s, self._resume_s)
+        return due_s
+
+    @property
+    def moves(self) -> int:
+        """Moves queued since power on."""
+        return self._past[0] + self.machine.planner.moves
+
+    @property
+    def printing_s(self) -> float:
+        """Seconds in which the head or the feeder moved since power on, by moves that ended."""
+        return self._past[1] + self.machine.planner.busy_s
+
+    @property
+    def starved_s(self) -> float:
+        """Seconds in which the planner stood empty in a print for want of a line, beyond a wire's cost."""
+        return self._past[2] + self.machine.starved_s
+
+    # --- time ---
+
+    def _busy(self) -> bool:
+        return self._running is not None or bool(self.machine.waiting)
+
+    def _alarm_s(self) -> float:
+        """When something happens by itself."""
+        due_s = self._schedule[0][0] if self._schedule else math.inf
+        if self.phase in (Phase.RUNNING, Phase.MUTE):
+            machine = self.machine
+            due_s = min(due_s, machine.trip_s, machine.heard_s + machine.dead_man_s)
+        return due_s
+
+    def _pass(self, now_s: float) -> None:
+        """Let the time go by up to now."""
+        while (at_s := self._alarm_s()) <= now_s:
+            self._work(at_s)
+            if self._alarm_s() > at_s:
+                continue  # a command that ended meanwhile put it off
+            if self._schedule and self._schedule[0][0] <= at_s:
+                self._schedule.popleft()[1](at_s)
+            elif self.machine.trip_s <= at_s:
+                self._stop(self.machine.trip_words, at_s)
+            else:
+                self._kill(at_s)
+        self._work(now_s)
+
+    def _work(self, now_s: float) -> None:
+        """The main loop, as far as it gets by now."""
+        machine = self.machine
+        planner = machine.planner
+        while self.phase is Phase.RUNNING:
+            if machine.waiting:
+                free_s = planner.free_s()
+                if free_s > now_s:
+                    break
+                self._time_s = max(self._time_s, free_s)
+                planner.advance(self._time_s)
+                machine.release(self._time_s)
+                machine.heard_s = self._time_s
+                continue
+            if self._running is not None:
+                if self._resume_s > now_s:
+                    break
+                self._time_s = max(self._time_s, self._resume_s)
+                planner.advance(self._time_s)
+                self._go_on()
+                continue
+            if self._ring:
+                if not self._buffer and self._quick_move():
+                    continue
+                if len(self._buffer) < LINES - 1:
+                    self._get_command()
+            if not self._buffer:
+                break
+            planner.advance(self._time_s)
+            self._process(self._buffer.popleft())
+            machine = self.machine  # a fault may have reset the board
+            planner = machine.planner
+        if not machine.waiting:
+            planner.advance(now_s)
+
+    def _take(self, data: bytes, now_s: float) -> None:
+        """Bytes into the ring, as far as there is room; what does not fit is lost."""
+        while data:
+            room = RING_BYTES - len(self._ring)
+            if room <= 0:
+                return
+            self._ring += data[:room]
+            data = data[room:]
+            self._work(now_s)
+
+    # --- lines ---
+
+    def _quick_move(self) -> bool:
+        """Take a well-formed numbered move from the ring, exactly as the long way would; False: take that."""
+        found = _MOVE.match(self._ring)
+        if found is None or self._partial or self._comment or self._faults.on_lines:
+            return False
+        n, f, x, y, z, e, check = found.groups()
+        end = found.end()
+        machine = self.machine
+        if (
+            int(n) != self._last_n + 1
+            or end > LINE_BYTES
+            or machine.stopped
+            or checksum(self._ring[: found.start(7) - 1]) != int(check)
+        ):
+            return False
+        self._ring = self._ring[end:]
+        self._last_n += 1
+        self.lines += 1
+        self._out.append(wording.OK)
+        machine.planner.advance(self._time_s)
+        machine.linear(
+            None if f is None else float(f),
+            None if x is None else float(x),
+            None if y is None else float(y),
+            None if z is None else float(z),
+            None if e is None else float(e),
+            self._time_s,
+        )
+        machine.heard_s = self._time_s
+        return True
+
+    def _get_command(self) -> None:
+        """Fill the line buffer from the ring."""
+        while self._ring and len(self._buffer) < LINES and self.phase is Phase.RUNNING:
+            if not self._partial and not self._comment:
+                end = self._ring.find(b"\n")
+                if 0 < end <= LINE_BYTES and not _SPECIAL.search(self._ring, 0, end):
+                    line, self._ring = self._ring[:end], self._ring[end + 1 :]
+                    if not self._accept(line):
+                        return
+                    continue
+            char, self._ring = self._ring[:1], self._ring[1:]
+            ends = char in b"\n\r" or (char == b":" and not self._comment)
+            if ends or len(self._partial) >= LINE_BYTES:
+                if not self._partial:
+                    self._comment = False
+                    return
+                line, self._partial = self._partial, b""
+                # A line with a comment is dropped, and the comment goes on: it swallows the next one too.
+                if not self._comment and not self._accept(line):
+                    return
+            elif char == b";":
+                self._comment = True
+            elif not self._comment:
+                self._partial += char
+
+    def _accept(self, line: bytes) -> bool:
+        """Check number and checksum, and put the line into the buffer; False where it was refused."""
+        if self._faults.on_lines:
+            line = self._dice.disturb(line)
+        line = line.partition(b"\0")[0]
+        star = line.find(b"*")
+        if b"N" in line:
+            found = _WHOLE.match(line, line.find(b"N") + 1)
+            n = int(found[1]) if found else 0
+            if n != self._last_n + 1 and b"M110" not in line:
+                return self._refuse(wording.LINE_NUMBER)
+            if star < 0:
+                return self._refuse(wording.NO_CHECKSUM)
+            if int(value(line, b"*") or 0.0) != checksum(line[:star]):
+                return self._refuse(wording.CHECKSUM)
+            self._last_n = n
+        elif star >= 0:
+            self._error(wording.line_error(wording.NO_LINE_NUMBER, self._last_n))
+            return False
+        if _is_move(line):
+            if self.machine.stopped:
+                self._say(wording.STOPPED)
+            else:
+                self._ok()
+        self._buffer.append(line)
+        self.lines += 1
+        if self._faults.on_lines:
+            self._break_down()
+        return True
+
+    def _refuse(self, why: bytes) -> bool:
+        self._error(wording.line_error(why, self._last_n))
+        self._request_resend()
+        return False
+
+    def _request_resend(self) -> None:
+        self._ring = b""
+        self._say(b"Resend: %d\n" % (self._last_n + 1))
+        self._ok()
+
+    def _process(self, line: bytes) -> None:
+        """Carry out one line of the buffer."""
+        machine, now_s = self.machine, self._time_s
+        code = value(line, b"G")
+        if code is not None and 0 <= int(code) <= 3 and not machine.stopped:
+            if int(code) < 2:
+                machine.move(line, now_s)
+            else:
+                machine.execute(line, now_s)
+            machine.heard_s = now_s
+            return  # its ok was said when it was read
+        if code is not None and 0 <= int(code) <= 3:
+            self._ok()
+            return
+        m_code = None if code is not None else value(line, b"M")
+        if m_code == 105:
+            self._say(machine.temperatures(now_s))
+            machine.heard_s = now_s
+            return
+        if m_code == 999:
+            machine.stopped = False
+            self._last_n = self._stopped_n
+            self._request_resend()
+        self._running = machine.execute(line, now_s)
+        if self._running is None:
+            self._ok()
+        else:
+            self._resume_s = now_s
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """The next step of the command that runs."""
+        assert self._running is not None
+        resume_s = next(self._running, None)
+        if resume_s is None:
+            self._running = None
+            self._ok()
+        else:
+            self._resume_s = resume_s
+
+    # --- words ---
+
+    def _say(self, text: bytes) -> None:
+        self._out.append(text)
+
+    def _ok(self) -> None:
+        self.machine.heard_s = max(self.machine.heard_s, self._time_s)
+        if not self._dice.ok_is_lost():
+            self._say(wording.OK)
+
+    def _error(self, text: bytes) -> None:
+        self.errors += 1
+        self._say(text)
+
+    # --- life and death ---
+
+    def _start(self, now_s: float) -> None:
+        self.phase = Phase.BOOTING
+        self._say(wording.START + wording.banner(self.board.profile, self.machine.limits))
+
+    def _run(self, now_s: float) -> None:
+        self.phase = Phase.RUNNING
+        self._time_s = self.machine.heard_s = now_s
+
+    def _stop(self, words: bytes, now_s: float) -> None:
+        """``Stop()``: heaters off; moves are refused until ``M999``, and nothing else is."""
+        machine = self.machine
+        machine.trip_s = math.inf
+        self.board.heaters_off(now_s)
+        if words:
+            self._error(words)
+        if not machine.stopped:
+            machine.stopped = True
+            self._stopped_n = self._last_n
+            self._error(b"Error:" + wording.STOPPED)
+
+    def _kill(self, now_s: float) -> None:
+        """``kill()``: everything off, and dead until the watchdog resets the board."""
+        self.machine.power_down(now_s)
+        self._error(wording.KILLED)
+        self.phase = Phase.HALTED
+        self._schedule = deque(((now_s + WATCHDOG_S, self._bite),))
+
+    def _bite(self, now_s: float) -> None:
+        self.reset(now_s, boot_s=0.0)
+
+    def _break_down(self) -> None:
+        """The faults that happen at a line of their own."""
+        faults, now_s = self._faults, self._time_s
+        if self.lines == faults.stop_after:
+            self._stop(wording.NOZZLE_MAXTEMP, now_s)
+        if self.lines == faults.silent_after:
+            self.phase = Phase.MUTE
+        if self.lines == faults.reset_after:
+            self.reset(now_s)
+
+
+def _is_move(line: bytes) -> bool:
+    code = value(line, b"G")
+    return code is not None and 0 <= int(code) <= 3

@@ -1,0 +1,142 @@
+"""Start an emulator or find the one that is alive, and be the person who stands before it."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import drivers
+from drivers.clock import Clock
+from drivers.emulator.faults import parse_url
+from drivers.emulator.status import EmulatorStatus, read_status
+from drivers.errors import PortError
+
+__all__ = ["Command", "EmulatorStatus", "alive", "control", "launch", "read_status"]
+
+TTY = "tty"
+LOG = "emulator.log"
+ALIVE_LOCK = "emulator.lock"  # held by the emulator as long as it lives
+LAUNCH_LOCK = "launch.lock"  # held by whoever starts one
+CONTROL = "control.sock"
+START_TIMEOUT_S = 20.0
+CONTROL_TIMEOUT_S = 5.0
+
+
+class Command(StrEnum):
+    """What a person at the printer may do."""
+
+    CLEAR_BED = "clear_bed"
+    RESET = "reset"
+    POWER_OFF = "power_off"
+
+
+def launch(url: str, folder: Path, clock: Clock) -> Path:
+    """The port of the emulator of this folder, which is started where none is alive.
+
+    It runs in a session of its own and outlives the caller.
+
+    Parameters
+    ----------
+    url
+        ``sim://MODEL?FAULT=VALUE&seed=N``; of no account where one is alive.
+    folder
+        Where it keeps its port (`tty`), status, log and control socket; made if missing.
+    clock
+        The farm's clock.
+
+    Returns
+    -------
+    Path
+        The pseudo-terminal to open: a link in the folder that stays the same.
+
+    Raises
+    ------
+    PortError
+        The url is wrong, or the emulator does not start.
+    """
+    wanted = parse_url(url)
+    folder.mkdir(parents=True, exist_ok=True)
+    with _locked(folder / LAUNCH_LOCK):
+        if alive(folder):
+            return folder / TTY
+        # It forks off the process that stays and ends when the port is there.
+        arguments = ["--model", wanted.profile.model, "--folder", str(folder.absolute()), "--detach"]
+        arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
+        arguments += ["--seed", str(wanted.seed)]
+        arguments += [word for fault in wanted.words for word in ("--fault", fault)]
+        with (folder / LOG).open("ab") as log:
+            try:
+                subprocess.run(
+                    [sys.executable, "-m", "drivers.emulator", *arguments],
+                    cwd=Path(drivers.__file__).parents[1],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=log,
+                    start_new_session=True,
+                    timeout=START_TIMEOUT_S,
+                    check=True,
+                )
+            except (OSError, subprocess.SubprocessError) as error:
+                raise PortError(f"{url}: the emulator did not start ({error}); see {folder / LOG}") from error
+    return folder / TTY
+
+
+def alive(folder: Path) -> bool:
+    """Whether an emulator of this folder lives: whether its lock is held."""
+    try:
+        with (folder / ALIVE_LOCK).open("rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
+        return True
+    return False
+
+
+def control(folder: Path, command: Command | str) -> dict[str, Any]:
+    """Do what a person would do at the printer; returns its answer when it is done.
+
+    Raises
+    ------
+    PortError
+        Nobody is there, or the command is refused.
+    """
+    try:
+        with socket.socket(socket.AF_UNIX) as link:
+            link.settimeout(CONTROL_TIMEOUT_S)
+            with short_path(folder) as short:
+                link.connect(f"{short}/{CONTROL}")
+            link.sendall(json.dumps({"do": str(command)}).encode() + b"\n")
+            with link.makefile("rb") as answers:
+                answer: dict[str, Any] = json.loads(answers.readline())
+    except (OSError, ValueError) as error:
+        raise PortError(f"{folder}: no emulator answers ({error}); is it running?") from error
+    if answer.get("error"):
+        raise PortError(f"{folder}: {answer['error']}")
+    return answer
+
+
+@contextlib.contextmanager
+def short_path(folder: Path) -> Iterator[str]:
+    """A path to the folder that fits a Unix socket's 108 bytes, however deep the folder is."""
+    descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{descriptor}"
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    with path.open("ab") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield

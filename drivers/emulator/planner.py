@@ -1,0 +1,272 @@
+"""How long moves take: the firmware's look-ahead planner, with times computed instead of ticked.
+
+Follows ``planner.cpp`` of the 2+ firmware (Marlin 1.0): blocks are trapezoids of constant acceleration; the
+speed at a junction is bounded by the jerk of XY, Z and E; a reverse and a forward pass over the queue bound
+each entry speed by what its neighbours can reach; the queue may always have to end at a stand. A block's
+speeds are fixed when it starts. Left out: the rounding to whole steps, and ``SLOWDOWN`` (short moves
+stretched while the queue runs dry).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from drivers.profiles import Profile
+
+CAPACITY = (
+    16  # moves that are queued before the next one waits (um2-serial section 2: 17 moves are acknowledged)
+)
+STAND_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: what the firmware takes for a stand
+DROP_STEPS = 5  # shorter moves are not made, but added to the next one
+
+Point = tuple[float, float, float, float]  # x, y, z, e in mm
+
+
+@dataclass(slots=True)
+class Limits:
+    """What ``M92 M201 M203 M204 M205`` set, as the firmware holds it after a boot."""
+
+    feedrate_mm_s: list[float]
+    acceleration_mm_s2: list[float]
+    print_mm_s2: float
+    retract_mm_s2: float
+    jerk_xy_mm_s: float
+    jerk_z_mm_s: float
+    jerk_e_mm_s: float
+    steps_per_mm: list[float]
+
+    @classmethod
+    def of(cls, profile: Profile) -> Limits:
+        xy, z, e = profile.jerk_mm_s
+        return cls(
+            list(profile.max_feedrate_mm_s),
+            list(profile.max_acceleration_mm_s2),
+            profile.acceleration_mm_s2,
+            profile.acceleration_mm_s2,
+            xy,
+            z,
+            e,
+            [80.0, 80.0, 200.0, 369.0],
+        )
+
+
+class Block:
+    """One queued move. Speeds are kept squared (``_2``): the passes need no root then."""
+
+    __slots__ = ("a", "e_mm", "entry_2", "gain_2", "max_entry_2", "mm", "target", "v")
+
+    def __init__(self, target: Point, e_mm: float, mm: float, v: float, a: float, max_entry: float) -> None:
+        self.target = target
+        self.e_mm = e_mm
+        self.mm = mm
+        self.v = v
+        self.a = a
+        self.gain_2 = 2.0 * a * mm  # how much the square of the speed can change over the block
+        self.max_entry_2 = max_entry * max_entry
+        self.entry_2 = min(self.max_entry_2, STAND_MM_S * STAND_MM_S + self.gain_2)
+
+
+class Planner:
+    """The queue. Times are seconds on the caller's clock and never go back.
+
+    Parameters
+    ----------
+    limits
+        Read at every move, so that M-codes may change them.
+    start
+        Where the head and the feeder are.
+    moved
+        Called with (e_mm, z_mm) for every move that ended and turned the feeder.
+    """
+
+    def __init__(self, limits: Limits, start: Point, moved: Callable[[float, float], None]) -> None:
+        self.limits = limits
+        self.target = start  # of the last move queued
+        self.moves = 0  # queued since the start
+        self.busy_s = 0.0  # sum of the times of the moves that ended
+        self.idle_since_s = 0.0  # when the queue ran empty last; of no meaning while it is not
+        self._head = start  # where the executing block began
+        self._moved = moved
+        self._blocks: list[Block] = []
+        self._fixed = 1  # blocks in front whose entry speed cannot change any more
+        self._begin_s = 0.0  # of the executing block
+        self._end_s = 0.0
+        self._ramps = (0.0, 0.0, 0.0, 0.0)  # of the executing block: entry, top speed; seconds up, at top
+        self._speed = (0.0, 0.0, 0.0, 0.0)  # axis speeds of the last move queued, mm/s
+        self._v = 0.0
+
+    def __len__(self) -> int:
+        return len(self._blocks)
+
+    def free_s(self) -> float:
+        """When there is room for one more move: minus infinity, or the end of the executing move."""
+        return self._end_s if len(self._blocks) >= CAPACITY else -math.inf
+
+    def advance(self, now_s: float) -> None:
+        """Let every move end that ends up to now."""
+        blocks = self._blocks
+        while blocks and self._end_s <= now_s:
+            done = blocks.pop(0)
+            self._head = done.target
+            self.busy_s += self._end_s - self._begin_s
+            if done.e_mm:
+                self._moved(done.e_mm, done.target[2])
+            if blocks:
+                self._begin(self._end_s)
+            else:
+                self.idle_since_s = self._end_s
+
+    @property
+    def end_s(self) -> float:
+        """When the executing move ends; there is one."""
+        return self._end_s
+
+    def add(self, target: Point, feedrate_mm_s: float, now_s: float) -> None:
+        """Queue a straight move to `target`. The queue has room, and has been advanced to now."""
+        x0, y0, z0, e0 = self.target
+        x, y, z, e = target
+        dx, dy, dz, de = x - x0, y - y0, z - z0, e - e0
+        limits = self.limits
+        mm = math.sqrt(dx * dx + dy * dy + dz * dz)
+        if mm < 0.07:
+            steps = limits.steps_per_mm
+            if (
+                max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2], abs(de) * steps[3])
+                <= DROP_STEPS
+            ):
+                return
+            if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= DROP_STEPS:
+                mm = abs(de) or mm
+        per_s = feedrate_mm_s / mm
+        if dz or feedrate_mm_s > 200.0 or abs(de) > mm * 0.1:
+            for d, most in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
+                if abs(d) * per_s > most:
+                    per_s = most / abs(d)
+        vx, vy, vz, ve = dx * per_s, dy * per_s, dz * per_s, de * per_s
+        v = mm * per_s
+        a = limits.print_mm_s2 if dx or dy or dz else limits.retract_mm_s2
+        if dz or abs(de) > mm * 0.5 or a > 4000.0:
+            a = self._acceleration(dx, dy, dz, de, mm, a)
+        self._append(Block(target, de, mm, v, a, self._junction(vx, vy, vz, ve, v)), now_s)
+        self.target = target
+        self._speed = (vx, vy, vz, ve)
+        self._v = v
+        self.moves += 1
+
+    def position(self, now_s: float) -> Point:
+        """Where the head and the feeder are; the queue has been advanced to now."""
+        if not self._blocks:
+            return self._head
+        block = self._blocks[0]
+        v0, top, up_s, top_s = self._ramps
+        s = now_s - self._begin_s
+        way_mm = v0 * min(s, up_s) + 0.5 * block.a * min(s, up_s) ** 2
+        if s > up_s:
+            way_mm += top * min(s - up_s, top_s)
+        if s > up_s + top_s:
+            down_s = s - up_s - top_s
+            way_mm += top * down_s - 0.5 * block.a * down_s**2
+        part = min(1.0, max(0.0, way_mm / block.mm))
+        x, y, z, e = (a + (b - a) * part for a, b in zip(self._head, block.target, strict=True))
+        return (x, y, z, e)
+
+    def stop(self, now_s: float) -> Point:
+        """Stop dead and forget the queue (``quickStop``, a reset); returns where the head stands."""
+        self.advance(now_s)
+        here = self.position(now_s)
+        if self._blocks:
+            self.busy_s += now_s - self._begin_s
+            if here[3] != self._head[3]:
+                self._moved(here[3] - self._head[3], here[2])
+        self._blocks.clear()
+        self.place(here, now_s)
+        return here
+
+    def place(self, here: Point, now_s: float) -> None:
+        """The empty queue goes on from here (after homing)."""
+        self.target = self._head = here
+        self.idle_since_s = now_s
+
+    def _acceleration(self, dx: float, dy: float, dz: float, de: float, mm: float, a: float) -> float:
+        """As the firmware bounds it: an axis' limit in steps becomes that of the axis with most steps."""
+        limits = self.limits
+        steps = [abs(d) * per for d, per in zip((dx, dy, dz, de), limits.steps_per_mm, strict=True)]
+        most = max(steps)
+        rate = a * most / mm
+        for count, per, bound in zip(steps, limits.steps_per_mm, limits.acceleration_mm_s2, strict=True):
+            if rate * count > bound * per * most:
+                rate = bound * per
+        return rate * mm / most
+
+    def _junction(self, vx: float, vy: float, vz: float, ve: float, v: float) -> float:
+        """The highest speed at which the new move may be entered, in mm/s."""
+        limits = self.limits
+        if len(self._blocks) > 1:
+            px, py, pz, pe = self._speed
+            jx, jy = vx - px, vy - py
+            factor = 1.0
+            jerk = math.sqrt(jx * jx + jy * jy)
+            if jerk > limits.jerk_xy_mm_s:
+                factor = limits.jerk_xy_mm_s / jerk
+            jerk = abs(vz - pz)
+            if jerk > limits.jerk_z_mm_s:
+                factor = min(factor, limits.jerk_z_mm_s / jerk)
+            jerk = abs(ve - pe)
+            if jerk > limits.jerk_e_mm_s:
+                factor = min(factor, limits.jerk_e_mm_s / jerk)
+            return min(self._v, v * factor)
+        safe = min(v, limits.jerk_xy_mm_s / 2)
+        if abs(vz) > limits.jerk_z_mm_s / 2:
+            safe = min(safe, limits.jerk_z_mm_s / 2)
+        if abs(ve) > limits.jerk_e_mm_s / 2:
+            safe = min(safe, limits.jerk_e_mm_s / 2)
+        return safe
+
+    def _append(self, block: Block, now_s: float) -> None:
+        blocks = self._blocks
+        blocks.append(block)
+        last = len(blocks) - 1
+        if last == 0:
+            self._begin(now_s)
+            return
+        at = last
+        entry_2 = block.entry_2
+        while at > self._fixed:  # reverse: what the queue behind can still brake from
+            before = blocks[at - 1]
+            if before.entry_2 >= before.max_entry_2:
+                break
+            entry_2 = min(before.max_entry_2, entry_2 + before.gain_2)
+            if entry_2 <= before.entry_2:
+                break
+            before.entry_2 = entry_2
+            at -= 1
+        for i in range(at, last + 1):  # forward: what the queue in front can reach
+            before = blocks[i - 1]
+            reach_2 = before.entry_2 + before.gain_2
+            if blocks[i].entry_2 > reach_2:
+                blocks[i].entry_2 = reach_2
+
+    def _begin(self, now_s: float) -> None:
+        """The block in front starts; its exit speed is from now on the next one's entry speed."""
+        blocks = self._blocks
+        block = blocks[0]
+        if len(blocks) > 1:
+            exit_2 = blocks[1].entry_2
+            self._fixed = 2
+        else:
+            exit_2 = STAND_MM_S * STAND_MM_S
+            self._fixed = 1
+        v0 = math.sqrt(block.entry_2)
+        v1 = math.sqrt(exit_2)
+        top, a = block.v, block.a
+        rest_mm = block.mm - (2.0 * top * top - block.entry_2 - exit_2) / (2.0 * a)
+        if rest_mm < 0.0:
+            top = math.sqrt(max(0.5 * (block.gain_2 + block.entry_2 + exit_2), block.entry_2, exit_2))
+            rest_mm = 0.0
+        up_s = (top - v0) / a
+        top_s = rest_mm / top
+        self._ramps = (v0, top, up_s, top_s)
+        self._begin_s = now_s
+        self._end_s = now_s + up_s + top_s + (top - v1) / a

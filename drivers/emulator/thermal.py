@@ -1,0 +1,103 @@
+"""Heaters with inertia, computed and never ticked."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.profiles import HeaterModel
+
+AMBIENT_C = 21.0
+FULL_POWER = 127  # what the firmware reports as @: and B@: at full power
+
+
+class Heater:
+    """One heater of first order under its firmware's control.
+
+    Parameters
+    ----------
+    model
+        Gain and time constant.
+    period_s
+        0: an ideal controller (the nozzle's PID): full power up to the target, then exactly what holds it.
+        Above 0: on or off, decided once every so many seconds (the bed: 5 s, um2-serial section 1).
+    dead
+        The element gives no heat; the sensor works.
+    """
+
+    __slots__ = ("_decide_s", "_on", "_period_s", "_s", "_temperature_c", "dead", "model", "target_c")
+
+    def __init__(self, model: HeaterModel, period_s: float = 0.0, dead: bool = False) -> None:
+        self.model = model
+        self.dead = dead
+        self.target_c = 0.0
+        self._period_s = period_s
+        self._temperature_c = AMBIENT_C
+        self._s = 0.0
+        self._decide_s = 0.0
+        self._on = False
+
+    def set_target(self, target_c: float, now_s: float) -> None:
+        """Aim at another temperature from now on; 0 is off."""
+        self.temperature_c(now_s)
+        self.target_c = target_c
+
+    def temperature_c(self, now_s: float) -> float:
+        """Temperature at a time that is not before the last one asked for."""
+        if now_s > self._s:
+            if self._period_s > 0.0:
+                self._switch(now_s)
+            else:
+                self._regulate(now_s)
+            self._s = now_s
+        return self._temperature_c
+
+    def power(self, now_s: float) -> int:
+        """The power now, 0 to 127, as ``M105`` reports it."""
+        temperature_c = self.temperature_c(now_s)
+        if self._period_s > 0.0:
+            return FULL_POWER if self._on and self.target_c > 0.0 else 0
+        if self.target_c <= AMBIENT_C or temperature_c > self.target_c:
+            return 0
+        if temperature_c < self.target_c:
+            return FULL_POWER
+        return round(FULL_POWER * (self.target_c - AMBIENT_C) / self.model.gain_c)
+
+    def seconds_to(self, temperature_c: float, now_s: float) -> float:
+        """Seconds at full power until it is at least that warm; infinite where it never is."""
+        if self.dead:
+            return math.inf if self.temperature_c(now_s) < temperature_c else 0.0
+        return self.model.seconds_to(temperature_c, self.temperature_c(now_s), AMBIENT_C)
+
+    def seconds_down_to(self, temperature_c: float, now_s: float) -> float:
+        """Seconds without power until it is at most that warm; infinite where it never is."""
+        start_c = self.temperature_c(now_s)
+        if start_c <= temperature_c:
+            return 0.0
+        if temperature_c <= AMBIENT_C:
+            return math.inf
+        return self.model.tau_s * math.log((start_c - AMBIENT_C) / (temperature_c - AMBIENT_C))
+
+    def _relax(self, seconds: float, on: bool) -> None:
+        end_c = AMBIENT_C + (self.model.gain_c if on and not self.dead else 0.0)
+        self._temperature_c = end_c + (self._temperature_c - end_c) * math.exp(-seconds / self.model.tau_s)
+
+    def _regulate(self, now_s: float) -> None:
+        target_c = max(self.target_c, AMBIENT_C)
+        below = self._temperature_c < target_c
+        self._relax(now_s - self._s, on=below)
+        if (self._temperature_c >= target_c) == below:
+            self._temperature_c = target_c  # it was reached on the way, and held from there
+
+    def _switch(self, now_s: float) -> None:
+        if self.target_c <= AMBIENT_C:
+            self._on = False
+            self._relax(now_s - self._s, on=False)
+            self._decide_s = now_s
+            return
+        while self._s < now_s:
+            if self._s >= self._decide_s:
+                self._on = self._temperature_c < self.target_c
+                self._decide_s = self._s + self._period_s
+            until_s = min(now_s, self._decide_s)
+            self._relax(until_s - self._s, self._on)
+            self._s = until_s
