@@ -193,6 +193,7 @@ class AgentPrint(Entity):
     extruded: bool
     started_s: float | None
     ended_s: float | None
+    starved_s: float = 0.0  # simulated printers: how long it waited for the host
 
 
 class AgentSnapshot(Entity):
@@ -209,6 +210,5 @@ class AgentSnapshot(Entity):
     heaters_off: bool = False
     filament: FilamentState = FilamentState.UNKNOWN
     bed_clear: bool | None = None
-    starved_s: float = 0.0
     board_resets: int = 0
     print: AgentPrint | None = None

@@ -52,7 +52,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
             ended_s=said.ended_s if said.ended_s is not None else now_s,
             extruded=said.extruded,
             filament=snapshot.filament,
-            starved_s=snapshot.starved_s,
+            starved_s=said.starved_s,
         )
     elif said.state is not attempt.state or said.extruded != attempt.extruded:
         yield ev.PrintProgressed(

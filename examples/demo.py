@@ -1,0 +1,58 @@
+"""`make demo`: the whole farm on eight simulated printers, from a model to its last part.
+
+Everything is real but the printers' hardware: the daemon, an agent for each printer, pyserial on
+pseudo-terminals, CuraEngine, SQLite. The printers are emulators that keep the firmware's rules and take the time
+that the moves take, on a clock that runs faster (`time_scale` in fleet.yaml).
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+FARM = Path(sys.executable).with_name("farm")
+STATE = ROOT / ".demo"
+
+
+def farm(*arguments: str, check: bool = True) -> int:
+    """Run a farm command on the demo's own state folder, as a person would type it."""
+    print(f"\n$ farm {' '.join(arguments)}", flush=True)
+    command = [str(FARM), *arguments, "--state", str(STATE)]
+    result = subprocess.run(command, check=False, cwd=ROOT)
+    if check and result.returncode != 0:
+        raise SystemExit(result.returncode)
+    return result.returncode
+
+
+def clean() -> None:
+    """End what an earlier demo may have left, and forget it."""
+    if (STATE / "farm.db").exists():
+        subprocess.run(
+            [str(FARM), "down", "--now", "--state", str(STATE)], check=False, capture_output=True, cwd=ROOT
+        )
+    shutil.rmtree(STATE, ignore_errors=True)
+
+
+def main() -> int:
+    clean()
+    STATE.mkdir()
+    model = STATE / "bridge.stl"
+    print("A model that is larger than any one printer:", flush=True)
+    subprocess.run([sys.executable, str(ROOT / "examples" / "make_bridge.py"), str(model)], check=True)
+    farm("up", "--fleet", str(ROOT / "fleet.yaml"))
+    try:
+        code = farm("submit", str(model.relative_to(ROOT)), "--wait", check=False)
+        farm("status", check=False)
+    except KeyboardInterrupt:
+        code = 130
+    finally:
+        farm("down", "--now", check=False)
+    print(f"\nBooks, parts and G-code are in {STATE.relative_to(ROOT)}/; `make demo` starts afresh.")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

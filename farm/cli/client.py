@@ -1,0 +1,84 @@
+"""The CLI's way to the daemon: `farm.api` over the daemon's Unix socket."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from pathlib import Path
+from typing import Any
+
+import httpx
+from pydantic import BaseModel
+
+from farm import api
+from farm.errors import DaemonUnreachable, ErrorCode, FarmError
+from farm.model import JobOptions
+
+_PATIENCE_S = 600.0  # a large broken model is repaired before its submission is answered
+_CHUNK = 1 << 20
+
+
+class Client:
+    """One daemon. Methods raise DaemonUnreachable, or the FarmError that the daemon answered."""
+
+    def __init__(self, socket: Path) -> None:
+        self._socket = socket
+        self._http = httpx.Client(
+            transport=httpx.HTTPTransport(uds=str(socket)),
+            base_url="http://farm",
+            timeout=httpx.Timeout(_PATIENCE_S, connect=5.0),
+        )
+
+    def status(self) -> api.Status:
+        return api.Status.model_validate(self._call("GET", "/status"))
+
+    def job(self, number: int) -> api.JobStatus:
+        return api.JobStatus.model_validate(self._call("GET", f"/jobs/{number}"))
+
+    def cancel(self, number: int) -> api.JobStatus:
+        return api.JobStatus.model_validate(self._call("POST", f"/jobs/{number}/cancel"))
+
+    def cleared(self, printer: str, request: api.ClearedRequest) -> None:
+        self._call("POST", f"/printers/{printer}/cleared", body=request)
+
+    def down(self, now: bool) -> None:
+        self._call("POST", "/down", body=api.DownRequest(now=now))
+
+    def submit(self, model: Path, options: JobOptions, patience_s: float = 60.0) -> api.Submitted:
+        """Upload a model. Tried again with the same request id while the daemon is away, for `patience_s`."""
+        params = {
+            "request_id": uuid.uuid4().hex,
+            "name": model.name,
+            "size": str(model.stat().st_size),
+            "options": options.model_dump_json(exclude_none=True),
+        }
+        self.status()  # where no daemon is there at all, say so at once
+        give_up = time.monotonic() + patience_s
+        while True:
+            try:
+                with model.open("rb") as file:
+                    chunks = iter(lambda: file.read(_CHUNK), b"")
+                    answer = self._call("POST", "/jobs", params=params, content=chunks)
+                return api.Submitted.model_validate(answer)
+            except DaemonUnreachable:
+                if time.monotonic() > give_up:
+                    raise
+                time.sleep(0.5)
+
+    def _call(self, method: str, path: str, *, body: BaseModel | None = None, **more: Any) -> Any:
+        try:
+            json = None if body is None else body.model_dump(mode="json")
+            if json is not None:
+                more["json"] = json
+            answer = self._http.request(method, path, **more)
+        except httpx.TransportError as error:
+            raise DaemonUnreachable(
+                f"no daemon answers on {self._socket} ({error}); `farm up` starts one"
+            ) from error
+        if answer.is_success:
+            return answer.json()
+        try:
+            problem = api.Problem.model_validate(answer.json())
+        except ValueError:
+            raise FarmError(f"the daemon answered {answer.status_code}: {answer.text[:200]}") from None
+        raise FarmError(problem.error, ErrorCode(problem.code))

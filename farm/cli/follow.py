@@ -1,0 +1,107 @@
+"""Following a job to its end: a progress bar on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from farm import api
+from farm.cli.client import Client
+from farm.cli.words import span
+from farm.errors import DaemonUnreachable
+from farm.model import JobState
+
+T = TypeVar("T")
+_PATIENCE_S = 60.0  # a daemon that is being restarted comes back within this
+_EVERY_S = 0.5
+
+
+def patiently(ask: Callable[[], T]) -> T:
+    """Ask the daemon, over a restart of it.
+
+    Raises
+    ------
+    DaemonUnreachable
+        When it has been away for a minute.
+    """
+    give_up: float | None = None
+    while True:
+        try:
+            return ask()
+        except DaemonUnreachable:
+            now = time.monotonic()
+            give_up = give_up or now + _PATIENCE_S
+            if now > give_up:
+                raise
+            time.sleep(_EVERY_S)
+
+
+def until_idle(client: Client) -> None:
+    """Return when nothing prints any more."""
+    while any(printer.print is not None for printer in patiently(client.status).printers):
+        time.sleep(_EVERY_S)
+
+
+def job(client: Client, number: int, quiet: bool = False) -> api.JobView:
+    """Follow a job until its last part is printed, or until it ends otherwise. Ctrl-C leaves it running."""
+    console = Console(stderr=True)
+    lines = _Lines(console, quiet)
+    columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
+    with Progress(*columns, console=console, disable=quiet or not sys.stderr.isatty()) as bar:
+        task = bar.add_task(f"job {number}", total=1.0, text="")
+        while True:
+            view = patiently(lambda: client.job(number)).job
+            lines.tell(view)
+            share, text = _progress(view)
+            bar.update(task, completed=share, text=text)
+            if JobState(view.state).ended:
+                return view
+            time.sleep(_EVERY_S)
+
+
+class _Lines:
+    """Says each thing once, when it becomes true."""
+
+    def __init__(self, console: Console, quiet: bool) -> None:
+        self._console = console
+        self._quiet = quiet
+        self._said: set[str] = set()
+
+    def tell(self, view: api.JobView) -> None:
+        if view.waits_for_person:
+            holds = [view.hold, *(plate.hold for plate in view.plates)]
+            for text in sorted({hold.text for hold in holds if hold is not None}):
+                self._say(f"waits for a person: {text}")
+        elif view.hold is not None and view.state == JobState.QUEUED:
+            self._say(f"waits: {view.hold.text}")
+        if view.state == JobState.PLANNING:
+            self._say("decomposing and slicing")
+        if view.estimated_s is not None:
+            self._say(
+                f"planned: {len(view.parts)} parts, expected {span(view.estimated_s)}, {view.grams:.0f} g"
+            )
+        done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
+        if done:
+            self._say(f"printed {done} of {len(view.parts)} parts")
+        for part in view.parts:
+            for attempt in part.prints:
+                if attempt.state == "failed":
+                    self._say(f"{part.id} failed on {attempt.printer}: {attempt.reason}")
+
+    def _say(self, line: str) -> None:
+        if line not in self._said and not self._quiet:
+            self._said.add(line)
+            self._console.print(f"  {line}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _progress(view: api.JobView) -> tuple[float, str]:
+    if view.state != JobState.PRINTING or not view.estimated_s:
+        return (1.0 if view.state == JobState.PRINTED else 0.0), str(view.state)
+    done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
+    share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)
+    return share, f"{done}/{len(view.parts)} parts, ends {view.eta or '?'}"

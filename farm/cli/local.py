@@ -1,0 +1,92 @@
+"""The commands that need no daemon: `decompose` and `slice`."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from farm.cli.words import span
+from farm.errors import ErrorCode, FarmError
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
+
+
+def decompose(
+    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF.")],
+    out: Annotated[Path, typer.Option(help="The folder for the parts.")],
+    printers: Annotated[int, typer.Option(min=1, help="How many printers.")] = 8,
+    volume: Annotated[str, typer.Option(help="A printer's volume X,Y,Z in mm.")] = "223,223,205",
+    brim: Annotated[float, typer.Option(min=0, help="Width of the brim, mm.")] = 8.0,
+    longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
+    scale: Annotated[float | None, typer.Option(help="Scale it by this factor.")] = None,
+    granularity: Annotated[str, typer.Option(help="auto, a name of the paper's, or cells a side.")] = "auto",
+    interior: Annotated[str, typer.Option(help="leave or keep what lies deep inside.")] = "leave",
+    min_wall: Annotated[float, typer.Option(min=0, help="Least wall around a hollow, mm.")] = 10.0,
+    json: Json = False,
+) -> None:
+    """Cut a model into parts that finish together, and write them to a folder."""
+    from farm.services.local import decompose_to_folder
+
+    size = _three(volume)
+    report = decompose_to_folder(
+        model,
+        out,
+        printers=printers,
+        volume_mm=size,
+        brim_mm=brim,
+        longest_side_mm=longest_side,
+        scale=scale,
+        granularity=int(granularity) if granularity.isdigit() else granularity,
+        interior=interior,
+        min_wall_mm=min_wall,
+    )
+    if json:
+        print(jsonlib.dumps(report, indent=2))
+        return
+    for line in report["repairs"]:
+        print(f"  {line}")
+    print(
+        f"{len(report['parts'])} parts in {out}: {span(report['makespan_s'])} on {printers} printers, "
+        f"{span(report['serial_s'])} on one large one"
+    )
+
+
+def slice_model(
+    model: Annotated[Path, typer.Argument(help="An STL in mm; it is printed as it stands.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="The G-code file.")],
+    printer_model: Annotated[str, typer.Option(help="Cura's definition id.")] = "ultimaker2_plus",
+    quality: Annotated[str, typer.Option(help="glue, paper, or one of Cura's.")] = "glue",
+    material: Annotated[str, typer.Option(help="Cura's material id.")] = "generic_pla",
+    set_: Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE of a Cura setting.")] = None,
+    json: Json = False,
+) -> None:
+    """Slice one model as one plate, with all checks, for USB streaming."""
+    from farm.services.local import slice_to_file
+
+    overrides = {}
+    for pair in set_ or []:
+        key, equals, value = pair.partition("=")
+        if not equals:
+            raise FarmError(f"--set {pair}: write KEY=VALUE", ErrorCode.SETTINGS)
+        overrides[key] = value
+    report = slice_to_file(
+        model, out, printer_model=printer_model, quality=quality, material=material, overrides=overrides
+    )
+    if json:
+        print(jsonlib.dumps(report, indent=2))
+        return
+    print(
+        f"{out}: {span(report['print_time_s'])}, {report['grams']:.0f} g, {report['layers']} layers"
+        f"{' (from the cache)' if report['cached'] else ''}"
+    )
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(side) for side in text.split(","))
+    except ValueError:
+        raise typer.BadParameter("three numbers in mm: X,Y,Z", param_hint="--volume") from None
+    return x, y, z

@@ -1,0 +1,267 @@
+"""The `farm` command: parse, call the daemon, render."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers.profiles import PROFILES
+from farm.cli import follow, local, render
+from farm.cli.client import Client
+from farm.config import Fleet, load_fleet
+from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError
+from farm.model import FilamentState, JobOptions
+from farm.paths import Places, find_places
+
+app = typer.Typer(
+    help="Turns a fleet of Ultimaker 2+ printers into one fast printer for large models.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
+Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).")]
+FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
+
+_START_PATIENCE_S = 60.0
+
+
+def _fleet(places: Places) -> Fleet:
+    return load_fleet(places.fleet, frozenset(PROFILES))
+
+
+@app.command()
+def up(state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
+    """Start the daemon, which starts an agent for each printer, or adopts those that are alive."""
+    places = find_places(state, socket, fleet)
+    checked = _fleet(places)
+    for printer in checked.printers:
+        if printer.enabled and printer.port.startswith("/") and not Path(printer.port).exists():
+            say(f"{printer.name}: port {printer.port} is not there; is it plugged in? The others go on")
+    client = Client(places.socket)
+    try:
+        running = client.status()
+    except DaemonUnreachable:
+        _start_daemon(places, client)
+        running = client.status()
+        print(
+            f"farm {running.daemon.version} is up: {len(running.printers)} printers, pid {running.daemon.pid}"
+        )
+    else:
+        print(f"farm {running.daemon.version} is up already: pid {running.daemon.pid}")
+
+
+def _start_daemon(places: Places, client: Client) -> None:
+    places.state.make()
+    command = [sys.executable, "-m", "farm.cli.main", "daemon"]
+    command += [
+        "--state",
+        str(places.state.root),
+        "--socket",
+        str(places.socket),
+        "--fleet",
+        str(places.fleet),
+    ]
+    with places.state.log.open("ab") as log:
+        start = log.tell()
+        child = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/"
+        )
+    give_up = time.monotonic() + _START_PATIENCE_S
+    while time.monotonic() < give_up:
+        try:
+            client.status()
+            return
+        except DaemonUnreachable:
+            if child.poll() is not None:
+                break
+            time.sleep(0.1)
+    with places.state.log.open("rb") as log:
+        log.seek(start)
+        lines = log.read().decode(errors="replace").strip().splitlines()
+    last = lines[-1].removeprefix("farm: ") if lines else "it said nothing"
+    raise FarmError(f"the daemon did not start: {last}; its log is {places.state.log}")
+
+
+@app.command()
+def daemon(state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
+    """Run the daemon in the foreground (`farm up` does it in the background)."""
+    from farm.daemon.main import run
+
+    places = find_places(state, socket, fleet)
+    run(_fleet(places), places)
+
+
+@app.command()
+def down(
+    wait: Annotated[bool, typer.Option("--wait", help="Wait until nothing prints any more.")] = False,
+    now: Annotated[bool, typer.Option("--now", help="End everything safely, now.")] = False,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """Stop the farm: agents, then the daemon. Refused while something prints."""
+    places = find_places(state, socket, fleet)
+    client = Client(places.socket)
+    if wait:
+        follow.until_idle(client)
+    pid = client.status().daemon.pid
+    client.down(now)
+    give_up = time.monotonic() + _START_PATIENCE_S * 5
+    while time.monotonic() < give_up:
+        if not _exists(pid):
+            print("farm is down")
+            return
+        time.sleep(0.1)
+    raise FarmError(f"the daemon (pid {pid}) is still there; see its log {places.state.log}")
+
+
+def _exists(pid: int) -> bool:
+    """Whether a process is there and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@app.command()
+def submit(
+    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY, OFF or 3MF.")],
+    printers: Annotated[str, typer.Option(help="How many printers it may use, or auto.")] = "auto",
+    longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
+    scale: Annotated[float | None, typer.Option(help="Scale it by this factor (1000: metres).")] = None,
+    engine: Annotated[str, typer.Option(help="How to decompose it: best or guillotine.")] = "best",
+    material: Annotated[str | None, typer.Option(help="Only printers with this material.")] = None,
+    colour: Annotated[str | None, typer.Option(help="Only printers with this colour.")] = None,
+    quality: Annotated[str, typer.Option(help="glue, paper, or one of Cura's.")] = "glue",
+    wait: Annotated[bool, typer.Option("--wait", help="Return when the last part is printed.")] = False,
+    json: Json = False,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """Print a model on as many printers as make it soonest."""
+    places = find_places(state, socket, fleet)
+    options = JobOptions(
+        printers=_count(printers),
+        longest_side_mm=longest_side,
+        scale=scale,
+        engine=engine,
+        material=material,
+        colour=colour,
+        quality=quality,
+    )
+    if not model.is_file():
+        raise FarmError(f"{model}: there is no such file", ErrorCode.MODEL)
+    client = Client(places.socket)
+    number = client.submit(model, options).job
+    if not json:
+        print(f"job {number}: {model.name} submitted")
+    job = follow.job(client, number, quiet=json) if wait else client.job(number).job
+    if json:
+        print(client.job(number).model_dump_json(by_alias=True, indent=2))
+    elif not wait:
+        render.submitted(job)
+    else:
+        render.result(job)
+    if job.exit_code:
+        if job.reason:
+            say(f"job {number}: {job.reason}")
+        raise typer.Exit(job.exit_code)
+
+
+def _count(printers: str) -> int | None:
+    if printers == "auto":
+        return None
+    if not printers.isdigit() or int(printers) < 1:
+        raise typer.BadParameter("a number from 1, or auto", param_hint="--printers")
+    return int(printers)
+
+
+@app.command()
+def status(
+    job: Annotated[int | None, typer.Argument(help="Only this job.")] = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Show it anew until Ctrl-C.")] = False,
+    json: Json = False,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """What a person has to do now, the printers, the jobs, and why each waiting plate waits."""
+    client = Client(find_places(state, socket, fleet).socket)
+    if watch and not json:
+        render.watch(client, job)
+    elif job is not None:
+        answer = client.job(job)
+        print(answer.model_dump_json(by_alias=True, indent=2)) if json else render.job(answer.job)
+    else:
+        whole = client.status()
+        print(whole.model_dump_json(by_alias=True, indent=2)) if json else render.status(whole)
+
+
+@app.command()
+def cleared(
+    printers: Annotated[list[str], typer.Argument(help="The printers whose beds are clear, or all.")],
+    filament: Annotated[FilamentState | None, typer.Option(help="Where the filament is, if known.")] = None,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """Say that a bed is clear (and that whatever was wrong with the printer has been looked at)."""
+    client = Client(find_places(state, socket, fleet).socket)
+    if printers == ["all"]:
+        printers = [p.name for p in client.status().printers if p.print is None and p.bed != "clear"]
+    from farm.api import ClearedRequest
+
+    request = ClearedRequest(filament=filament, by=os.environ.get("USER") or f"uid {os.getuid()}")
+    for printer in printers:
+        client.cleared(printer, request)
+        print(f"{printer}: bed clear")
+
+
+@app.command()
+def cancel(
+    job: Annotated[int, typer.Argument(help="The job.")],
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """End a job: what prints is ended safely, what waits is not printed."""
+    client = Client(find_places(state, socket, fleet).socket)
+    client.cancel(job)
+    print(f"job {job} is cancelled; its printers end safely, their beds have to be cleared")
+
+
+app.command()(local.decompose)
+app.command("slice")(local.slice_model)
+
+
+def say(line: str) -> None:
+    """One line for a person, on stderr."""
+    print(f"farm: {line}", file=sys.stderr)
+
+
+def main() -> None:
+    """The entry point: a person's mistake gets one line, never a traceback."""
+    try:
+        app()
+    except FarmError as error:
+        say(" ".join(str(error).split()))
+        sys.exit(int(error.exit_code))
+    except KeyboardInterrupt:
+        sys.exit(int(ExitCode.INTERRUPTED))
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(int(ExitCode.FAILED))
+
+
+if __name__ == "__main__":
+    main()

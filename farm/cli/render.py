@@ -1,0 +1,186 @@
+"""Tables and sentences for people. Everything shown here is in `--json` too."""
+
+from __future__ import annotations
+
+import time
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from farm import api
+from farm.cli.client import Client
+from farm.cli.follow import patiently
+from farm.cli.words import moment, span
+from farm.model import JobState
+
+_REFRESH_S = 1.0
+
+
+def _console() -> Console:
+    return Console(highlight=False, soft_wrap=True)
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for heading in headings:
+        table.add_column(heading, no_wrap=True)
+    return table
+
+
+def status(view: api.Status) -> None:
+    _console().print(_status(view))
+
+
+def job(view: api.JobView) -> None:
+    _console().print(_job(view))
+
+
+def watch(client: Client, number: int | None) -> None:
+    """Show the status anew every second until Ctrl-C."""
+
+    def draw() -> RenderableType:
+        if number is not None:
+            return _job(client.job(number).job)
+        return _status(client.status())
+
+    with Live(patiently(draw), console=_console(), auto_refresh=False, screen=False) as live:
+        while True:
+            time.sleep(_REFRESH_S)
+            live.update(patiently(draw), refresh=True)
+
+
+def submitted(view: api.JobView) -> None:
+    """What became of a model that nobody waits for."""
+    console = _console()
+    for line in view.repairs:
+        console.print(f"  {line}", markup=False)
+    if view.hold is not None:
+        console.print(f"  waits: {view.hold.text}", markup=False)
+    console.print(f"  `farm status {view.id}` shows how it goes")
+
+
+def result(view: api.JobView) -> None:
+    """The end of a job."""
+    console = _console()
+    console.print(_job(view))
+    if view.state == JobState.PRINTED:
+        printers = sorted({plate.printer for plate in view.plates})
+        console.print(f"Now: take the parts off {' '.join(printers)}, then `farm cleared PRINTER` for each.")
+
+
+def _status(view: api.Status) -> RenderableType:
+    rows: list[RenderableType] = []
+    now = Text(f"{view.fleet.name}: {moment(view.fleet.now)}", style="bold")
+    if view.fleet.time_scale != 1:
+        now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style="dim")
+    rows.append(now)
+    rows += [Text.assemble(("DO NOW  ", "bold red"), item.text) for item in view.todo]
+    printers = _table("PRINTER", "MODEL", "STATE", "PLATE", "LEFT", "NOZZLE", "BED", "BED IS", "FILAMENT")
+    for printer in view.printers:
+        printing = printer.print
+        printers.add_row(
+            printer.name,
+            printer.model,
+            printer.state,
+            printing.plate if printing else "",
+            f"{span(printing.remaining_s)} {printing.progress:4.0%}" if printing else "",
+            _degrees(printer.nozzle_c, printer.targets.nozzle_c),
+            _degrees(printer.bed_c, printer.targets.bed_c),
+            printer.bed.replace("_", " "),
+            printer.filament.replace("_", " "),
+        )
+    rows.append(printers)
+    if view.jobs:
+        jobs = _table("JOB", "MODEL", "STATE", "PRINTED", "EXPECTED", "NOW", "ENDS", "SPEED-UP", "USE")
+        for one in view.jobs:
+            jobs.add_row(
+                str(one.id),
+                one.name,
+                one.state,
+                f"{_printed(one)}/{len(one.parts)}" if one.parts else "",
+                span(one.estimated_s),
+                span(one.elapsed_s),
+                moment(one.eta),
+                f"{one.speedup:.1f}" if one.speedup else "-",
+                f"{one.utilisation:.0%}" if one.utilisation else "-",
+            )
+        rows.append(jobs)
+        rows += [line for one in view.jobs for line in _waits(one)]
+    return Group(*rows)
+
+
+def _job(view: api.JobView) -> RenderableType:
+    rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style="bold")]
+    if view.reason:
+        rows.append(Text(f"  {view.reason}", style="red"))
+    scaled = [f"scaled by {view.scale:g}"] if view.scale is not None and view.scale != 1 else []
+    rows += [Text(f"  {line}") for line in (*view.repairs, *scaled)]
+    facts = _table("", "")
+    if view.estimated_s is not None:
+        facts.add_row("parallel printing time expected", span(view.estimated_s))
+    if view.elapsed_s is not None:
+        reached = view.state == JobState.PRINTED
+        words = "parallel printing time reached" if reached else "printing for"
+        off = ""
+        if reached and view.estimated_s:
+            off = f"  ({view.elapsed_s / view.estimated_s - 1:+.1%} against expected)"
+        facts.add_row(words, span(view.elapsed_s) + off)
+    if view.eta and view.state == JobState.PRINTING:
+        facts.add_row("ends", moment(view.eta))
+    if view.serial_s is not None:
+        facts.add_row("on one imagined large printer", span(view.serial_s))
+    if view.speedup is not None:
+        facts.add_row("speed-up", f"{view.speedup:.1f}")
+    if view.utilisation is not None:
+        facts.add_row("utilisation", f"{view.utilisation:.0%}")
+    if view.grams is not None:
+        facts.add_row("filament", f"{view.grams:.0f} g")
+    if view.picture:
+        facts.add_row("picture of the parts", view.picture)
+    if view.starved_share is not None and view.starved_share > 0.01:
+        facts.add_row(
+            "not valid", f"simulated printers waited {view.starved_share:.1%} of the time for the host"
+        )
+    rows.append(facts)
+    if view.parts:
+        parts = _table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "G-CODE")
+        plates = {plate.id: plate for plate in view.plates}
+        for part in view.parts:
+            plate = plates[part.plate]
+            last = part.prints[-1] if part.prints else None
+            parts.add_row(
+                part.id,
+                plate.printer,
+                str(last.state) if last else "waits",
+                span(plate.estimated_s),
+                moment(last.started if last else None),
+                moment(last.ended if last else None),
+                plate.gcode,
+            )
+        rows.append(parts)
+    rows += _waits(view)
+    return Group(*rows)
+
+
+def _waits(view: api.JobView) -> list[RenderableType]:
+    lines = []
+    if view.hold is not None:
+        lines.append(Text(f"job {view.id} waits: {view.hold.text}", style="yellow"))
+    lines += [
+        Text(f"plate {plate.id} waits: {plate.hold.text}", style="yellow")
+        for plate in view.plates
+        if plate.hold is not None
+    ]
+    return list(lines)
+
+
+def _printed(view: api.JobView) -> int:
+    return sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
+
+
+def _degrees(now_c: float | None, target_c: float | None) -> str:
+    if now_c is None:
+        return "-"
+    return f"{now_c:.0f}" + (f"/{target_c:.0f}" if target_c else "")

@@ -1,0 +1,274 @@
+"""The one event loop's heart: events in, books committed, instructions out.
+
+Everything here runs on one thread and never waits. `happened` is the only way in which the books change:
+event, new state, commit, and only then what follows from it.
+"""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from drivers.clock import Clock
+from farm.config import Fleet, PrinterSection
+from farm.errors import FarmError, Refused
+from farm.model import (
+    AgentSnapshot,
+    Bed,
+    FilamentState,
+    Hold,
+    HoldCode,
+    Job,
+    JobOptions,
+    JobState,
+    Link,
+    Plate,
+    PrintState,
+)
+from farm.scheduling.assign import Need, PlateView, PrinterView, assign
+from farm.scheduling.front import Begin, begin
+from farm.services.models import Inspected
+from farm.services.planning import Plan, TooFewPrinters
+from farm.tracking import events as ev
+from farm.tracking.books import apply
+from farm.tracking.reconcile import observe, owed, reconcile
+from farm.tracking.store import Store
+from farm.tracking.view import Scene
+
+log = logging.getLogger(__name__)
+
+
+class Hands(Protocol):
+    """What carries out instructions: it starts things and returns at once."""
+
+    def perform(self, instruction: ev.AnyInstruction) -> None: ...
+
+    def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None: ...
+
+
+class Core:
+    """The farm's state and its rules, without any I/O but the store's."""
+
+    def __init__(
+        self, fleet: Fleet, store: Store, clock: Clock, rooms: Callable[[PrinterSection], float], hands: Hands
+    ) -> None:
+        self.fleet = fleet
+        self.clock = clock
+        self.snapshots: dict[str, AgentSnapshot] = {}
+        self.stopping = False
+        self._store = store
+        self._height_mm = rooms
+        self._hands = hands
+        self._least: dict[int, int] = {}  # parts that a job was seen to need
+        self.books = store.load()
+
+    # -- events -----------------------------------------------------------------------------------------
+
+    def happened(self, *happenings: ev.AnyEvent) -> None:
+        """Take events into the books, commit each, and carry out what follows."""
+        for event in happenings:
+            after, instructions = apply(event, self.books)
+            self._store.commit(event, self.books, after)
+            self.books = after
+            log.info(
+                "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
+            )
+            for instruction in instructions:
+                self._hands.perform(instruction)
+
+    def start(self) -> None:
+        """Bring yesterday's books in line with today's fleet, and give up plans that died with a daemon."""
+        now_s = self.clock.now()
+        for section in self.fleet.printers:
+            if section.name not in self.books.printers:
+                bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
+                self.happened(ev.PrinterAdded(at_s=now_s, name=section.name, bed=bed))
+        for job in list(self.books.jobs.values()):
+            if job.state is JobState.PLANNING:
+                self.happened(ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None))
+
+    def heard(self, snapshot: AgentSnapshot) -> None:
+        """An agent said how things are."""
+        before = self.snapshots.get(snapshot.printer)
+        self.snapshots[snapshot.printer] = snapshot
+        now_s = self.clock.now()
+        attempt = self.books.open_print_on(snapshot.printer)
+        if attempt is not None:
+            self.happened(*reconcile(attempt, snapshot, now_s))
+            attempt = self.books.prints[attempt.id]
+            if not attempt.state.ended:
+                for instruction in owed(attempt, snapshot):
+                    self._hands.perform(instruction)
+        else:
+            self.happened(*observe(self.books.printer(snapshot.printer), before, snapshot, now_s))
+            said = snapshot.print
+            known = self.books.prints.get(said.print_id) if said is not None else None
+            if said is not None and known is not None and said.state.ended:
+                self._hands.perform(ev.SendForget(print_id=known.id, printer=snapshot.printer))
+        self.settle()
+
+    # -- decisions --------------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Give plates to printers, and begin the job in front, as far as both can be done now."""
+        if self.stopping:
+            return
+        waiting = [self._plate_view(plate) for plate in self.books.waiting_plates()]
+        given, holds = assign(waiting, self.printer_views())
+        now_s = self.clock.now()
+        for assignment in given:
+            self.happened(
+                ev.PlateAssigned(
+                    at_s=now_s, plate=assignment.plate, printer=assignment.printer, print_id=uuid.uuid4().hex
+                )
+            )
+        news = {name: hold for name, hold in holds.items() if self.books.plates[name].hold != hold}
+        if news:
+            self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
+        self._settle_front(holds)
+
+    def _settle_front(self, held: dict[str, Hold]) -> None:
+        job = self.books.front_job()
+        now_s = self.clock.now()
+        for other in self.books.jobs.values():
+            if job is not None and other.state is JobState.QUEUED and other.id != job.id:
+                self._hold(other, Hold(code=HoldCode.NOT_FRONT, text=f"job {job.id} is in front of it"))
+        if job is None or job.state is JobState.PLANNING:
+            return
+        need = Need(material=job.options.material, colour=job.options.colour, nozzle_mm=None)
+        taken = frozenset(self.books.plates[name].printer for name in held)
+        least = self._least.get(job.id, 0)
+        answer = begin(need, job.options.printers, least, self.printer_views(), taken)
+        if isinstance(answer, Begin):
+            self.happened(ev.PlanningStarted(at_s=now_s, job=job.id))
+            sections = [self.fleet.printer(name) for name in answer.printers]
+            self._hands.plan(self.books.job(job.id), sections, answer.rounds)
+        else:
+            self._hold(job, answer)
+
+    def _hold(self, job: Job, hold: Hold) -> None:
+        if job.hold != hold:
+            self.happened(ev.JobHeld(at_s=self.clock.now(), job=job.id, hold=hold))
+
+    def planned(self, number: int, result: Plan | FarmError) -> None:
+        """A plan was made, or could not be made."""
+        now_s = self.clock.now()
+        job = self.books.job(number)
+        if job.state is not JobState.PLANNING:
+            return  # cancelled meanwhile
+        if isinstance(result, TooFewPrinters):
+            self._least[number] = result.needed
+            self.happened(ev.PlanningAbandoned(at_s=now_s, job=number, hold=None))
+        elif isinstance(result, FarmError):
+            self.happened(ev.JobFailed(at_s=now_s, job=number, error=result.code, reason=str(result)))
+        else:
+            self.happened(
+                ev.JobPlanned(
+                    at_s=now_s,
+                    job=number,
+                    parts=result.parts,
+                    plates=result.plates,
+                    repairs=result.repairs,
+                    scale=result.scale,
+                    serial_s=result.serial_s,
+                    estimated_s=result.estimated_s,
+                    picture=result.picture,
+                )
+            )
+        self.settle()
+
+    # -- what people ask --------------------------------------------------------------------------------
+
+    def submitted(self, request_id: str) -> int | None:
+        """The job that this request made, if it was heard before."""
+        return next((job.id for job in self.books.jobs.values() if job.request_id == request_id), None)
+
+    def submit(self, request_id: str, name: str, model: Inspected, options: JobOptions) -> tuple[int, bool]:
+        """Take a job; the same request id gives the same job. Returns its number, and whether it is old."""
+        known = self.submitted(request_id)
+        if known is not None:
+            return known, True
+        number = max(self.books.jobs, default=0) + 1
+        now_s = self.clock.now()
+        job = Job(
+            id=number,
+            request_id=request_id,
+            name=name,
+            model_file=model.file,
+            options=options,
+            repairs=model.repairs,
+            scale=model.scale,
+            submitted_s=now_s,
+        )
+        self.happened(ev.JobSubmitted(at_s=now_s, job=job))
+        self.settle()
+        return number, False
+
+    def cancel(self, number: int) -> None:
+        job = self.books.job(number)
+        if job.state.ended:
+            raise Refused(f"job {number} has ended already: it is {job.state}")
+        self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
+        self.settle()
+
+    def cleared(self, printer: str, by: str, filament: FilamentState | None) -> None:
+        self.books.printer(printer)
+        if self.books.open_print_on(printer) is not None:
+            raise Refused(f"{printer} is printing: its bed cannot be clear")
+        self.happened(ev.BedCleared(at_s=self.clock.now(), printer=printer, by=by, filament=filament))
+        self.settle()
+
+    def abort_all(self) -> None:
+        """End every job that is being printed."""
+        for number in sorted({attempt.job for attempt in self.books.open_prints()}):
+            if not self.books.job(number).state.ended:
+                self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
+
+    # -- views ------------------------------------------------------------------------------------------
+
+    def printer_views(self) -> list[PrinterView]:
+        return [self._printer_view(section) for section in self.fleet.printers if section.enabled]
+
+    def _printer_view(self, section: PrinterSection) -> PrinterView:
+        entry = self.books.printer(section.name)
+        snapshot = self.snapshots.get(section.name)
+        link = snapshot.link if snapshot is not None else Link.STARTING
+        look = entry.look
+        if snapshot is not None and link is Link.FAULT and look is None:
+            look = snapshot.reason or "its agent reports a fault"
+        return PrinterView(
+            name=section.name,
+            model=section.model,
+            height_mm=self._height_mm(section),
+            material=section.material,
+            colour=section.colour,
+            nozzle_mm=section.nozzle_mm,
+            bed=entry.bed,
+            filament=entry.filament,
+            link=link,
+            booked=self.books.open_print_on(section.name) is not None,
+            look=look,
+        )
+
+    def _plate_view(self, plate: Plate) -> PlateView:
+        failed = {p.printer for p in self.books.prints_of(plate) if p.state is PrintState.FAILED}
+        need = Need(
+            material=plate.material,
+            colour=self.books.job(plate.job).options.colour,
+            nozzle_mm=plate.nozzle_mm,
+            height_mm=plate.height_mm,
+        )
+        return PlateView(
+            id=plate.id,
+            need=need,
+            planned=plate.printer,
+            estimated_s=plate.estimated_s,
+            failed_on=frozenset(failed),
+        )
+
+    def scene(self, files: Path) -> Scene:
+        """All that a view is drawn from; `files` is the file store's folder."""
+        return Scene(self.fleet, self.books, self.snapshots, files, self.clock.now())

@@ -1,0 +1,183 @@
+"""The daemon's wiring: clock, store, core, links, planner, timers and server, and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import logging
+import os
+import shutil
+import socket
+import time
+from pathlib import Path
+from typing import IO
+
+import uvicorn
+
+from drivers.clock import Clock
+from farm.config import Fleet, PrinterSection
+from farm.daemon.core import Core
+from farm.daemon.links import Links
+from farm.daemon.planner import Planner
+from farm.daemon.server import make_app
+from farm.daemon.timers import Timers
+from farm.daemon.workers import Workers
+from farm.errors import FarmError, Refused
+from farm.model import Job
+from farm.paths import Places, StateFolder, read_anchor, write_anchor
+from farm.services.planning import warm
+from farm.services.rooms import printer_height_mm
+from farm.tracking import events as ev
+from farm.tracking.store import Store
+
+log = logging.getLogger(__name__)
+
+_WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
+_SETTLE_S = 1.0
+
+
+class Daemon:
+    """One farm. `run` returns when it is told to go down or gets a SIGTERM; prints go on then."""
+
+    def __init__(self, fleet: Fleet, places: Places) -> None:
+        self._fleet = fleet
+        self._places = places
+        self._state = places.state
+        self._workers = Workers()
+        self._clock = farm_clock(fleet, self._state)
+        self._store = Store(self._state.books)
+        self._core = Core(fleet, self._store, self._clock, printer_height_mm, self)
+        self._links = Links(fleet, self._state, self._clock, self._core.heard)
+        self._planner = Planner(self._state, self._workers, self._core.planned)
+        self._server: uvicorn.Server | None = None
+
+    # -- the core's hands -------------------------------------------------------------------------------
+
+    def perform(self, instruction: ev.AnyInstruction) -> None:
+        if isinstance(instruction, ev.StopPlanning):
+            self._planner.stop(instruction.job)
+        else:
+            self._links.perform(instruction, self._core.books, self._state.files)
+
+    def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
+        self._planner.start(job, printers, rounds)
+
+    # -- life -------------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Serve until told to stop."""
+        app = make_app(
+            self._core, self._state, self._places.fleet, self._clock.now(), self._workers, self._down
+        )
+        config = uvicorn.Config(app, log_config=None, access_log=False, lifespan="off")
+        self._server = uvicorn.Server(config)
+        self._core.start()
+        self._links.start()
+        self._workers.warm(warm)
+        timers = Timers()
+        timers.every(_WATCH_S, "watch agents", self._links.watch)
+        timers.every(_SETTLE_S, "settle", self._core.settle)
+        timers.start()
+        listening = _listen(self._places.socket)
+        log.info("listening on %s", self._places.socket)
+        try:
+            await self._server.serve(sockets=[listening])
+        finally:
+            timers.stop()
+            self._planner.stop()
+            await self._links.close()
+            self._workers.close()
+            listening.close()
+            self._places.socket.unlink(missing_ok=True)
+            self._store.close()
+
+    async def _down(self, now: bool) -> None:
+        """End the farm: every print first (with `now`), then the agents, then the daemon."""
+        self._core.stopping = True
+        if now:
+            self._core.abort_all()
+        asyncio.get_running_loop().create_task(self._end())
+
+    async def _end(self) -> None:
+        while any(True for _ in self._core.books.open_prints()):
+            await asyncio.sleep(0.1)
+        await self._links.shut_down_agents()
+        if self._server is not None:
+            self._server.should_exit = True
+
+
+def run(fleet: Fleet, places: Places) -> None:
+    """Run the daemon in the foreground.
+
+    Raises
+    ------
+    Refused
+        Where another daemon has this state folder.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
+    logging.getLogger("httpx").setLevel(logging.WARNING)
+    logging.getLogger("apscheduler").setLevel(logging.WARNING)
+    try:
+        places.state.make()
+    except OSError as error:
+        raise FarmError(
+            f"the state folder {places.state.root} cannot be used ({error}); name another"
+        ) from error
+    with _only_one(places.state):
+        shutil.rmtree(places.state.work, ignore_errors=True)
+        places.state.make()
+        asyncio.run(Daemon(fleet, places).run())
+
+
+@contextlib.contextmanager
+def _only_one(state: StateFolder):  # type: ignore[no-untyped-def]
+    lock: IO[str] = state.lock.open("a+")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        raise Refused(
+            f"another daemon (pid {lock.read().strip()}) has the state folder {state.root}"
+        ) from None
+    with lock:
+        lock.truncate(0)
+        lock.write(str(os.getpid()))
+        lock.flush()
+        yield
+
+
+def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
+    """The farm's clock, the same over restarts: agents and emulators that are alive live on it too.
+
+    Raises
+    ------
+    Refused
+        Where the state folder lives on a clock of another scale.
+    """
+    scale = fleet.fleet.time_scale
+    saved = read_anchor(state.clock)
+    if saved is None:
+        saved = (scale, time.time())
+        write_anchor(state.clock, *saved)
+    if saved[0] != scale:
+        raise Refused(
+            f"the state folder {state.root} lives on a clock of time_scale {saved[0]:g}, not {scale:g}: "
+            "set it back, or name another folder with --state"
+        )
+    return Clock(*saved)
+
+
+def _listen(path: Path) -> socket.socket:
+    """A listening Unix socket that only the owner and the group may use."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)  # the lock on the state folder says that no daemon of ours has it
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    mask = os.umask(0o117)
+    try:
+        listening.bind(str(path))
+    finally:
+        os.umask(mask)
+    listening.listen(64)
+    listening.setblocking(False)
+    return listening

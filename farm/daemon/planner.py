@@ -1,0 +1,83 @@
+"""Makes the plan of one job: decompose it in a worker, slice its parts in all of them."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shutil
+from collections.abc import Callable
+
+from farm.config import PrinterSection
+from farm.daemon.workers import Workers
+from farm.errors import FarmError
+from farm.model import Job
+from farm.paths import StateFolder
+from farm.services.planning import DecomposeTask, Plan, decompose_job, make_plan, slice_tasks
+from farm.services.plates import slice_part
+
+log = logging.getLogger(__name__)
+
+Done = Callable[[int, "Plan | FarmError"], None]
+
+
+class Planner:
+    """One job at a time; `done` is told the plan, or why there is none."""
+
+    def __init__(self, state: StateFolder, workers: Workers, done: Done) -> None:
+        self._state = state
+        self._workers = workers
+        self._done = done
+        self._task: asyncio.Task[None] | None = None
+        self._job: int | None = None
+
+    def start(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
+        """Begin to plan a job; returns at once."""
+        self._job = job.id
+        self._task = asyncio.get_running_loop().create_task(self._run(job, printers, rounds))
+
+    def stop(self, job: int | None = None) -> None:
+        """Give up the plan being made, if it is that job's (or whosever it is)."""
+        if self._task is not None and job in (None, self._job):
+            self._task.cancel()
+
+    async def _run(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
+        folder = self._state.work / f"job-{job.id}"
+        result: Plan | FarmError
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir()
+            result = await self._plan(job, printers, rounds)
+        except FarmError as error:
+            result = error
+        except asyncio.CancelledError:
+            return
+        except Exception as error:
+            # Whatever went wrong in one job must not stop the farm: the log has the traceback.
+            log.exception("planning job %d", job.id)
+            result = FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+        self._done(job.id, result)
+
+    async def _plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> Plan:
+        folder = self._state.work / f"job-{job.id}"
+        task = DecomposeTask(
+            job=job.id,
+            model=self._state.files / job.model_file,
+            options=job.options,
+            printers=tuple(printers),
+            rounds=rounds,
+            folder=folder,
+        )
+        decomposed = await self._workers.run(decompose_job, task)
+        tasks = slice_tasks(task, decomposed, self._state.slices)
+        # Longest first: the pool is done soonest then.
+        order = sorted(range(len(tasks)), key=lambda i: -decomposed.parts[i].estimated_s)
+        slicing = {i: asyncio.ensure_future(self._workers.run(slice_part, tasks[i])) for i in order}
+        try:
+            await asyncio.gather(*slicing.values())
+        finally:
+            for future in slicing.values():
+                future.cancel()
+        slices = [slicing[i].result() for i in range(len(tasks))]
+        return make_plan(task, decomposed, tasks, slices, self._state.files)

@@ -1,0 +1,135 @@
+"""The daemon's HTTP interface: requests in, `Core` called, views out. Nothing here decides anything."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import FastAPI, Query, Request, Response
+from fastapi.responses import JSONResponse
+from pydantic import ValidationError
+
+import farm
+from farm import api
+from farm.daemon.core import Core
+from farm.daemon.workers import Workers
+from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
+from farm.model import JobOptions
+from farm.paths import StateFolder
+from farm.services.models import inspect_model
+from farm.tracking.view import Scene, job_view, printer_view, todo
+
+_STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
+_LARGEST_MODEL = 2 * 1024**3  # bytes
+
+Down = Callable[[bool], Awaitable[None]]
+
+
+def make_app(
+    core: Core, state: StateFolder, fleet_file: Path, since_s: float, workers: Workers, down: Down
+) -> FastAPI:
+    """The application; `down(now)` ends the farm."""
+    app = FastAPI(title="farm", version=farm.__version__)
+
+    def daemon(scene: Scene) -> api.DaemonView:
+        return api.DaemonView(pid=os.getpid(), version=farm.__version__, since=scene.moment(since_s) or "")
+
+    @app.exception_handler(FarmError)
+    async def refused(_: Request, error: FarmError) -> Response:
+        problem = api.Problem(error=str(error), code=error.code, exit_code=int(error.exit_code))
+        return JSONResponse(problem.model_dump(), status_code=_STATUS.get(error.code, 400))
+
+    @app.get("/status")
+    async def status() -> api.Status:
+        scene = core.scene(state.files)
+        obstacles = {view.name: view.obstacle() for view in core.printer_views()}
+        return api.Status(
+            daemon=daemon(scene),
+            todo=todo(scene),
+            fleet=api.FleetView(
+                name=core.fleet.fleet.name,
+                timezone=core.fleet.fleet.timezone,
+                time_scale=core.fleet.fleet.time_scale,
+                now=scene.moment(scene.now_s) or "",
+                file=str(fleet_file),
+            ),
+            printers=[printer_view(scene, p, obstacles.get(p.name)) for p in core.fleet.printers],
+            jobs=[job_view(scene, job) for job in sorted(core.books.jobs.values(), key=lambda j: j.id)],
+        )
+
+    @app.get("/jobs/{number}")
+    async def job(number: int) -> api.JobStatus:
+        scene = core.scene(state.files)
+        return api.JobStatus(daemon=daemon(scene), job=job_view(scene, core.books.job(number)))
+
+    @app.post("/jobs")
+    async def submit(
+        request: Request,
+        request_id: Annotated[str, Query(min_length=8, max_length=64)],
+        name: Annotated[str, Query(min_length=1, max_length=200)],
+        size: Annotated[int, Query(ge=0, le=_LARGEST_MODEL)],
+        options: str = "{}",
+    ) -> api.Submitted:
+        try:
+            wanted = JobOptions.model_validate_json(options)
+        except ValidationError as error:
+            raise FarmError(f"bad options: {error.errors()[0]['msg']}", ErrorCode.SETTINGS) from error
+        known = core.submitted(request_id)
+        if known is not None:
+            return api.Submitted(job=known, again=True)
+        if core.stopping:
+            raise Refused("the farm is going down: submit again when it is up")
+        upload = state.work / f"upload-{uuid.uuid4().hex}{Path(name).suffix.lower()}"
+        try:
+            received = 0
+            with upload.open("wb") as file:
+                async for chunk in request.stream():
+                    received += len(chunk)
+                    if received > size:
+                        break
+                    file.write(chunk)
+            if received != size:
+                raise Refused(
+                    f"the upload of {name} was cut: {received} of {size} bytes came; submit it again"
+                )
+            model = await workers.run(inspect_model, upload, name, wanted, state.files)
+        finally:
+            upload.unlink(missing_ok=True)
+        number, again = core.submit(request_id, name, model, wanted)
+        return api.Submitted(job=number, again=again)
+
+    @app.post("/jobs/{number}/cancel")
+    async def cancel(number: int) -> api.JobStatus:
+        core.cancel(number)
+        return await job(number)
+
+    @app.post("/printers/{name}/cleared")
+    async def cleared(name: str, request: api.ClearedRequest) -> None:
+        core.cleared(name, request.by, request.filament)
+
+    @app.post("/down")
+    async def go_down(request: api.DownRequest) -> None:
+        busy = sorted({attempt.printer for attempt in core.books.open_prints()})
+        if busy and not request.now:
+            raise Refused(f"printing: {' '.join(busy)}; use --wait, or --now to end everything safely")
+        await down(request.now)
+
+    @app.exception_handler(Exception)
+    async def broken(_: Request, error: Exception) -> Response:
+        problem = api.Problem(
+            error=f"the daemon failed: {type(error).__name__}: {error}; see its log",
+            code=ErrorCode.FAILED,
+            exit_code=int(ExitCode.FAILED),
+        )
+        return JSONResponse(problem.model_dump(), status_code=500)
+
+    @app.exception_handler(404)
+    async def unknown(request: Request, _: Exception) -> Response:
+        error = NoSuchThing(f"there is nothing at {request.url.path}")
+        problem = api.Problem(error=str(error), code=error.code, exit_code=int(error.exit_code))
+        return JSONResponse(problem.model_dump(), status_code=404)
+
+    return app

@@ -1,0 +1,113 @@
+"""`farm decompose` and `farm slice`: one model, no daemon."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from decompose import partition
+from decompose.cost import CostModel, PrinterRoom
+from decompose.mesh import load_model
+from decompose.report import Interior, Options, write
+from drivers.profiles import PROFILES, part_room
+from farm.errors import ErrorCode, FarmError
+from farm.services.planning import recipe
+from farm.services.plates import SliceTask, slice_part
+from farm.services.trouble import in_farm_words
+from slicing.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, resolve_settings
+
+_DEFAULT_MODEL = "ultimaker2_plus"
+
+
+def decompose_to_folder(
+    path: Path,
+    out: Path,
+    *,
+    printers: int,
+    volume_mm: tuple[float, float, float],
+    brim_mm: float,
+    longest_side_mm: float | None,
+    scale: float | None,
+    granularity: str | int,
+    interior: str,
+    min_wall_mm: float,
+) -> dict[str, Any]:
+    """Cut a model and write parts, report and picture; the report, with what was repaired.
+
+    Raises
+    ------
+    FarmError
+        With the reason, in one line.
+    """
+    profile = max(
+        PROFILES.values(), key=lambda p: (p.height_mm >= volume_mm[2], -p.height_mm)
+    )  # clips are the same on every model that there is; the lowest that is high enough
+    boxes = tuple(box.size_mm for box in part_room(profile, brim_mm, volume_mm))
+    if not boxes:
+        raise FarmError(f"a brim of {brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
+    try:
+        options = Options(granularity=granularity, interior=Interior(interior), min_wall_mm=min_wall_mm)
+    except ValueError:
+        raise FarmError(f"--interior {interior}: leave or keep", ErrorCode.SETTINGS) from None
+    with in_farm_words():
+        settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())
+        model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
+        rooms = [PrinterRoom(str(number), boxes) for number in range(printers)]
+        cost = CostModel.from_recipe(recipe(settings))
+        written = write(partition.decompose(model, rooms, options, cost), out)
+    return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
+
+
+def slice_to_file(
+    path: Path, out: Path, *, printer_model: str, quality: str, material: str, overrides: dict[str, str]
+) -> dict[str, Any]:
+    """Slice a model as it stands, in the middle of the bed; what `farm slice --json` says.
+
+    Raises
+    ------
+    FarmError
+        With the reason, in one line.
+    """
+    if printer_model not in PROFILES:
+        raise FarmError(
+            f"--printer-model {printer_model}: one of {', '.join(sorted(PROFILES))}", ErrorCode.SETTINGS
+        )
+    with in_farm_words():
+        request = SettingsRequest(
+            printer_model=printer_model, quality=quality, material=material, overrides=overrides
+        )
+        settings = resolve_settings(request, find_resources())
+        engine = find_engine()
+        if not path.is_file():
+            raise FarmError(f"{path}: there is no such file", ErrorCode.MODEL)
+        model = load_model(path, scale=1.0)
+    room = part_room(PROFILES[printer_model], settings.brim_width_mm)
+    with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
+        stl = Path(folder) / "model.stl"
+        model.mesh.export(stl)
+        task = SliceTask(
+            part=path.name,
+            stl=stl,
+            settings=settings,
+            room=room,
+            brim_mm=settings.brim_width_mm,
+            engine=engine,
+            out=Path(folder) / "model.gcode",
+            cache=None,
+        )
+        result = slice_part(task)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(result.gcode, out)
+    return {
+        "schema": 1,
+        "print_time_s": result.print_time_s,
+        "filament_mm": result.filament_mm,
+        "filament_mm3": result.filament_mm3,
+        "grams": result.grams,
+        "layers": result.layers,
+        "cached": result.cached,
+        "settings": {"global": settings.global_, "extruder": settings.extruder},
+    }

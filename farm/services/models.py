@@ -1,0 +1,64 @@
+"""A submitted model, read, repaired and scaled once, before its job is taken."""
+
+from __future__ import annotations
+
+import shutil
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from decompose.mesh import Model, load_model
+from decompose.solid import Solid
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions
+from farm.services.files import store_file
+from farm.services.trouble import in_farm_words
+
+
+@dataclass(frozen=True, slots=True)
+class Inspected:
+    """A model that can be printed: a solid in mm, in the file store."""
+
+    file: str
+    repairs: tuple[str, ...]
+    scale: float
+
+
+def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> Inspected:
+    """Read, repair and scale a model, which a person knows by `name`; runs in a worker.
+
+    Raises
+    ------
+    FarmError
+        With code `model` and the reason, where it cannot be made a solid.
+    """
+    with in_farm_words():
+        named = path.with_name(uuid.uuid4().hex) / Path(name).name
+        named.parent.mkdir()
+        try:
+            path.replace(named)
+            model = load_model(named, scale=options.scale, longest_side_mm=options.longest_side_mm)
+        finally:
+            shutil.rmtree(named.parent)
+        vertices, faces = model.solid.arrays()
+    temporary = path.with_name(f"solid-{uuid.uuid4().hex}.npz")
+    np.savez_compressed(
+        temporary,
+        vertices=vertices,
+        faces=faces,
+        scale=model.scale,
+        repairs=np.array(model.repairs, dtype=np.str_),
+    )
+    return Inspected(store_file(files, temporary), tuple(model.repairs), float(model.scale))
+
+
+def read_inspected(path: Path) -> Model:
+    """The model that `inspect_model` stored, to the last bit."""
+    try:
+        with np.load(path) as saved:
+            solid = Solid.from_arrays(saved["vertices"], saved["faces"])
+            return Model(solid, tuple(map(str, saved["repairs"])), float(saved["scale"]))
+    except (OSError, ValueError, KeyError) as error:
+        raise FarmError(f"the stored model {path} cannot be read: {error}", ErrorCode.MODEL) from error

@@ -1,0 +1,290 @@
+"""A job's plan: model -> parts -> plates. The work runs in workers; what is put together here is data.
+
+The order is decompose, then slice every part, then price every plate. A plan is whole or it is nothing.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from decompose import partition
+from decompose.cost import CostModel, PrinterRoom, Recipe
+from decompose.errors import NoFit
+from decompose.report import Options, write
+from drivers.profiles import PROFILES
+from farm.config import PrinterSection
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions, Part, Plate
+from farm.services.estimate import plate_seconds
+from farm.services.files import store_file
+from farm.services.models import read_inspected
+from farm.services.plates import SliceTask
+from farm.services.rooms import printer_room
+from farm.services.trouble import in_farm_words
+from slicing.plate import PlateResult
+from slicing.resources import Resources, find_engine, find_resources
+from slicing.settings import Settings, SettingsRequest, resolve_settings
+
+
+class TooFewPrinters(FarmError):
+    """The model needs more parts than printers were given."""
+
+    def __init__(self, message: str, needed: int) -> None:
+        super().__init__(message, ErrorCode.NO_FIT)
+        self.needed = needed
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TooFewPrinters, (str(self), self.needed)
+
+
+@dataclass(frozen=True, slots=True)
+class DecomposeTask:
+    """A job to be decomposed for these printers."""
+
+    job: int
+    model: Path  # as `inspect_model` stored it
+    options: JobOptions
+    printers: tuple[PrinterSection, ...]
+    rounds: int
+    folder: Path
+
+
+@dataclass(frozen=True, slots=True)
+class DecomposedPart:
+    """A part as a file, and what is known of it before it is sliced."""
+
+    id: str
+    stl: Path
+    to_model: tuple[float, ...]
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+    volume_mm3: float
+    estimated_s: float
+    printer: str
+
+
+@dataclass(frozen=True, slots=True)
+class Decomposed:
+    """What a worker sends back: figures and file names, no geometry."""
+
+    parts: tuple[DecomposedPart, ...]
+    serial_s: float
+    repairs: tuple[str, ...]
+    scale: float
+    picture: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Everything that is committed before the first command is sent."""
+
+    parts: tuple[Part, ...]
+    plates: tuple[Plate, ...]
+    repairs: tuple[str, ...]
+    scale: float
+    serial_s: float
+    estimated_s: float
+    picture: str | None
+
+
+def warm() -> None:
+    """Import and compile what planning needs, before somebody waits for it."""
+    logging.getLogger("numba").setLevel(logging.WARNING)
+
+
+def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> Settings:
+    """The slicer's settings for a printer of the fleet. Raises FarmError with code `settings`."""
+    request = SettingsRequest(
+        printer_model=section.model, quality=quality, material=section.material, nozzle_mm=section.nozzle_mm
+    )
+    with in_farm_words():
+        return resolve_settings(request, resources)
+
+
+def recipe(settings: Settings) -> Recipe:
+    """The numbers of the slicer's settings that decide print time, for the decomposition's cost."""
+    return Recipe(
+        layer_height_mm=settings.layer_height_mm,
+        line_width_mm=settings.line_width_mm,
+        wall_count=settings.wall_count,
+        skin_layers=settings.top_layers,
+        infill_line_distance_mm=settings.infill_line_distance_mm,
+        support_line_distance_mm=settings.support_line_distance_mm,
+        outer_wall_mm_s=settings.speed_wall_0_mm_s,
+        inner_wall_mm_s=settings.speed_wall_x_mm_s,
+        infill_mm_s=settings.speed_infill_mm_s,
+        skin_mm_s=settings.speed_topbottom_mm_s,
+        support_mm_s=settings.speed_support_mm_s,
+        brim_mm=settings.brim_width_mm,
+    )
+
+
+def decompose_job(task: DecomposeTask) -> Decomposed:
+    """Cut a job's model for its printers; runs in a worker.
+
+    Raises
+    ------
+    TooFewPrinters
+        With the number that would do.
+    FarmError
+        `no_fit`, `geometry`, `settings` or `model`, with the reason.
+    """
+    with in_farm_words():
+        resources = find_resources()
+    settings = {
+        section.name: printer_settings(section, task.options.quality, resources) for section in task.printers
+    }
+    rooms = [
+        PrinterRoom(section.name, tuple(box.size_mm for box in room))
+        for _ in range(task.rounds)
+        for section in task.printers
+        for room in (printer_room(section, settings[section.name].brim_width_mm),)
+    ]
+    model = read_inspected(task.model)
+    cost = CostModel.from_recipe(recipe(settings[task.printers[0].name]))
+    try:
+        found = partition.decompose(model, rooms, Options(), cost)
+        written = write(found, task.folder)
+    except NoFit as error:
+        if error.printers_needed is not None and error.printers_needed > len(rooms):
+            raise TooFewPrinters(str(error), error.printers_needed) from error
+        raise FarmError(str(error), ErrorCode.NO_FIT) from error
+    except Exception:
+        with in_farm_words():
+            raise
+    return Decomposed(
+        parts=tuple(_part(part, task.folder) for part in written.parts),
+        serial_s=written.serial_s,
+        repairs=model.repairs,
+        scale=model.scale,
+        picture=task.folder / "assembly.png",
+    )
+
+
+def _part(part: Any, folder: Path) -> DecomposedPart:
+    lo, hi = part.solid.bounds_mm
+    return DecomposedPart(
+        id=part.id,
+        stl=folder / part.file,
+        to_model=tuple(map(float, part.to_model.ravel())),
+        min_mm=(float(lo[0]), float(lo[1]), float(lo[2])),
+        max_mm=(float(hi[0]), float(hi[1]), float(hi[2])),
+        volume_mm3=part.solid.volume_mm3,
+        estimated_s=part.estimated_s,
+        printer=part.printer,
+    )
+
+
+def slice_tasks(task: DecomposeTask, decomposed: Decomposed, cache: Path) -> list[SliceTask]:
+    """What is to be sliced, a task for each part, each for its own printer.
+
+    Raises
+    ------
+    FarmError
+        `engine` where there is no CuraEngine, `settings` where they cannot be resolved.
+    """
+    with in_farm_words():
+        engine = find_engine()
+        resources = find_resources()
+    sections = {section.name: section for section in task.printers}
+    tasks = []
+    for part in decomposed.parts:
+        section = sections[part.printer]
+        settings = printer_settings(section, task.options.quality, resources)
+        tasks.append(
+            SliceTask(
+                part=part.id,
+                stl=part.stl,
+                settings=settings,
+                room=printer_room(section, settings.brim_width_mm),
+                brim_mm=settings.brim_width_mm,
+                engine=engine,
+                out=task.folder / f"{part.id}.gcode",
+                cache=cache,
+            )
+        )
+    return tasks
+
+
+def make_plan(
+    task: DecomposeTask,
+    decomposed: Decomposed,
+    tasks: Sequence[SliceTask],
+    slices: Sequence[PlateResult],
+    files: Path,
+) -> Plan:
+    """Put the plan together, and its files into the store."""
+    sections = {section.name: section for section in task.printers}
+    parts, plates = [], []
+    for number, (part, work, sliced) in enumerate(zip(decomposed.parts, tasks, slices, strict=True), 1):
+        section = sections[part.printer]
+        plate_id = f"{task.job}/{number:02d}"
+        part_id = f"{task.job}/{part.id}"
+        parts.append(
+            Part(
+                id=part_id,
+                job=task.job,
+                plate=plate_id,
+                file=store_file(files, part.stl),
+                to_model=part.to_model,
+                min_mm=part.min_mm,
+                max_mm=part.max_mm,
+                volume_mm3=part.volume_mm3,
+            )
+        )
+        estimated_s = plate_seconds(
+            PROFILES[section.model], sliced.print_time_s, work.settings.nozzle_c, work.settings.bed_c
+        )
+        plates.append(
+            Plate(
+                id=plate_id,
+                job=task.job,
+                parts=(part_id,),
+                gcode=store_file(files, sliced.gcode),
+                sha256=sliced.sha256,
+                print_time_s=sliced.print_time_s,
+                estimated_s=estimated_s,
+                grams=sliced.grams,
+                filament_mm=sliced.filament_mm,
+                layers=sliced.layers,
+                model=section.model,
+                height_mm=sliced.height_mm,
+                material=section.material,
+                nozzle_mm=section.nozzle_mm,
+                printer=section.name,
+            )
+        )
+    first = tasks[0]
+    profile = PROFILES[sections[decomposed.parts[0].printer].model]
+    return Plan(
+        parts=tuple(parts),
+        plates=tuple(plates),
+        repairs=decomposed.repairs,
+        scale=decomposed.scale,
+        serial_s=plate_seconds(
+            profile, _serial_s(decomposed, slices), first.settings.nozzle_c, first.settings.bed_c
+        ),
+        estimated_s=_makespan_s(plates),
+        picture=store_file(files, decomposed.picture),
+    )
+
+
+def _serial_s(decomposed: Decomposed, slices: Sequence[PlateResult]) -> float:
+    """The whole model in one piece: the cost's estimate, corrected by how it erred on the sliced parts.
+
+    Slicing the whole would take minutes and prints on no printer that there is.
+    """
+    estimated_s = sum(part.estimated_s for part in decomposed.parts)
+    return decomposed.serial_s * sum(sliced.print_time_s for sliced in slices) / estimated_s
+
+
+def _makespan_s(plates: Sequence[Plate]) -> float:
+    """The printer that is busy longest; clearing beds between rounds is not counted."""
+    busy: dict[str, float] = {}
+    for plate in plates:
+        busy[plate.printer] = busy.get(plate.printer, 0.0) + plate.estimated_s
+    return max(busy.values())

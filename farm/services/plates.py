@@ -1,0 +1,72 @@
+"""From a part in its printing pose to a plate: placed on the bed, sliced, checked. Runs in a worker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from drivers.profiles import Placement, RoomBox, place
+from farm.errors import ErrorCode, FarmError
+from farm.services.trouble import in_farm_words
+from slicing.plate import PlateRequest, PlateResult, slice_plate
+from slicing.settings import Settings
+
+
+@dataclass(frozen=True, slots=True)
+class SliceTask:
+    """One part, to be printed alone."""
+
+    part: str
+    stl: Path  # in printing pose
+    settings: Settings
+    room: tuple[RoomBox, ...]
+    brim_mm: float
+    engine: Path
+    out: Path
+    cache: Path | None
+
+
+def slice_part(task: SliceTask) -> PlateResult:
+    """Place a part on its bed and slice it.
+
+    Raises
+    ------
+    FarmError
+        `no_fit` where the bed has no place for it, `engine` or `slice` with CuraEngine's trouble.
+    """
+    mesh = trimesh.load_mesh(task.stl)
+    extents = tuple(map(float, mesh.extents))
+    placement = place((extents[0], extents[1], extents[2]), task.room)
+    if placement is None:
+        size = " x ".join(f"{side:.1f}" for side in extents)
+        raise FarmError(
+            f"part {task.part} ({size} mm) has no place on the bed of its printer", ErrorCode.NO_FIT
+        )
+    placed = task.out.with_suffix(".placed.stl")
+    mesh.apply_transform(_transform(mesh, placement))
+    mesh.export(placed)
+    bed = tuple(
+        (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
+        for box in task.room
+        for r in (box.rect.grown(task.brim_mm),)
+    )
+    request = PlateRequest(
+        stl=placed, settings=task.settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
+    )
+    with in_farm_words():
+        return slice_plate(request)
+
+
+def _transform(mesh: trimesh.Trimesh, placement: Placement) -> npt.NDArray[np.float64]:
+    """(4, 4) To the placement: the bounding box's centre there, its underside on the bed."""
+    centre = mesh.bounds.mean(axis=0)
+    transform = np.eye(4)
+    if placement.turned:
+        transform[:2, :2] = ((0.0, -1.0), (1.0, 0.0))
+    transform[:3, 3] = -transform[:3, :3] @ (centre[0], centre[1], mesh.bounds[0][2])
+    transform[:2, 3] += (placement.x_mm, placement.y_mm)
+    return transform

@@ -1,0 +1,33 @@
+"""What the rooms' errors mean to the farm: one place that gives each its code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import decompose.errors as de
+import slicing.errors as se
+from drivers.errors import DriverError
+from farm.errors import ErrorCode, FarmError
+
+_CODES: tuple[tuple[type[Exception], ErrorCode], ...] = (
+    (de.NoFit, ErrorCode.NO_FIT),
+    (de.GeometryError, ErrorCode.GEOMETRY),
+    (de.DecomposeError, ErrorCode.MODEL),
+    (se.EngineMissing, ErrorCode.ENGINE),
+    (se.EngineFailed, ErrorCode.ENGINE),
+    (se.EngineTimeout, ErrorCode.ENGINE),
+    (se.BadSetting, ErrorCode.SETTINGS),
+    (se.SlicingError, ErrorCode.SLICE),
+    (DriverError, ErrorCode.FAILED),
+)
+
+
+@contextmanager
+def in_farm_words() -> Iterator[None]:
+    """Turn an error of decompose, slicing or drivers into a FarmError with its code."""
+    try:
+        yield
+    except tuple(kind for kind, _ in _CODES) as error:
+        code = next(code for kind, code in _CODES if isinstance(error, kind))
+        raise FarmError(str(error), code) from error

@@ -1,0 +1,144 @@
+"""Assignment: no printer twice, no bed that is not clear, the same answer in any order."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Bed, FilamentState, Hold, HoldCode, Link
+from farm.scheduling.assign import Need, PlateView, PrinterView, assign
+from farm.scheduling.front import Begin, begin
+
+
+def printer(name, **changes):
+    facts = {
+        "model": "ultimaker2_plus",
+        "height_mm": 205.0,
+        "material": "generic_pla",
+        "colour": None,
+        "nozzle_mm": 0.4,
+        "bed": Bed.CLEAR,
+        "filament": FilamentState.PARKED,
+        "link": Link.READY,
+        "booked": False,
+        "look": None,
+    }
+    return PrinterView(name=name, **{**facts, **changes})
+
+
+def plate(name, planned, **changes):
+    facts = {"need": Need("generic_pla", None, 0.4, 100.0), "estimated_s": 3600.0, "failed_on": frozenset()}
+    return PlateView(id=name, planned=planned, **{**facts, **changes})
+
+
+printers = st.lists(
+    st.builds(
+        printer,
+        st.sampled_from("abcdef"),
+        bed=st.sampled_from(Bed),
+        filament=st.sampled_from(FilamentState),
+        link=st.sampled_from(Link),
+        booked=st.booleans(),
+        look=st.sampled_from([None, "its nozzle is cold"]),
+        height_mm=st.sampled_from([205.0, 305.0]),
+    ),
+    unique_by=lambda p: p.name,
+)
+plates = st.lists(
+    st.builds(
+        plate,
+        st.uuids().map(str),
+        st.sampled_from("abcdefg"),
+        need=st.builds(
+            Need,
+            st.sampled_from(["generic_pla", "generic_abs", None]),
+            st.none(),
+            st.sampled_from([0.4, 0.8]),
+            st.sampled_from([100.0, 250.0]),
+        ),
+        estimated_s=st.floats(60, 1e5),
+        failed_on=st.frozensets(st.sampled_from("abc")),
+    ),
+    unique_by=lambda p: p.id,
+)
+
+
+@given(plates, printers)
+def test_the_laws_of_assignment(waiting, fleet):
+    given_, holds = assign(waiting, fleet)
+    by_name = {p.name: p for p in fleet}
+    by_id = {p.id: p for p in waiting}
+    used = [a.printer for a in given_]
+    assert len(used) == len(set(used))
+    for assignment in given_:
+        taken = by_name[assignment.printer]
+        assert taken.bed is Bed.CLEAR and taken.link is Link.READY and not taken.booked and taken.look is None
+        assert taken.filament is not FilamentState.UNKNOWN
+        assert by_id[assignment.plate].need.matches(taken)
+    assert {a.plate for a in given_} | set(holds) == set(by_id)
+    assert not {a.plate for a in given_} & set(holds)
+
+
+@given(plates, printers)
+def test_no_printer_idles_while_a_plate_waits_for_one_like_it(waiting, fleet):
+    given_, holds = assign(waiting, fleet)
+    used = {a.printer for a in given_}
+    for waits in (p for p in waiting if p.id in holds):
+        idle = [p for p in fleet if p.name not in used and p.obstacle() is None and waits.need.matches(p)]
+        assert not idle
+
+
+@given(plates, printers, st.randoms())
+def test_the_order_of_the_fleet_changes_nothing(waiting, fleet, random):
+    shuffled = list(fleet)
+    random.shuffle(shuffled)
+    assert assign(waiting, fleet) == assign(waiting, shuffled)
+
+
+def test_a_plate_keeps_its_planned_printer_and_avoids_one_it_failed_on():
+    given_, _ = assign([plate("1/01", "b")], [printer("a"), printer("b")])
+    assert given_[0].printer == "b"
+    given_, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("a"), printer("b")])
+    assert given_[0].printer == "a"
+    given_, _ = assign([plate("1/01", "b", failed_on=frozenset("b"))], [printer("b")])
+    assert given_[0].printer == "b"
+
+
+def test_a_hold_says_what_the_plate_waits_for():
+    _, holds = assign([plate("1/01", "a")], [printer("a", bed=Bed.NOT_CLEAR)])
+    assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
+    assert "farm cleared a" in holds["1/01"].text
+    tall = Need("generic_pla", None, 0.4, 231.0)
+    _, holds = assign([plate("1/01", "a", need=tall)], [printer("a")])
+    assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
+    assert "231 mm of height" in holds["1/01"].text
+
+
+ANY = Need(None, None, None)
+
+
+def test_the_front_job_takes_all_that_are_idle_and_clear():
+    fleet = [printer("a"), printer("b", bed=Bed.NOT_CLEAR), printer("c", booked=True), printer("d")]
+    assert begin(ANY, None, 0, fleet, frozenset()) == Begin(("a", "d"))
+    assert begin(ANY, None, 0, fleet, frozenset("d")) == Begin(("a",))
+    assert begin(ANY, 1, 0, fleet, frozenset()) == Begin(("a",))
+
+
+def test_given_fewer_printers_it_takes_the_roomiest():
+    fleet = [printer("a"), printer("b", height_mm=305.0)]
+    assert begin(ANY, 1, 0, fleet, frozenset()) == Begin(("b",))
+
+
+def test_it_waits_for_printers_that_are_still_connecting():
+    answer = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset())
+    assert isinstance(answer, Hold) and "b" in answer.text
+
+
+def test_it_waits_for_enough_printers_for_one_round_and_takes_rounds_where_the_fleet_is_too_small():
+    fleet = [printer("a"), printer("b", booked=True), printer("c")]
+    held = begin(ANY, None, 3, fleet, frozenset())
+    assert isinstance(held, Hold) and held.code is HoldCode.TOO_FEW_PRINTERS
+    assert begin(ANY, None, 5, fleet, frozenset()) == Begin(("a", "c"), rounds=3)
+
+
+def test_a_job_that_no_printer_matches_is_held_with_the_reason():
+    answer = begin(Need("generic_abs", None, None), None, 0, [printer("a")], frozenset())
+    assert isinstance(answer, Hold) and answer.code is HoldCode.NO_SUCH_PRINTER

@@ -1,0 +1,89 @@
+"""fleet.yaml: every mistake gets a line, a field and a way out."""
+
+from pathlib import Path
+
+import pytest
+
+from farm.config import load_fleet
+from farm.errors import ExitCode, FleetFileError
+
+MODELS = frozenset({"ultimaker2_plus", "ultimaker2_extended_plus"})
+ROOT = Path(__file__).parents[2]
+
+
+def load(tmp_path, text):
+    path = tmp_path / "fleet.yaml"
+    path.write_text(text)
+    return load_fleet(path, MODELS)
+
+
+GOOD = """
+fleet: {name: lab, timezone: Europe/Zurich}
+defaults: {model: ultimaker2_plus, colour: red}
+printers:
+  - {name: a, port: /dev/serial/by-path/one}
+  - {name: b, port: /dev/serial/by-path/two, colour: blue}
+"""
+
+
+def test_defaults_reach_every_printer_and_give_way_to_its_own(tmp_path):
+    fleet = load(tmp_path, GOOD)
+    assert [(p.model, p.colour) for p in fleet.printers] == [
+        ("ultimaker2_plus", "red"),
+        ("ultimaker2_plus", "blue"),
+    ]
+    assert fleet.zone.key == "Europe/Zurich"
+    assert fleet.printer("b").colour == "blue"
+
+
+def test_the_repositorys_own_fleet_is_good():
+    fleet = load_fleet(ROOT / "fleet.yaml", MODELS)
+    assert [p.model for p in fleet.printers].count("ultimaker2_plus") == 5
+    assert len(fleet.printers) == 8
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("printers: [", "not YAML"),
+        ("- a", "needs a list `printers`"),
+        (GOOD.replace("colour: blue", "colur: blue"), "fleet.yaml:6: printers.1.colur: unknown key"),
+        (GOOD.replace("two", "one"), "a and b are on one port"),
+        (GOOD.replace("name: b", "name: a"), "two printers are named a"),
+        (GOOD.replace("Europe/Zurich", "Europe/Zuerich"), "fleet.yaml:2: fleet.timezone"),
+        (GOOD.replace("timezone", "time_scale: 5, timezone"), "time_scale must be 1"),
+        (GOOD.replace("/dev/serial/by-path/one", "COM3"), "fleet.yaml:5: printers.0.port"),
+        (GOOD.replace("/dev/serial/by-path/one", "socket://h:1"), "no DTR"),
+        (GOOD.replace("/dev/serial/by-path/one", "sim://ultimaker2_extended_plus"), "another model"),
+        (GOOD.replace("model: ultimaker2_plus", "model: prusa"), "'prusa' is not one of"),
+        (GOOD.replace("name: a,", "name: ../a,"), "printers.0.name"),
+    ],
+)
+def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
+    with pytest.raises(FleetFileError) as error:
+        load(tmp_path, text)
+    assert said in str(error.value)
+    assert error.value.exit_code == ExitCode.USAGE
+
+
+def test_two_ways_to_write_one_port_are_one_port(tmp_path):
+    device = tmp_path / "ttyACM0"
+    device.touch()
+    link = tmp_path / "by-path"
+    link.symlink_to(device)
+    text = GOOD.replace("/dev/serial/by-path/one", str(device)).replace("/dev/serial/by-path/two", str(link))
+    with pytest.raises(FleetFileError, match="one port"):
+        load(tmp_path, text)
+
+
+def test_simulated_printers_may_share_an_address(tmp_path):
+    text = GOOD.replace("/dev/serial/by-path/one", "sim://ultimaker2_plus")
+    text = text.replace("/dev/serial/by-path/two", "sim://ultimaker2_plus").replace(
+        "timezone", "time_scale: 60, timezone"
+    )
+    assert len(load(tmp_path, text).printers) == 2
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(FleetFileError, match="cannot be read"):
+        load_fleet(tmp_path / "no.yaml", MODELS)

@@ -1,0 +1,152 @@
+"""The core with hands that only write down what they are told."""
+
+from pathlib import Path
+
+import pytest
+
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.daemon.core import Core
+from farm.errors import ErrorCode, FarmError, Refused
+from farm.model import AgentSnapshot, Bed, FilamentState, HoldCode, JobOptions, JobState, Link
+from farm.services.models import Inspected
+from farm.services.planning import Plan, TooFewPrinters
+from farm.tracking import events as ev
+from farm.tracking.store import Store
+from farm.tracking.view import job_view, printer_view, todo
+from support.books import plan as planned
+
+FILES = Path("/files")
+MODEL = Inspected("m.npz", ("closed 3 holes",), 1000.0)
+
+
+class Hands:
+    def __init__(self):
+        self.told = []
+        self.plans = []
+
+    def perform(self, instruction):
+        self.told.append(instruction)
+
+    def plan(self, job, printers, rounds):
+        self.plans.append((job.id, [p.name for p in printers], rounds))
+
+
+def fleet():
+    printers = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in ("a", "b")]
+    return Fleet.model_validate({"printers": printers})
+
+
+class Farm:
+    """A core on a store in a folder; made again, it is a daemon that was killed and started again."""
+
+    def __init__(self, folder):
+        self.hands = Hands()
+        self.store = Store(folder / "farm.db")
+        self.core = Core(fleet(), self.store, Clock(), lambda _: 205.0, self.hands)
+        self.core.start()
+
+    def ready(self, *names, **changes):
+        facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED, "bed_clear": True}
+        for name in names:
+            self.core.heard(AgentSnapshot(printer=name, **{**facts, **changes}))
+
+
+@pytest.fixture
+def plan():
+    event = planned(1, 2)
+    return Plan(event.parts, event.plates, event.repairs, 1000.0, 500.0, 100.0, None)
+
+
+@pytest.fixture
+def farm(tmp_path):
+    return Farm(tmp_path)
+
+
+def test_a_job_waits_for_its_printers_then_takes_all_that_are_idle_and_clear(farm):
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    assert farm.core.books.jobs[1].hold.code is HoldCode.PRINTER_ABSENT
+    farm.ready("a")
+    assert farm.hands.plans == []
+    farm.ready("b")
+    assert farm.hands.plans == [(1, ["a", "b"], 1)]
+    assert farm.core.books.jobs[1].state is JobState.PLANNING
+
+
+def test_the_same_request_is_the_same_job(farm):
+    assert farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, False)
+    assert farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, True)
+    assert farm.core.submit("s" * 8, "m.stl", MODEL, JobOptions()) == (2, False)
+
+
+def test_a_model_that_needs_more_parts_than_there_are_printers_goes_in_rounds(farm):
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.planned(1, TooFewPrinters("needs 5", 5))
+    assert farm.hands.plans[-1] == (1, ["a", "b"], 3)
+
+
+def test_a_plan_that_fails_fails_its_job_and_the_next_one_goes_on(farm):
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    assert farm.core.books.jobs[2].hold.code is HoldCode.NOT_FRONT
+    farm.core.planned(1, FarmError("parts overlap", ErrorCode.GEOMETRY))
+    job = farm.core.books.jobs[1]
+    assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
+    assert farm.hands.plans[-1][0] == 2
+    assert job_view(farm.core.scene(FILES), job).exit_code == 5
+
+
+def test_a_plan_made_for_a_job_that_was_cancelled_is_thrown_away(farm, plan):
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.cancel(1)
+    assert ev.StopPlanning(job=1) in farm.hands.told
+    farm.core.planned(1, plan)
+    assert not farm.core.books.plates
+    with pytest.raises(Refused, match="ended already"):
+        farm.core.cancel(1)
+
+
+def test_every_printer_is_told_once_and_a_new_daemon_tells_those_that_do_not_know(farm, plan, tmp_path):
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.planned(1, plan)
+    starts = [i for i in farm.hands.told if isinstance(i, ev.SendStart)]
+    assert [s.printer for s in starts] == ["a", "b"]
+    farm.store.close()
+    again = Farm(tmp_path)
+    assert again.core.books == farm.core.books
+    again.ready("a")
+    assert [i for i in again.hands.told if isinstance(i, ev.SendStart)] == [starts[0]]
+
+
+def test_a_daemon_that_died_while_it_planned_plans_again(farm, tmp_path):
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.store.close()
+    again = Farm(tmp_path)
+    again.ready("a", "b")
+    assert again.hands.plans == [(1, ["a", "b"], 1)]
+
+
+def test_a_full_bed_is_shown_with_what_to_do(farm, plan):
+    farm.ready("a", "b", bed_clear=False)
+    assert {p.bed for p in farm.core.books.printers.values()} == {Bed.NOT_CLEAR}
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    view = job_view(farm.core.scene(FILES), farm.core.books.jobs[1])
+    assert view.waits_for_person
+    assert view.hold.code is HoldCode.BED_NOT_CLEAR
+    assert todo(farm.core.scene(FILES))[0].printers == ["a", "b"]
+    farm.core.cleared("a", "ann", None)
+    assert farm.hands.plans == [(1, ["a"], 1)]
+
+
+def test_a_printer_in_fault_is_not_used_and_says_why(farm):
+    farm.ready("a", link=Link.FAULT, reason="it does not get warm")
+    view = printer_view(farm.core.scene(FILES), farm.core.fleet.printer("a"), None)
+    assert (view.state, view.look) == ("fault", "it does not get warm")
+    farm.ready("b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    assert farm.hands.plans == [(1, ["b"], 1)]

@@ -1,0 +1,96 @@
+"""Events and books for tests."""
+
+import itertools
+
+from farm.model import Bed, FilamentState, Job, JobOptions, Part, Plate, PrintState
+from farm.tracking import events as ev
+from farm.tracking.books import Books, apply
+
+PRINTERS = ("a", "b", "c")
+
+
+def job(number=1):
+    return Job(
+        id=number,
+        request_id=f"request-{number}",
+        name="bracket.stl",
+        model_file="m.npz",
+        options=JobOptions(),
+        submitted_s=0.0,
+    )
+
+
+def plan(number=1, plates=2, at_s=1.0):
+    names = [f"{number}/{i:02d}" for i in range(1, plates + 1)]
+    return ev.JobPlanned(
+        at_s=at_s,
+        job=number,
+        parts=tuple(
+            Part(
+                id=f"{number}/p{i:02d}",
+                job=number,
+                plate=name,
+                file="p.stl",
+                to_model=(1.0,) * 16,
+                min_mm=(0.0, 0.0, 0.0),
+                max_mm=(1.0, 1.0, 1.0),
+                volume_mm3=1.0,
+            )
+            for i, name in enumerate(names, 1)
+        ),
+        plates=tuple(
+            Plate(
+                id=name,
+                job=number,
+                parts=(f"{number}/p{i:02d}",),
+                gcode="g.gcode",
+                sha256="0" * 64,
+                print_time_s=90.0,
+                estimated_s=100.0,
+                grams=3.0,
+                filament_mm=400.0,
+                layers=10,
+                model="ultimaker2_plus",
+                height_mm=20.0,
+                material="generic_pla",
+                nozzle_mm=0.4,
+                printer=printer,
+            )
+            for i, (name, printer) in enumerate(zip(names, itertools.cycle(PRINTERS), strict=False), 1)
+        ),
+        repairs=(),
+        scale=1.0,
+        serial_s=500.0,
+        estimated_s=100.0,
+        picture=None,
+    )
+
+
+def run(books, *events):
+    instructions = []
+    for event in events:
+        books, more = apply(event, books)
+        instructions += more
+    return books, instructions
+
+
+def fleet(bed=Bed.CLEAR):
+    return [ev.PrinterAdded(at_s=0.0, name=name, bed=bed) for name in PRINTERS]
+
+
+def printing(plates=2):
+    """Books with one planned job."""
+    events = (
+        *fleet(),
+        ev.JobSubmitted(at_s=0.0, job=job()),
+        ev.PlanningStarted(at_s=0.0, job=1),
+        plan(plates=plates),
+    )
+    return run(Books(), *events)[0]
+
+
+def ended(print_id, state=PrintState.DONE, at_s=200.0, extruded=True, **changes):
+    facts = {"fault": None, "reason": None, "started_s": 2.0, "filament": FilamentState.PARKED}
+    return ev.PrintEnded(
+        at_s=at_s, print_id=print_id, state=state, ended_s=at_s, extruded=extruded, **{**facts, **changes}
+    )
