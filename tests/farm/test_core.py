@@ -14,7 +14,7 @@ from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.store import Store
 from farm.tracking.view import job_view, printer_view, todo
-from support.books import plan as planned
+from make_books import plan as planned
 
 FILES = Path("/files")
 MODEL = Inspected("m.npz", ("closed 3 holes",), 1000.0)

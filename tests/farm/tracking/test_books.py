@@ -21,7 +21,7 @@ from farm.tracking import events as ev
 from farm.tracking.books import ATTEMPTS, Books, apply
 from farm.tracking.reconcile import LOST_FAULT, observe, owed, reconcile
 from farm.tracking.store import Store, StoreError
-from support.books import PRINTERS, ended, fleet, job, plan, printing, run
+from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
 
 def test_a_job_is_printed_when_its_last_part_is():
