@@ -22,11 +22,13 @@ from drivers.emulator.firmware import Firmware
 from drivers.emulator.launch import ALIVE_LOCK, CONTROL, TTY, Command, short_path
 from drivers.emulator.port import Port
 from drivers.emulator.status import EmulatorStatus, write_status
+from drivers.emulator.wire import Wire
 from drivers.errors import PortError
 from drivers.profiles import PROFILES, Profile
 
 STATUS_S = 0.4  # wall seconds between two looks; readers are promised one each 0.5 s
 CONTROL_S = 0.5
+SLACK_S = 0.002  # wall seconds that an accelerated emulator may oversleep a place in its full planner
 
 
 class Emulator:
@@ -40,6 +42,7 @@ class Emulator:
         self._folder = folder
         self._clock = clock
         self._origin_s = clock.now()
+        self._wires = (Wire(), Wire()) if faults.wire else None  # from the host, to the host
         self._firmware = Firmware(profile, faults, random.Random(seed), 0.0)
         self._port = Port(folder / TTY)
         self._control = _listen(folder)
@@ -52,10 +55,14 @@ class Emulator:
         """Serve until the power goes."""
         firmware, port, door = self._firmware, self._port, self._control.fileno()
         clock, board = self._clock, self._firmware.board
-        scale = clock.scale
+        scale, wires = clock.scale, self._wires
+        slack_s = SLACK_S * scale if scale > 1.0 else 0.0
         now_s = 0.0
         while self._on:
-            wait_s = min((firmware.deadline_s() - now_s) / scale, self._show_at - time.monotonic())
+            due_s = firmware.deadline_s(slack_s)
+            if wires is not None:
+                due_s = min(due_s, wires[0].due_s(), wires[1].due_s())
+            wait_s = min((due_s - now_s) / scale, self._show_at - time.monotonic())
             sources: list[int] = [port.watch, door, port.master] if port.is_open else [port.watch, door]
             ready = select.select(sources, (), (), max(0.0, wait_s))[0]
             now_s = max(now_s, clock.now() - self._origin_s)
@@ -67,7 +74,13 @@ class Emulator:
                     data = port.read()
                 if door in ready:
                     self._obey(now_s)
+            if wires is not None:
+                wires[0].put(data, now_s)
+                data = wires[0].take(now_s)
             out = firmware.feed(data, now_s)
+            if wires is not None:
+                wires[1].put(out, now_s)
+                out = wires[1].take(now_s)
             if out:
                 port.write(out)
             if board.changes != self._shown or time.monotonic() >= self._show_at:
@@ -117,6 +130,8 @@ class Emulator:
         was_open = self._port.is_open
         if self._port.opened():
             self._port.discard()
+            for wire in self._wires or ():
+                wire.cut()
             self._firmware.feed(b"", now_s)
             self._firmware.reset(now_s)
         if self._port.is_open != was_open:

@@ -146,12 +146,20 @@ class Firmware:
         self._out.clear()
         return b"" if self.phase is Phase.MUTE else out
 
-    def deadline_s(self) -> float:
-        """When it has to be fed at the latest; infinite where nothing is due."""
+    def deadline_s(self, slack_s: float = 0.0) -> float:
+        """When it has to be fed at the latest; infinite where nothing is due.
+
+        With a slack, the host may be told so much later that there is room for its next move, as long as the
+        planner stays well filled: one wake-up for several moves, and no move any later.
+        """
         due_s = self._alarm_s()
         if self.phase is Phase.RUNNING:
             if self.machine.waiting:
-                return min(due_s, self.machine.planner.free_s())
+                planner = self.machine.planner
+                room_s = planner.free_s()
+                if slack_s > 0.0:
+                    room_s = min(room_s + slack_s, planner.roomy_s())
+                return min(due_s, room_s)
             if self._running is not None:
                 return min(due_s, self._resume_s)
         return due_s

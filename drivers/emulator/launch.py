@@ -9,6 +9,7 @@ import os
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
@@ -103,7 +104,7 @@ def alive(folder: Path) -> bool:
 
 
 def control(folder: Path, command: Command | str) -> dict[str, Any]:
-    """Do what a person would do at the printer; returns its answer when it is done.
+    """Do what a person would do at the printer; returns its answer when it is done (off: when it has ended).
 
     Raises
     ------
@@ -122,7 +123,18 @@ def control(folder: Path, command: Command | str) -> dict[str, Any]:
         raise PortError(f"{folder}: no emulator answers ({error}); is it running?") from error
     if answer.get("error"):
         raise PortError(f"{folder}: {answer['error']}")
+    if command == Command.POWER_OFF:
+        _wait_for_end(folder)
     return answer
+
+
+def _wait_for_end(folder: Path) -> None:
+    """The lock is free when the process is gone, and with it its files' last change."""
+    until_s = time.monotonic() + CONTROL_TIMEOUT_S
+    while alive(folder):
+        if time.monotonic() > until_s:
+            raise PortError(f"{folder}: the emulator does not end; see {folder / LOG}")
+        time.sleep(0.005)
 
 
 @contextlib.contextmanager

@@ -118,6 +118,10 @@ class Planner:
             else:
                 self.idle_since_s = self._end_s
 
+    def roomy_s(self) -> float:
+        """A time at which the full queue still holds three quarters of its moves."""
+        return self._end_s + sum([block.mm / block.v for block in self._blocks[1 : CAPACITY // 4]])
+
     @property
     def end_s(self) -> float:
         """When the executing move ends; there is one."""

@@ -1,0 +1,130 @@
+"""How many moves a second an emulator takes: its firmware alone, and through its port.
+
+``python -m bench.emulator_throughput [--json] [--lines N]`` streams a spiral of short moves, one line in
+flight. The first figure is the processor time of a line in `Firmware.feed`, with the clock ahead of the
+moves; the second is the wall time of a round trip through a pseudo-terminal to an emulator process whose
+clock runs fast enough never to wait.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import random
+import select
+import tempfile
+import time
+from functools import reduce
+from operator import xor
+from pathlib import Path
+
+from drivers.clock import Clock
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.emulator.launch import Command, control, launch, read_status
+from drivers.profiles import PROFILES
+
+MODEL = "ultimaker2_plus"
+SEGMENT_MM = 0.8
+PREPARE = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3")
+
+
+def spiral(lines: int) -> list[bytes]:
+    """Numbered, checksummed moves as a slicer writes them, about 40 bytes each."""
+    bodies = list(PREPARE)
+    angle, e_mm = 0.0, 0.0
+    for _ in range(lines):
+        radius_mm = 10.0 + 80.0 * (0.5 + 0.5 * math.sin(angle / 40.0))
+        angle += SEGMENT_MM / radius_mm
+        e_mm += 0.03
+        x, y = 112 + radius_mm * math.cos(angle), 112 + radius_mm * math.sin(angle)
+        bodies.append(f"G1 F3000 X{x:.3f} Y{y:.3f} E{e_mm:.5f}".encode())
+    numbered = (b"N%d %b" % (n, body) for n, body in enumerate(bodies))
+    return [b"%b*%d\n" % (line, reduce(xor, line)) for line in numbered]
+
+
+def firmware_us(lines: list[bytes]) -> float:
+    """Processor microseconds of a move in the firmware, its wake-ups included."""
+    firmware = Firmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
+    now_s = 10.0
+    firmware.feed(b"", now_s)
+    began = 0.0
+    for at, line in enumerate(lines):
+        if at == len(PREPARE):
+            began = time.process_time()
+        out = firmware.feed(line, now_s)
+        while not out:
+            now_s = firmware.deadline_s()
+            out = firmware.feed(b"", now_s)
+    return (time.process_time() - began) / (len(lines) - len(PREPARE)) * 1e6
+
+
+def port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
+    """Wall and emulator's processor microseconds of a round trip through the port."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        tty = launch(f"sim://{MODEL}", folder, Clock(scale, time.time()))
+        port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
+        try:
+            answer = b""
+            while b"SD init" not in answer:
+                select.select([port], [], [])
+                answer += os.read(port, 4096)
+            began, used = 0.0, 0.0
+            pid = read_status(folder).pid
+            for at, line in enumerate(lines):
+                if at == len(PREPARE):
+                    began, used = time.perf_counter(), _cpu_s(pid)
+                os.write(port, line)
+                answer = b""
+                while b"ok" not in answer:
+                    select.select([port], [], [])
+                    answer += os.read(port, 4096)
+            moves = len(lines) - len(PREPARE)
+            wall_s, cpu_s = time.perf_counter() - began, _cpu_s(pid) - used
+            return wall_s / moves * 1e6, cpu_s / moves * 1e6
+        finally:
+            os.close(port)
+            control(folder, Command.POWER_OFF)
+
+
+def _cpu_s(pid: int) -> float:
+    """User and system seconds that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--lines", type=int, default=20_000)
+    parser.add_argument("--scale", type=float, default=60.0, help="of the run at a limited clock")
+    chosen = parser.parse_args()
+    lines = spiral(chosen.lines)
+    feed_us = firmware_us(lines)
+    round_trip_us, free_cpu_us = port_us(lines, scale=1e6)
+    paced_us, paced_cpu_us = port_us(lines, chosen.scale)
+    figures = {
+        "schema": 1,
+        "lines": chosen.lines,
+        "feed_cpu_us": round(feed_us, 1),
+        "round_trip_us": round(round_trip_us, 1),
+        "round_trip_cpu_us": round(free_cpu_us, 1),
+        "scale": chosen.scale,
+        "paced_line_us": round(paced_us, 1),
+        "paced_cpu_us": round(paced_cpu_us, 1),
+    }
+    if chosen.json:
+        print(json.dumps(figures))
+        return
+    print(f"firmware alone: {feed_us:.1f} us of processor a move")
+    print(f"through the port: {round_trip_us:.1f} us a round trip, {free_cpu_us:.1f} us of processor")
+    print(
+        f"at {chosen.scale:g} times real time: {paced_us:.1f} us a move, {paced_cpu_us:.1f} us of processor"
+    )
+
+
+if __name__ == "__main__":
+    main()
