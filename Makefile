@@ -1,0 +1,56 @@
+# Two commands do everything: `make demo` and `make test`. Both stand on `make install`.
+# A step that is done leaves a stamp in .venv, so that a second run is quick.
+SHELL := /bin/bash
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+SOURCES := farm drivers decompose slicing
+LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
+	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
+
+.PHONY: install demo test check lock clean engine
+.DELETE_ON_ERROR:
+
+install: engine $(VENV)/.installed
+
+# CuraEngine and the settings of the same version; quick where they are there.
+engine:
+	@deploy/install-cura.sh
+
+$(VENV)/.installed: requirements.lock pyproject.toml deploy/install-venv.sh
+	@PYTHON=$(PYTHON) deploy/install-venv.sh $(VENV)
+	@echo "Installing the pinned dependencies into $(VENV) ..."
+	@$(PIP) --require-hashes -r requirements.lock
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+	@echo "Installed: $(BIN)/farm"
+
+$(VENV)/.installed-dev: requirements-dev.lock $(VENV)/.installed
+	@echo "Installing what the tests need ..."
+	@$(PIP) --require-hashes -r requirements-dev.lock
+	@touch $@
+
+demo: install
+	$(BIN)/python examples/demo.py
+
+test: install $(VENV)/.installed-dev
+	$(BIN)/python -m pytest
+
+check: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+# New versions of what pyproject.toml asks for: `make lock UPGRADE=--upgrade`.
+lock:
+	scratch=$$(mktemp -d) && trap 'rm -rf "$$scratch"' EXIT && $(PYTHON) -m venv $$scratch && \
+	$$scratch/bin/python -m pip install --quiet pip-tools && \
+	$$scratch/bin/pip-compile $(LOCK_OPTIONS) $(UPGRADE) -o requirements.lock pyproject.toml && \
+	$$scratch/bin/pip-compile $(LOCK_OPTIONS) $(UPGRADE) --extra dev -c requirements.lock \
+		-o requirements-dev.lock pyproject.toml
+
+clean:
+	rm -rf $(VENV) .cura .demo build ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find $(SOURCES) tests bench examples -name __pycache__ -type d -prune -exec rm -rf {} +
