@@ -1,0 +1,99 @@
+"""A whole farm of real processes on pseudo-terminals, in a folder of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from drivers.emulator.launch import Command, alive, control
+from drivers.emulator.status import read_status
+
+FARM = Path(sys.executable).with_name("farm")
+PATIENCE_S = 240.0
+TIME_SCALE = 150
+
+
+def wait_for(what, condition, patience_s=PATIENCE_S):
+    """Poll a real process until it is so; the only clock in these tests is this deadline."""
+    give_up = time.monotonic() + patience_s
+    while time.monotonic() < give_up:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.05)
+    raise AssertionError(f"waited {patience_s:.0f} s for {what}")
+
+
+class RealFarm:
+    """The `farm` command on a state folder and a fleet of its own."""
+
+    def __init__(self, folder, printers):
+        self.folder = folder
+        self.state = folder / "state"
+        self.fleet = folder / "fleet.yaml"
+        self.printers = list(printers)
+        self.write_fleet(printers)
+
+    def write_fleet(self, printers):
+        rows = "".join(f"  - {{name: {n}, model: {m}, port: {p!r}}}\n" for n, (m, p) in printers.items())
+        self.fleet.write_text(f"fleet: {{name: test, time_scale: {TIME_SCALE}}}\nprinters:\n{rows}")
+
+    def run(self, *arguments, **env):
+        """Run a farm command to its end; a result with code, out and err."""
+        command = [str(FARM), *map(str, arguments), "--state", str(self.state)]
+        if arguments[0] in ("up", "daemon"):
+            command += ["--fleet", str(self.fleet)]
+        return subprocess.run(
+            command,
+            check=False,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+            env={**os.environ, **env},
+            stdin=subprocess.DEVNULL,
+        )
+
+    def ok(self, *arguments, **env):
+        result = self.run(*arguments, **env)
+        assert result.returncode == 0, (arguments, result.stdout, result.stderr, self.log())
+        return result.stdout
+
+    def up(self, **env):
+        self.ok("up", **env)
+        wait_for("printers to connect", lambda: all(p["state"] == "idle" for p in self.status()["printers"]))
+
+    def status(self):
+        return json.loads(self.ok("status", "--json"))
+
+    def job(self, number=1):
+        return json.loads(self.ok("status", number, "--json"))["job"]
+
+    def printer(self, name):
+        return next(p for p in self.status()["printers"] if p["name"] == name)
+
+    def emulator(self, name):
+        return self.state / "agents" / name / "emulator"
+
+    def emulator_status(self, name):
+        return read_status(self.emulator(name))
+
+    def log(self):
+        path = self.state / "daemon.log"
+        return path.read_text()[-4000:] if path.exists() else ""
+
+    def kill_daemon(self):
+        os.kill(self.status()["daemon"]["pid"], signal.SIGKILL)
+
+    def end(self):
+        """Leave nothing running, whatever the test did."""
+        if self.state.exists() and self.run("down", "--now").returncode != 0:
+            for agent in self.state.glob("agents/*/agent.pid"):
+                os.kill(int(agent.read_text()), signal.SIGKILL)
+        for name in self.printers:
+            if alive(self.emulator(name)):
+                control(self.emulator(name), Command.POWER_OFF)

@@ -1,0 +1,39 @@
+"""Farms for system tests: made in a folder of their own, ended whatever the test did."""
+
+from __future__ import annotations
+
+import pytest
+import trimesh
+
+from real_farm import RealFarm
+
+
+@pytest.fixture
+def make_farm(tmp_path):
+    """`make_farm({name: (model, port)})`: a farm that is not up yet; ended after the test."""
+    farms = []
+
+    def make(printers):
+        farms.append(RealFarm(tmp_path, printers))
+        return farms[-1]
+
+    yield make
+    for farm in farms:
+        farm.end()
+
+
+@pytest.fixture
+def farm(make_farm):
+    """Two simulated printers, up and connected."""
+    model = "ultimaker2_plus"
+    farm = make_farm({"one": (model, f"sim://{model}?seed=1"), "two": (model, f"sim://{model}?seed=2")})
+    farm.up()
+    return farm
+
+
+@pytest.fixture(scope="session")
+def bar(tmp_path_factory):
+    """A small plain model, longer than a bed: two printers print it in a few hundred moves."""
+    path = tmp_path_factory.mktemp("models") / "bar.stl"
+    trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
+    return path

@@ -1,0 +1,203 @@
+"""The manual's table of defects: each row, from the outside, on a farm that goes on working."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from real_farm import RealFarm, wait_for
+
+pytestmark = pytest.mark.system
+
+MODEL = "ultimaker2_plus"
+SIM = (MODEL, f"sim://{MODEL}")
+
+
+@pytest.fixture(scope="module")
+def shared_farm(tmp_path_factory):
+    """One farm for all rows: none of them may disturb it."""
+    farm = RealFarm(tmp_path_factory.mktemp("farm"), {"one": SIM})
+    farm.up()
+    yield farm
+    assert {p["state"] for p in farm.status()["printers"]} == {"idle"}
+    farm.end()
+
+
+def random_bytes(path):
+    path.write_bytes(np.random.default_rng(1).bytes(5000))
+
+
+def unknown_kind(path):
+    path.with_suffix(".txt").write_text("solid it is not")
+    return path.with_suffix(".txt")
+
+
+def empty(path):
+    path.touch()
+
+
+def flat(path):
+    trimesh.Trimesh([[0, 0, 0], [50, 0, 0], [50, 50, 0], [0, 50, 0]], [[0, 1, 2], [0, 2, 3]]).export(path)
+
+
+def nan(path):
+    box = trimesh.creation.box((50, 50, 50))
+    vertices = np.array(box.vertices)
+    vertices[3, 1] = np.nan
+    trimesh.Trimesh(vertices, box.faces, process=False, validate=False).export(path)
+
+
+def half_an_stl(path):
+    trimesh.creation.icosphere(3, 50.0).export(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def loose_triangles(path):
+    rng = np.random.default_rng(2)
+    corners = rng.uniform(0, 100, (60, 3, 3))
+    trimesh.Trimesh(corners.reshape(-1, 3), np.arange(180).reshape(-1, 3), process=False).export(path)
+
+
+def in_metres(path):
+    trimesh.creation.box((0.26, 0.1, 0.1)).export(path)
+
+
+REFUSED = {
+    "random_bytes": (random_bytes, "model.stl"),
+    "unknown_kind": (unknown_kind, "not a known kind"),
+    "empty": (empty, "empty"),
+    "flat": (flat, "flat"),
+    "nan": (nan, "no number"),
+    "half_an_stl": (half_an_stl, "promises"),
+    "loose_triangles": (loose_triangles, "solid"),
+    "in_metres": (in_metres, "--scale"),
+}
+
+
+def one_line(stderr):
+    lines = [line for line in stderr.splitlines() if line.startswith("farm: ")]
+    assert len(lines) == 1, stderr
+    assert "Traceback" not in stderr
+    return lines[0]
+
+
+@pytest.mark.parametrize("defect", REFUSED)
+def test_a_model_that_is_refused(shared_farm, tmp_path, defect):
+    make, said = REFUSED[defect]
+    path = tmp_path / "model.stl"
+    path = make(path) or path
+    result = shared_farm.run("submit", path, "--wait")
+    assert result.returncode == 5, result.stderr
+    assert said in one_line(result.stderr)
+    assert shared_farm.status()["jobs"] == []
+
+
+def test_a_file_that_is_not_there(shared_farm, tmp_path):
+    result = shared_farm.run("submit", tmp_path / "no.stl")
+    assert result.returncode == 5
+    assert "no such file" in one_line(result.stderr)
+
+
+def test_daemon_unreachable(make_farm, bar):
+    farm = make_farm({"one": SIM})
+    for arguments in (("submit", bar), ("status",), ("status", 1, "--json"), ("down",)):
+        result = farm.run(*arguments)
+        assert result.returncode == 3
+        assert "farm up" in one_line(result.stderr)
+
+
+def test_fleet_with_an_unknown_key(make_farm):
+    farm = make_farm({"one": SIM})
+    farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, colur: red"))
+    result = farm.run("up")
+    assert result.returncode == 2
+    assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", one_line(result.stderr))
+
+
+def test_two_printers_on_one_port(make_farm, tmp_path):
+    farm = make_farm({"one": (MODEL, "/dev/ttyACM0"), "two": (MODEL, "/dev/ttyACM0")})
+    result = farm.run("up")
+    assert result.returncode == 2
+    assert "one and two are on one port" in one_line(result.stderr)
+
+
+def test_a_port_that_is_not_there(make_farm, tmp_path):
+    farm = make_farm({"one": (MODEL, str(tmp_path / "ttyACM7"))})
+    farm.fleet.write_text(farm.fleet.read_text().replace("time_scale: 150", "time_scale: 1"))
+    result = farm.run("up")
+    assert result.returncode == 0, result.stderr
+    assert "one: port" in one_line(result.stderr)
+    wait_for("the agent's word", lambda: farm.printer("one")["state"] == "absent")
+    assert farm.status()["todo"][0]["code"] == "connect"
+
+
+def test_cura_engine_missing(make_farm, bar, tmp_path):
+    farm = make_farm({"one": SIM})
+    farm.up(FARM_CURA_ENGINE=str(tmp_path / "no-engine"))
+    result = farm.run("submit", bar, "--wait")
+    assert result.returncode == 1, result.stderr
+    assert "FARM_CURA_ENGINE" in one_line(result.stderr)
+
+
+def test_cura_engine_failing(make_farm, bar, tmp_path):
+    engine = tmp_path / "engine"
+    engine.write_text("#!/bin/sh\necho 'out of memory' >&2\nexit 1\n")
+    engine.chmod(engine.stat().st_mode | stat.S_IXUSR)
+    farm = make_farm({"one": SIM, "two": SIM})
+    farm.up(FARM_CURA_ENGINE=str(engine))
+    result = farm.run("submit", bar, "--wait")
+    assert result.returncode == 1, result.stderr
+    assert "out of memory" in one_line(result.stderr)
+    assert farm.job()["state"] == "failed"
+
+
+def test_a_part_that_fits_no_printer(make_farm, tmp_path):
+    farm = make_farm({"one": SIM})
+    # A printer so small that nothing printable is left of its bed within the clips and the brim.
+    farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, volume_mm: [20, 20, 20]"))
+    farm.up()
+    path = tmp_path / "model.stl"
+    trimesh.creation.box((200, 200, 200)).export(path)
+    result = farm.run("submit", path, "--wait")
+    assert result.returncode == 5, result.stderr
+    assert re.search(r"\d+ (printers|parts)|mm", one_line(result.stderr))
+
+
+def test_an_open_mesh_is_repaired_and_more_parts_than_beds_go_in_rounds(make_farm, tmp_path):
+    farm = make_farm({"one": SIM})
+    farm.up()
+    bar = trimesh.creation.box((260.0, 12.0, 10.0)).subdivide().subdivide()
+    bar.update_faces(np.arange(len(bar.faces)) != 7)
+    path = tmp_path / "open.stl"
+    bar.export(path)
+    out = farm.ok("submit", path)
+    assert "losed" in out
+    wait_for("the first round", lambda: farm.job()["waits_for_person"])
+    job = farm.job()
+    assert job["repairs"]
+    assert len(job["parts"]) == 2
+    assert {p["hold"]["code"] for p in job["plates"] if p["hold"]} == {"bed_not_clear"}
+    farm.ok("cleared", "one")
+    wait_for("the second round", lambda: farm.job()["state"] == "printed")
+
+
+def test_a_state_folder_that_cannot_be_written(make_farm, tmp_path):
+    farm = make_farm({"one": SIM})
+    farm.state = Path("/proc/farm")
+    result = farm.run("up")
+    assert result.returncode == 1
+    assert "/proc/farm" in one_line(result.stderr)
+    farm.state = tmp_path / "state"
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="Linux only")
+def test_a_second_daemon_is_refused(shared_farm):
+    result = shared_farm.run("daemon")
+    assert result.returncode == 5
+    assert "another daemon" in one_line(result.stderr)
