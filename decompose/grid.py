@@ -23,7 +23,7 @@ Bools = npt.NDArray[np.bool_]
 GRANULARITY = {
     "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
 }  # fmt: skip
-MAX_BOXES = 6_000_000  # all boxes of the grid are held in memory
+MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
 MIN_CELL_MM = 4.0
 CLEAR_MM = (
     2.0  # a grid plane keeps this far from flat faces where it can: no slivers, no face taken for a cut

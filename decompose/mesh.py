@@ -12,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import pymeshfix
 import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from decompose.errors import (
     ModelEmpty,
@@ -27,7 +29,7 @@ from decompose.stl import faces_present, faces_promised, is_binary_stl
 SUFFIXES = (".stl", ".obj", ".ply", ".off")
 TINY_MM = 5.0  # under this longest side the unit is doubted
 FLAT_RATIO = 1e-6  # of the longest side
-REPAIR_SHARE = 0.10  # of area or of an extent: more change than this is no repair
+REPAIR_SHARE = 0.20  # of area (half of it for an extent): more change than this is no repair
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
 Floats = npt.NDArray[np.float64]
@@ -128,6 +130,8 @@ def _read(path: Path) -> Floats:
                 f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "
                 "not an STL or only a part of one; copy or export it again"
             )
+    if suffix == ".stl" and not is_binary_stl(data) and b"endsolid" not in data[-1000:].lower():
+        raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors come back as ours
     try:
         loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
@@ -154,91 +158,123 @@ def _factor(name: str, longest: float, scale: float | None, longest_side_mm: flo
 
 
 def _close(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
-    """A closed solid of the triangles, and what it took."""
+    """A closed solid of the triangles, and what it took.
+
+    Bodies that do not touch are closed one by one: repair of all at once would drop all but the largest.
+    """
     repairs: list[str] = []
-    mesh: Any = trimesh.Trimesh(
-        triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3), process=False
-    )
+    soup = np.arange(3 * len(triangles)).reshape(-1, 3)
+    mesh: Any = trimesh.Trimesh(triangles.reshape(-1, 3), soup, process=False)
     mesh.merge_vertices(digits_vertex=None)
     f = mesh.faces  # triangles without area but with three corners stay: they may hold the surface together
-    mesh.update_faces(
-        (f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0]) & mesh.unique_faces()
-    )
-    mesh.remove_unreferenced_vertices()
+    whole = (f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])
+    mesh.update_faces(whole & mesh.unique_faces())
     dropped = len(triangles) - len(mesh.faces)
     if dropped:
         repairs.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
-    if mesh.is_watertight:
-        return _oriented(name, mesh, repairs), repairs
-    edges = np.sort(mesh.edges, axis=1)
-    _, counts = np.unique(edges, axis=0, return_counts=True)
-    open_edges, odd_edges = int((counts == 1).sum()), int((counts > 2).sum())
-    fixed = _mesh_fix(name, mesh)
-    _refuse_if_changed(name, mesh, fixed)
-    change = 100.0 * (fixed.area / mesh.area - 1.0)
-    repairs.append(
-        f"Closed an open mesh ({open_edges} open edges, {odd_edges} shared by more than two triangles): "
-        f"{len(mesh.faces)} triangles became {len(fixed.faces)}, the surface changed by {change:+.2f} %."
-    )
-    return _oriented(name, fixed, repairs), repairs
+    before = _bodies(mesh)
+    after = [b if b.is_watertight and b.is_winding_consistent else _mesh_fix(b) for b in before]
+    _refuse_if_changed(name, before, after)
+    broken = [b for b in before if not b.is_watertight]
+    if broken:
+        edges = np.concatenate([np.sort(b.edges, axis=1) + 10**9 * i for i, b in enumerate(broken)])
+        _, counts = np.unique(edges, axis=0, return_counts=True)
+        change = 100.0 * (_area(after) / _area(before) - 1.0)
+        repairs.append(
+            f"Closed an open mesh ({int((counts == 1).sum())} open edges, {int((counts > 2).sum())} shared "
+            f"by more than two triangles): {sum(len(b.faces) for b in before)} triangles became "
+            f"{sum(len(b.faces) for b in after if b is not None)}, the surface changed by {change:+.2f} %."
+        )
+    if any(b.is_watertight and not b.is_winding_consistent for b in before):
+        repairs.append("Turned triangles that faced the wrong way.")
+    return _join(name, [b for b in after if b is not None], repairs), repairs
 
 
-def _mesh_fix(name: str, mesh: Any) -> Any:
-    fixer = pymeshfix.MeshFix(np.array(mesh.vertices), np.array(mesh.faces))
+def _bodies(mesh: Any) -> list[Any]:
+    """The mesh's connected bodies."""
+    f = mesh.faces
+    links = np.concatenate([f[:, :2], f[:, 1:]])
+    graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(len(mesh.vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][f[:, 0]]
+    bodies = []
+    for which in np.unique(label):
+        body: Any = trimesh.Trimesh(mesh.vertices, f[label == which], process=False)
+        body.remove_unreferenced_vertices()
+        bodies.append(body)
+    return bodies
+
+
+def _mesh_fix(body: Any) -> Any:
+    """The body closed and turned outward by MeshFix, or None where nothing closed is left of it."""
+    if len(body.faces) < 4:
+        return None
+    fixer = pymeshfix.MeshFix(np.array(body.vertices), np.array(body.faces))
     try:
         fixer.repair(joincomp=True, remove_smallest_components=False)
-    except Exception as error:
-        raise ModelNotSolid(f"{name}: not closed, and repair failed ({error}); repair it by hand") from error
-    fixed = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
-    if not len(fixed.faces) or not fixed.is_watertight:
-        raise ModelNotSolid(
-            f"{name}: loose triangles, no solid: repair leaves nothing closed; export a solid"
-        )
-    return fixed
+    except Exception:  # the compiled repair names no errors
+        return None
+    fixed: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
+    return fixed if len(fixed.faces) and fixed.is_watertight else None
 
 
-def _refuse_if_changed(name: str, before: Any, after: Any) -> None:
+def _area(bodies: list[Any]) -> float:
+    return float(sum(b.area for b in bodies if b is not None))
+
+
+def _refuse_if_changed(name: str, before: list[Any], after: list[Any]) -> None:
     """A repair that changes much has invented a model; half a model and loose triangles are caught here."""
-    kept = after.area / before.area
+    left = [b for b in after if b is not None]
+    if not left:
+        raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
+    kept = _area(after) / _area(before)
     if abs(kept - 1.0) > REPAIR_SHARE:
         raise ModelNotSolid(
             f"{name}: not closed, and closing it would change its surface by {100 * (kept - 1):+.0f} % "
             f"(limit {100 * REPAIR_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
         )
-    shrink = np.abs(after.extents - before.extents).max() / before.extents.max()
-    if shrink > REPAIR_SHARE / 2:
+    old, new = (
+        np.array([np.min(b, axis=0)[0], np.max(b, axis=0)[1]])
+        for b in ([b.bounds for b in before], [b.bounds for b in left])
+    )
+    shrink = float(np.abs(new - old).max() / np.ptp(old, axis=0).max())
+    if shrink > REPAIR_SHARE / 2.0:
         raise ModelNotSolid(
             f"{name}: not closed, and closing it would change its size by {100 * shrink:.0f} %; "
             "repair it by hand"
         )
 
 
-def _oriented(name: str, mesh: Any, repairs: list[str]) -> Solid:
-    """Each body outward, then all as one solid."""
-    bodies = mesh.split(only_watertight=False) if mesh.body_count > 1 else [mesh]
-    if not mesh.is_winding_consistent:
+def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
+    """All bodies as one solid: the large ones first, cavities taken out, bodies inside cavities put back."""
+    if sum(b.volume for b in bodies) < 0.0:
         for body in bodies:
-            trimesh.repair.fix_winding(body)  # type: ignore[no-untyped-call]
-        repairs.append("Turned triangles that faced the wrong way.")
-    # A body inside another is a cavity where the two face opposite ways; so only all together are turned.
-    vertices = np.concatenate([b.vertices for b in bodies])
-    starts = np.cumsum([0] + [len(b.vertices) for b in bodies[:-1]])
-    faces = np.concatenate([b.faces + start for b, start in zip(bodies, starts, strict=True)])
-    whole = trimesh.Trimesh(vertices, faces, process=False)
-    if whole.volume < 0.0:
-        whole.invert()
+            body.invert()
         repairs.append("Turned the model inside out: its triangles faced inwards.")
-    solid = Solid.from_arrays(whole.vertices, whole.faces)
+    bodies = sorted(bodies, key=lambda b: -abs(b.volume))
+    turned = 0
+    for i, body in enumerate(bodies):
+        inside = any(
+            (b.bounds[0] <= body.bounds[0]).all() and (b.bounds[1] >= body.bounds[1]).all()
+            for b in bodies[:i]
+        )
+        if body.volume < 0.0 and not inside:  # no cavity: there is nothing around it
+            body.invert()
+            turned += 1
+    if turned:
+        repairs.append(f"Turned {turned} of {len(bodies)} bodies inside out: their triangles faced inwards.")
+    cavity = [b.volume < 0.0 for b in bodies]
+    for body, is_cavity in zip(bodies, cavity, strict=True):
+        if is_cavity:
+            body.invert()
+    solids = [Solid.from_arrays(b.vertices, b.faces) for b in bodies]
+    solid = solids[0]
+    if any(cavity):
+        for other, is_cavity in zip(solids[1:], cavity[1:], strict=True):
+            solid = solid.subtract(other) if is_cavity else Solid.union([solid, other])
+    elif len(solids) > 1:
+        solid = Solid.union(solids)
     if solid.is_empty or solid.volume_mm3 <= 0.0:
         raise ModelNotSolid(f"{name}: its triangles enclose no volume; export a solid")
-    if len(bodies) > 1:
-        solid = Solid.union(_nested(solid))
-        repairs.append(f"Took {len(bodies)} bodies as one solid of {solid.volume_mm3 / 1000.0:.1f} cm3.")
+    if len(solids) > 1:
+        repairs.append(f"Took {len(solids)} bodies as one solid of {solid.volume_mm3 / 1000.0:.1f} cm3.")
     return solid
-
-
-def _nested(solid: Solid) -> list[Solid]:
-    """The solid's bodies, each with its cavities, so that overlapping ones can be joined."""
-    pieces = solid.pieces()
-    outer = [p for p in pieces if p.volume_mm3 > 0.0]
-    return outer if len(outer) == len(pieces) else [solid]

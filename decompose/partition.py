@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
@@ -23,7 +24,7 @@ from decompose.solid import Solid
 Floats = npt.NDArray[np.float64]
 
 AUTO_GRANULARITY = 15
-CELLS_PER_PART = 60  # boundary cells; with fewer, one layer of cells is too large a share of a part
+CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
 def decompose(
@@ -90,8 +91,7 @@ def decompose(
 def granularity(wanted: str | int, printers: int) -> int:
     """The cube root of the number of cells, from a name, a number, or ``auto``."""
     if wanted == "auto":
-        # About half of 15 cubed cells are boundary where the interior is hollow; finer for many printers.
-        finer = math.ceil(math.pow(2.0 * CELLS_PER_PART * printers, 1.0 / 3.0))
+        finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
         return max(AUTO_GRANULARITY, finer)
     if wanted in GRANULARITY:
         return GRANULARITY[str(wanted)]
@@ -153,7 +153,7 @@ def _search(
 
 
 def _no_fit(model: Model, solver: Partitioner, printers: int) -> NoFit:
-    needed = solver.parts(math.inf)
+    needed = solver.parts(sys.float_info.max)  # below inf, which stands for no fit
     if needed >= UNREACHABLE:
         return NoFit(
             "a single cell of the grid fits no printer: give a finer --granularity or a larger volume"

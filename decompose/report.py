@@ -12,10 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.assembly import draw_assembly
+from decompose.errors import GeometryError
 from decompose.solid import Solid
-from decompose.stl import write_stl
+from decompose.stl import single_precision, write_stl
 
 SCHEMA = 1
+STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
 Floats = npt.NDArray[np.float64]
 
 
@@ -67,10 +69,19 @@ class Part:
     printer: str
     file: str = ""
 
-    def printed(self) -> tuple[Floats, npt.NDArray[np.int64]]:
+    def printed(self, tolerance_mm: float = 0.0) -> tuple[Floats, npt.NDArray[np.int64]]:
         """Vertices and faces in printing pose: centred on the bed's origin, standing on z = 0."""
-        vertices, faces = self.solid.arrays()
+        solid = self.solid.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.solid
+        vertices, faces = solid.arrays()
         return (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3], faces
+
+    def triangles(self) -> npt.NDArray[np.float32]:
+        """Triangles (m, 3, 3) for an STL, simplified by as little as keeps them closed in its precision."""
+        for tolerance_mm in STL_TOLERANCES_MM:
+            corners = single_precision(*self.printed(tolerance_mm))
+            if corners is not None:
+                return corners
+        raise GeometryError("stl", self.id, "touches itself, so that an STL of it is not closed")
 
     def as_dict(self) -> dict[str, Any]:
         lo, hi = self.solid.bounds_mm
@@ -166,8 +177,7 @@ def write(decomposition: Decomposition, folder: Path) -> Decomposition:
     parts = []
     for part in decomposition.parts:
         named = replace(part, file=f"{part.id}.stl")
-        vertices, faces = named.printed()
-        write_stl(folder / named.file, vertices, faces)
+        write_stl(folder / named.file, named.triangles())
         check_stl(folder / named.file, named)
         parts.append(named)
     written = replace(decomposition, parts=tuple(parts))

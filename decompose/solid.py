@@ -101,6 +101,10 @@ class Solid:
         """What lies inside an axis-aligned box."""
         return self.intersect(Solid.box(lo, hi))
 
+    def simplify(self, tolerance_mm: float) -> Solid:
+        """The same with edges gone that are shorter than the tolerance, and what is flat to within it."""
+        return Solid(_checked(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
+
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
         """What lies below and above an axis plane."""
         normal = tuple(1.0 if i == axis else 0.0 for i in range(3))
