@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 
 class DriverError(Exception):
     """Anything that a driver reports; the message says what, where, and what to do."""
@@ -17,3 +19,27 @@ class AgentError(DriverError):
 
 class MessageError(DriverError):
     """A message on an agent's socket that is not one of ours."""
+
+
+class BadGcode(DriverError):
+    """A G-code file that must not go to a printer; the message names its line."""
+
+
+class Fault(StrEnum):
+    """Why a print failed: the names that a daemon keeps in its books."""
+
+    STOPPED = "stopped"  # the firmware's Stop(): heaters off, it answers and moves nothing
+    MAXTEMP = "maxtemp"  # a sensor reads too hot, or is broken
+    MINTEMP = "mintemp"  # a sensor reads too cold, or is short
+    KILL = "kill"  # the firmware's kill(): its dead-man ran out
+    REBOOT = "reboot"  # the board started again in the middle of a print
+    ENDSTOP = "endstop"  # a switch was not found, or did not let go
+    COLD_EXTRUSION = "cold_extrusion"  # the firmware refused to extrude
+    NO_ANSWER = "no_answer"  # the board is silent
+    NOISY_LINE = "noisy_line"  # too many lines had to be sent again
+    HEATER_TIMEOUT = "heater_timeout"  # does not get warm
+    TARGET_CHANGED = "target_changed"  # somebody or something else set a temperature
+    WRONG_PRINTER = "wrong_printer"  # not the model that was asked for
+    BAD_FILE = "bad_file"  # not the file that was meant, or not fit for this printer
+    PORT_LOST = "port_lost"  # unplugged, or its power is off
+    AGENT_DIED = "agent_died"  # the agent's process ended in the middle of the print

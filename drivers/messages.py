@@ -64,7 +64,7 @@ class PrintSnapshot(_Message):
 
     print_id: str
     phase: PrintPhase
-    fault: str | None = None  # a name: `drivers.session.Fault` value, or `agent_died`
+    fault: str | None = None  # a name: a value of `drivers.errors.Fault`
     reason: str | None = None  # one sentence for a person
     line: int = 0  # lines of the stripped file that the printer has acknowledged
     lines: int = 0
@@ -73,6 +73,7 @@ class PrintSnapshot(_Message):
     extruded: bool = False  # something of this print may lie on the bed
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock, heaters off and the head still
+    starved_s: float = 0.0  # emulator only: farm seconds of this print in which it waited for the host
 
 
 class Snapshot(_Message):

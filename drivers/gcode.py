@@ -1,0 +1,228 @@
+"""A G-code file made ready for the wire, and what has to be known of it beforehand.
+
+The firmware drops a line with a comment and swallows the next one, ends a line at ``:``, takes any ``N``
+for a line number and any ``*`` for a checksum, and cuts lines after 94 characters (um2-serial section 1).
+So comments and blank lines go here, and what cannot be sent is refused with the number of its line.
+"""
+
+from __future__ import annotations
+
+import re
+from array import array
+from bisect import bisect_right
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.errors import BadGcode
+
+COMMAND_BYTES = 80
+"""What is left of the firmware's 94 for a command once ``N1234567 `` and ``*255`` are around it."""
+
+_BLOCK_LINES = 256
+_MOVE = re.compile(rb"G[01](?: [FXYZE]-?[0-9.]+)+\Z")  # nearly every line, and nothing can be wrong with it
+_CODE = re.compile(rb"[GMT]\d+")
+_HEAT = re.compile(rb"M(104|109|140|190)(?: .*)?")
+_TARGET = re.compile(rb" S(\d+(?:\.\d*)?)(?: |\Z)")
+_NEEDLESS = (b"M105", b"M117")  # the link asks by itself; a text on the display is read as commands
+_NEVER = {
+    b"M0": "waits for the knob for ever",
+    b"M1": "waits for the knob for ever",
+    b"M25": "belongs to the SD card",
+    b"M28": "belongs to the SD card",
+    b"M112": "does not exist in this firmware",
+    b"M600": "does not exist in this firmware",
+    b"M999": "restarts a board that stopped for a reason",
+    b"M85": "is the farm's dead-man",
+    b"M110": "is the link's line number",
+    b"G10": "retracts by the printer's own settings, not by the file's",
+    b"G11": "retracts by the printer's own settings, not by the file's",
+}
+
+
+class HeaterName(StrEnum):
+    """The two heaters of the printer."""
+
+    NOZZLE = "nozzle"
+    BED = "bed"
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """From this line on (0-based, of the stripped file), so much print time has passed, on this layer."""
+
+    line: int
+    seconds: float
+    layer: int
+
+
+@dataclass(frozen=True, slots=True)
+class Heat:
+    """A line that sets a temperature (M104, M140) or also waits for it (M109, M190)."""
+
+    line: int
+    heater: HeaterName
+    target_c: float
+    waits: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A stripped file. Lines count from 0.
+
+    Attributes
+    ----------
+    text
+        All lines, each with its newline.
+    offsets
+        Where every 256th line starts in `text`.
+    homes
+        First G28; `count` where there is none.
+    extrudes
+        First move with an E; `count` where there is none.
+    """
+
+    text: bytes
+    count: int
+    offsets: array[int]
+    timeline: tuple[Mark, ...]
+    heats: tuple[Heat, ...]
+    homes: int
+    extrudes: int
+    time_s: float
+
+    def lines(self, start: int, stop: int) -> list[bytes]:
+        """Lines `start` to `stop` (excluded), without newlines."""
+        stop = min(stop, self.count)
+        if start >= stop:
+            return []
+        first, last = start // _BLOCK_LINES, (stop - 1) // _BLOCK_LINES + 1
+        end = self.offsets[last] if last < len(self.offsets) else len(self.text)
+        block = self.text[self.offsets[first] : end].split(b"\n")
+        skip = first * _BLOCK_LINES
+        return block[start - skip : stop - skip]
+
+    def seconds_at(self, line: int) -> float:
+        """Print time in seconds when `line` lines are done, by the slicer's clock; linear in a layer."""
+        if not self.timeline or line >= self.count:
+            return self.time_s if line >= self.count else 0.0
+        at = bisect_right(self.timeline, line, key=lambda mark: mark.line)
+        before = self.timeline[at - 1] if at else Mark(0, 0.0, 0)
+        after = self.timeline[at] if at < len(self.timeline) else Mark(self.count, self.time_s, 0)
+        share = (line - before.line) / max(1, after.line - before.line)
+        return before.seconds + share * (after.seconds - before.seconds)
+
+    def layer_at(self, line: int) -> int:
+        """The layer that is printed when `line` lines are done, from 0."""
+        at = bisect_right(self.timeline, line, key=lambda mark: mark.line)
+        return self.timeline[at - 1].layer + 1 if at else 0
+
+    def target_c(self, heater: HeaterName, line: int) -> float | None:
+        """What a heater was last set to when `line` lines are done; None before the first."""
+        for heat in reversed(self.heats):
+            if heat.heater is heater and heat.line < line:
+                return heat.target_c
+        return None
+
+
+def strip(raw_lines: Iterable[bytes]) -> Program:
+    """Make a file ready for the wire.
+
+    Parameters
+    ----------
+    raw_lines
+        The file's lines, as iterating a file opened in binary gives them.
+
+    Raises
+    ------
+    BadGcode
+        Where a line cannot be sent as it is, or the file is meant for another way of printing.
+    """
+    text = bytearray()
+    offsets = array("Q")
+    timeline: list[Mark] = []
+    heats: list[Heat] = []
+    count = layer = 0
+    homes = extrudes = -1
+    time_s = 0.0
+    is_move = _MOVE.match
+    for number, raw in enumerate(raw_lines, 1):
+        line = raw.strip()
+        if not is_move(line):
+            if b";" in line:
+                line, _, comment = line.partition(b";")
+                line = line.rstrip()
+                if comment.startswith(b"TIME_ELAPSED:"):
+                    time_s = max(time_s, _seconds(comment[13:], number))
+                    timeline.append(Mark(count, time_s, layer))
+                elif comment.startswith(b"LAYER:"):
+                    layer = int(_seconds(comment[6:], number))
+                elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
+                    raise BadGcode(
+                        f"line {number}: {_shown(comment[7:])} does not print over USB: slice for Marlin"
+                    )
+            if not line or line.startswith(_NEEDLESS):
+                continue
+            heat = _check(line, number, count)
+            if heat is not None:
+                heats.append(heat)
+            if homes < 0 and line.startswith(b"G28"):
+                homes = count
+        if extrudes < 0 and b"E" in line:
+            extrudes = count
+        if not count % _BLOCK_LINES:
+            offsets.append(len(text))
+        text += line
+        text += b"\n"
+        count += 1
+    if not count:
+        raise BadGcode("line 1: the file has no command in it")
+    return Program(
+        text=bytes(text),
+        count=count,
+        offsets=offsets,
+        timeline=tuple(timeline),
+        heats=tuple(heats),
+        homes=count if homes < 0 else homes,
+        extrudes=count if extrudes < 0 else extrudes,
+        time_s=time_s,
+    )
+
+
+def _check(line: bytes, number: int, count: int) -> Heat | None:
+    """Refuse what the firmware would misread; give back what a heating line sets."""
+    if len(line) > COMMAND_BYTES:
+        raise BadGcode(
+            f"line {number}: {len(line)} characters, and the printer takes {COMMAND_BYTES}: shorten it"
+        )
+    for letter in b":N*":
+        if letter in line:
+            raise BadGcode(
+                f"line {number}: the printer misreads a {chr(letter)!r}: take it out of {_shown(line)}"
+            )
+    if not (line.isascii() and line.decode("ascii").isprintable()):
+        raise BadGcode(f"line {number}: not plain text: is this a G-code file?")
+    code = _CODE.match(line)
+    if code is None:
+        raise BadGcode(f"line {number}: no command that the printer knows: {_shown(line)}")
+    if (why := _NEVER.get(code[0])) is not None:
+        raise BadGcode(f"line {number}: {code[0].decode()} {why}: take it out")
+    heat = _HEAT.fullmatch(line)
+    if heat is None:
+        return None
+    target = _TARGET.search(line)
+    if target is None:
+        raise BadGcode(f"line {number}: {_shown(line)} names no temperature with S")
+    heater = HeaterName.NOZZLE if heat[1] in (b"104", b"109") else HeaterName.BED
+    return Heat(count, heater, float(target[1]), waits=heat[1] in (b"109", b"190"))
+
+
+def _seconds(text: bytes, number: int) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise BadGcode(f"line {number}: {_shown(text)} is no number") from None
+
+
+def _shown(text: bytes) -> str:
+    return repr(text[:40].decode("ascii", "replace"))

@@ -1,0 +1,465 @@
+"""The serial protocol of the Ultimaker 2+ firmware, without I/O: bytes and the time in, bytes and events out.
+
+Theory of operation (um2-serial sections 1, 3 and 7; all of it holds over a wire that loses and garbles
+bytes):
+
+1. Lines are numbered and checksummed, and ONE is in flight. The firmware carries out a number once: what is
+   sent twice is refused with the number that it wants, so to send the last line again is always safe.
+2. A plain ``ok`` is the answer to the line in flight, ``ok T:`` that to an unnumbered M105. They are never
+   taken for each other. A lost or doubled ok makes the link at most a few lines early or late; the
+   firmware's next refusal names the right number, and the last `HISTORY_LINES` lines are kept to go back
+   to.
+3. ``Resend`` comes with an ``ok`` of its own, and is obeyed after that. ``No Line Number`` comes with
+   neither, and is obeyed at once.
+4. Silence is no proof that a line was lost, as a long move holds back the ok. So the link asks with M105
+   first, and sends the line again only where that was answered and the line was not.
+5. A board that asks twice for a number further back than the history has lost its count: it was reset.
+6. Where more than 5 % of the lines have to be sent again the link gives up: with an 8-bit checksum some of
+   the garbled lines would be carried out.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.errors import Fault
+
+HISTORY_LINES = 32
+NOISE_RESENDS, NOISE_LINES = 10, 200  # 10 repeats in 200 lines: 5 %
+TRIES = 4
+START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
+QUIET_S = 1.0  # after ``start``: time for the rest of the banner
+LINE_S = 10.0
+POLL_S = 30.0  # it waits its turn behind up to 8 slow moves
+HINT_S = 1.0  # after something that could not be read and may have been an ok
+_BLOCK_LINES = 256
+_LONGEST_ANSWER = 512
+
+_PATIENCE_S = {b"G28": 120.0, b"G4": 600.0, b"M400": 600.0, b"M401": 60.0, b"G29": 120.0}
+_REPORT = re.compile(rb"T:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)\s+B:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)")
+_LAST_LINE = re.compile(rb"Last Line: (\d+)\s*\Z")
+_RESEND = re.compile(rb"Resend: ?(\d+)\s*\Z")
+_TROUBLES = (
+    (b"MAXTEMP", Fault.MAXTEMP),
+    (b"MINTEMP", Fault.MINTEMP),
+    (b"kill() called", Fault.KILL),
+    (b"Printer stopped", Fault.STOPPED),
+    (b"Endstop", Fault.ENDSTOP),
+    (b"cold extrusion", Fault.COLD_EXTRUSION),
+    (b"too long extrusion", Fault.BAD_FILE),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Up:
+    """The board answers. `restarted`: it said ``start`` first; `banner` is what it said then."""
+
+    restarted: bool
+    banner: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """An answer to M105, in degrees Celsius."""
+
+    nozzle_c: float
+    nozzle_target_c: float
+    bed_c: float
+    bed_target_c: float
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A line that is neither an answer of the protocol nor trouble."""
+
+    text: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """The link has stopped sending. `text` is what the board said, or what it did not."""
+
+    fault: Fault
+    text: str
+
+
+Event = Up | Report | Said | Trouble
+Events = Sequence[Event]
+Source = Callable[[int, int], list[bytes]]
+"""Lines `start` to `stop` of a program."""
+
+
+class Phase(StrEnum):
+    """Where the link stands."""
+
+    CLOSED = "closed"
+    OPENING = "opening"  # waits for ``start``
+    BANNER = "banner"  # waits for the end of it
+    LIVE = "live"
+    DEAD = "dead"  # trouble: nothing is sent, reports are still heard
+
+
+def checksum(line: bytes) -> int:
+    """XOR of all bytes (at most 128 of them), by folding one long number onto itself."""
+    n = int.from_bytes(line, "little")
+    n ^= n >> 512
+    n ^= n >> 256
+    n ^= n >> 128
+    n ^= n >> 64
+    n ^= n >> 32
+    n ^= n >> 16
+    return (n ^ n >> 8) & 0xFF
+
+
+def frame(number: int, command: bytes) -> bytes:
+    """One numbered and checksummed line with its newline."""
+    line = b"N%d %b" % (number, command)
+    return b"%b*%d\n" % (line, checksum(line))
+
+
+class Link:
+    """The conversation with one board.
+
+    Call `opened` when the port was opened, `receive` with what it says, `tick` when `deadline_s` has come,
+    and write what `take` gives after each of them and after `send` and `stream`.
+
+    Parameters
+    ----------
+    floor_s
+        No time-out is shorter, in seconds of the caller's clock: where that clock runs faster than the
+        wall's, the host's own scheduling must not look like a silent board.
+    """
+
+    def __init__(self, floor_s: float = 0.0) -> None:
+        self._floor_s = floor_s
+        self.poll_every_s = math.inf
+        self._reset()
+
+    def _reset(self) -> None:
+        self.phase = Phase.CLOSED
+        self._out = b""
+        self._partial = b""
+        self._banner = b""
+        self._restarted = False
+        self._due_s = math.inf  # of what is in flight, or of the phase
+        self._poll_s = math.inf
+        self._waiting = False  # for the ok of the line at the cursor
+        self._polling = False  # for the answer to an M105
+        self._probed = -1  # the line that was waited for when M105 was sent
+        self._wanted = -1  # a Resend, until its ok comes
+        self._far = -1  # a Resend that is not believed yet
+        self._tries = 0
+        self._repeats: deque[int] = deque(maxlen=NOISE_RESENDS)
+        self.repeated = 0
+        # frames[i] is line number base + i; up to the cursor they were sent, those after it are encoded
+        # ahead.
+        self._frames: list[bytes] = []
+        self._base = 1
+        self._cursor = -1
+        self._patience: dict[int, float] = {}
+        self._queue: deque[bytes] = deque()
+        self._source: Source | None = None
+        self._source_at = self._source_stop = 0  # next line of the program to encode
+        self._source_number = (
+            1  # the line number of the program's first line of this run, and its place there
+        )
+        self._source_start = 0
+
+    # --- what the caller wants ---
+
+    def opened(self, now_s: float) -> None:
+        """The port was opened or reset: all that was known of the board is void."""
+        self._reset()
+        self.phase = Phase.OPENING
+        self._due_s = now_s + max(START_S, self._floor_s)
+
+    def closed(self) -> None:
+        """The port is gone."""
+        self._reset()
+
+    def send(self, now_s: float, *commands: bytes) -> None:
+        """Queue commands behind those that wait; not while a program is streamed (`halt` it first)."""
+        if self._source is not None and self._source_at < self._source_stop:
+            raise ValueError("a program is under way: halt it first")
+        self._queue.extend(commands)
+        self._go(now_s)
+
+    def stream(self, now_s: float, source: Source, start: int, stop: int) -> None:
+        """Send lines `start` to `stop` of a program, after all that was queued."""
+        self._source, self._source_start, self._source_at, self._source_stop = source, start, start, stop
+        self._source_number = self._base + len(self._frames) + len(self._queue)
+        self._go(now_s)
+
+    def halt(self) -> None:
+        """Forget what was not sent yet; the line in flight stays."""
+        sent = self._cursor + 1
+        done = self._source_start + self._base + sent - self._source_number
+        self._source_stop = min(max(done, self._source_start), self._source_stop)
+        self._source = None
+        self._queue.clear()
+        del self._frames[sent:]
+        self._patience = {n: s for n, s in self._patience.items() if n < self._base + sent}
+
+    def poll(self, now_s: float) -> None:
+        """Ask for a report as soon as the wire is free."""
+        self._poll_s = now_s
+        self._go(now_s)
+
+    def take(self) -> bytes:
+        """What is to be written now."""
+        out, self._out = self._out, b""
+        return out
+
+    @property
+    def idle(self) -> bool:
+        """Nothing in flight and nothing to send."""
+        return not (self._waiting or self._polling or self._ahead)
+
+    @property
+    def drained(self) -> bool:
+        """Every line was acknowledged; a poll may be under way."""
+        return not (self._waiting or self._ahead)
+
+    @property
+    def streamed(self) -> int:
+        """Lines of the program that were acknowledged, counted from its first line."""
+        number = self._base + self._cursor - self._waiting  # last acknowledged
+        done = self._source_start + number - self._source_number + 1
+        return min(max(done, self._source_start), self._source_stop)
+
+    @property
+    def deadline_s(self) -> float:
+        """When `tick` wants to be called."""
+        if self.phase is Phase.LIVE and not self._waiting and not self._polling:
+            return self._poll_s
+        return self._due_s  # of what is in flight, or of the phase; never where the link is closed or dead
+
+    # --- what the board says ---
+
+    def receive(self, data: bytes, now_s: float) -> Events:
+        """Take bytes from the port. Never raises, whatever they are."""
+        # The one path that has to be cheap: the ok to a line of a program, and the next line is encoded
+        # already.
+        if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s:
+            ahead = self._cursor + 1
+            if ahead < len(self._frames) and self._wanted < 0 and not self._polling and not self._patience:
+                self._cursor = ahead
+                self._tries = 0
+                self._out = self._frames[ahead]
+                self._due_s = now_s + max(LINE_S, self._floor_s)
+                return ()
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        if len(self._partial) > _LONGEST_ANSWER:
+            self._partial = b""
+        events: list[Event] = []
+        for line in lines:
+            self._hear(line, now_s, events)
+        return events
+
+    def _hear(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        if self.phase in (Phase.OPENING, Phase.BANNER):
+            self._hear_boot(line, now_s, events)
+        elif self.phase is Phase.CLOSED:
+            pass
+        elif line == b"start":
+            self._give_up(Fault.REBOOT, "the board started again by itself", events)
+        elif line.startswith(b"ok"):
+            if b"T:" in line:
+                self._hear_report(line, now_s, events)
+            else:
+                self._hear_ok(now_s, events)
+        elif (resend := _RESEND.search(line)) is not None:
+            self._hear_resend(int(resend[1]), now_s, events)
+        elif line.startswith(b"Error:No Line Number") and (last := _LAST_LINE.search(line)) is not None:
+            self._hear_resend(int(last[1]) + 1, now_s, events)
+            if self._wanted >= 0:
+                self._hear_ok(now_s, events)
+        elif (trouble := next((fault for mark, fault in _TROUBLES if mark in line), None)) is not None:
+            self._give_up(trouble, line.decode("ascii", "replace").strip(), events)
+        elif line.endswith(b"ok") and self._waiting:  # M119 leaves out a newline
+            events.append(Said(line[:-2]))
+            self._hear_ok(now_s, events)
+        elif line:
+            events.append(Said(line))
+            if self._waiting and not line.startswith((b"echo:", b"Error:", b"T:")):
+                self._due_s = min(self._due_s, now_s + max(HINT_S, self._floor_s / 4))
+
+    def _hear_boot(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        if line.endswith(b"start"):
+            self._restarted, self._banner = True, b""
+            self.phase = Phase.BANNER
+            self._due_s = now_s + max(QUIET_S, self._floor_s / 4)
+        elif self._restarted:
+            self._banner += line + b"\n"
+            if b"M301" in line:  # the banner's last line
+                self._greet(now_s, events)
+        elif line.startswith(b"ok") and self._polling:
+            self._greet(now_s, events)
+
+    def _greet(self, now_s: float, events: list[Event]) -> None:
+        self.phase = Phase.LIVE
+        self._polling = False
+        self._tries = 0
+        self._poll_s = now_s + self.poll_every_s
+        self._base, self._cursor, self._frames = 0, -1, []
+        self._queue.appendleft(b"M110")  # goes out as N0, so that the next is 1
+        events.append(Up(self._restarted, self._banner))
+        self._go(now_s)
+
+    def _hear_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        if (values := _REPORT.search(line)) is not None:
+            with suppress(ValueError):  # garbled: the next one comes soon
+                events.append(Report(*(float(v) for v in values.groups())))
+        if not self._polling:
+            return
+        self._polling = False
+        if self._waiting:
+            if self._probed == self._base + self._cursor and self._wanted < 0:
+                self._repeat(self._cursor, now_s, events)
+            else:
+                self._due_s = now_s + self._patience_s()
+        else:
+            self._tries = 0
+            self._go(now_s)
+
+    def _hear_ok(self, now_s: float, events: list[Event]) -> None:
+        if self._wanted >= 0:
+            wanted, self._wanted = self._wanted, -1
+            at = wanted - self._base
+            if at == self._cursor + 1:  # the line had arrived: this is its ok
+                self._landed(now_s)
+            else:
+                self._repeat(at, now_s, events)
+        elif self._waiting:
+            self._landed(now_s)
+        elif self._polling:  # a garbled M105 is answered like this
+            self._polling = False
+            self._poll_s = now_s
+            self._go(now_s)
+
+    def _landed(self, now_s: float) -> None:
+        self._waiting = False
+        self._tries = 0
+        self._patience.pop(self._base + self._cursor, None)
+        self._go(now_s)
+
+    def _hear_resend(self, number: int, now_s: float, events: list[Event]) -> None:
+        at = number - self._base
+        if at > self._cursor + 1 or self._cursor < 0:
+            return  # garbled: the time-out brings the right one
+        if at < 0 or self._cursor - at >= HISTORY_LINES:
+            if self._far == number:
+                self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
+            self._far = number
+            return
+        self._wanted = number
+        self._due_s = now_s + max(HINT_S, self._floor_s / 2)
+
+    # --- time ---
+
+    def tick(self, now_s: float) -> Events:
+        """Look whether something is due."""
+        if now_s < self.deadline_s:
+            return ()
+        events: list[Event] = []
+        if self.phase is Phase.BANNER:
+            self._greet(now_s, events)
+        elif self._wanted >= 0:
+            self._hear_ok(now_s, events)  # its ok was lost
+        elif self._polling or self._waiting or self.phase is Phase.OPENING:
+            self._tries += 1
+            if self._tries > TRIES:
+                self._give_up(Fault.NO_ANSWER, "the board does not answer", events)
+            else:
+                self._probe(now_s)
+        else:
+            self._go(now_s)
+        return events
+
+    # --- sending ---
+
+    @property
+    def _ahead(self) -> bool:
+        return (
+            self._cursor + 1 < len(self._frames)
+            or bool(self._queue)
+            or (self._source is not None and self._source_at < self._source_stop)
+        )
+
+    def _go(self, now_s: float) -> None:
+        """Send the next thing, where nothing is in flight."""
+        if self._waiting or self._polling or self.phase is not Phase.LIVE:
+            return
+        if now_s >= self._poll_s:
+            self._probe(now_s)
+            return
+        if self._cursor + 1 >= len(self._frames):
+            self._encode_ahead()
+        if self._cursor + 1 < len(self._frames):
+            self._cursor += 1
+            self._launch(now_s)
+
+    def _launch(self, now_s: float) -> None:
+        self._waiting = True
+        self._out += self._frames[self._cursor]
+        self._due_s = now_s + self._patience_s()
+
+    def _patience_s(self) -> float:
+        return max(self._patience.get(self._base + self._cursor, LINE_S), self._floor_s)
+
+    def _probe(self, now_s: float) -> None:
+        self._polling = True
+        self._probed = self._base + self._cursor if self._waiting else -1
+        self._out += b"M105\n"
+        self._due_s = now_s + max(POLL_S if self.phase is Phase.LIVE else START_S / 2, self._floor_s)
+        self._poll_s = now_s + self.poll_every_s
+
+    def _repeat(self, at: int, now_s: float, events: list[Event]) -> None:
+        self.repeated += 1
+        number = self._base + at
+        self._repeats.append(self._base + self._cursor)
+        if len(self._repeats) == NOISE_RESENDS and number - self._repeats[0] < NOISE_LINES:
+            self._give_up(Fault.NOISY_LINE, f"{NOISE_RESENDS} lines of {NOISE_LINES} sent again", events)
+            return
+        self._cursor = at
+        self._launch(now_s)
+
+    def _encode_ahead(self) -> None:
+        """Encode a block of lines; called where all that was encoded is sent."""
+        spare = len(self._frames) - HISTORY_LINES
+        if spare > 0:
+            del self._frames[:spare]
+            self._base += spare
+            self._cursor -= spare
+        number = self._base + len(self._frames)
+        commands: list[bytes] = []
+        if self._queue:
+            commands = [*self._queue]
+            self._queue.clear()
+        elif self._source is not None:
+            stop = min(self._source_at + _BLOCK_LINES, self._source_stop)
+            commands = self._source(self._source_at, stop)
+            self._source_at = stop
+        for command in commands:
+            if not command.startswith((b"G1 ", b"G0 ")):
+                patience_s = _PATIENCE_S.get(command.split(b" ", 1)[0])
+                if patience_s is not None:
+                    self._patience[number] = patience_s
+            self._frames.append(frame(number, command))
+            number += 1
+
+    def _give_up(self, fault: Fault, text: str, events: list[Event]) -> None:
+        if self.phase is Phase.DEAD:
+            return
+        self.halt()
+        self.phase = Phase.DEAD
+        self._waiting = self._polling = False
+        self._wanted = -1
+        self._due_s = math.inf
+        events.append(Trouble(fault, text))
