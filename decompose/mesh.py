@@ -29,7 +29,8 @@ from decompose.stl import faces_present, faces_promised, is_binary_stl
 SUFFIXES = (".stl", ".obj", ".ply", ".off")
 TINY_MM = 5.0  # under this longest side the unit is doubted
 FLAT_RATIO = 1e-6  # of the longest side
-REPAIR_SHARE = 0.20  # of area (half of it for an extent): more change than this is no repair
+AREA_SHARE = 0.20  # more change of the surface than this is no repair
+EXTENT_SHARE = 0.05  # nor more change of the size than this
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
 Floats = npt.NDArray[np.float64]
@@ -227,17 +228,17 @@ def _refuse_if_changed(name: str, before: list[Any], after: list[Any]) -> None:
     if not left:
         raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
     kept = _area(after) / _area(before)
-    if abs(kept - 1.0) > REPAIR_SHARE:
+    if abs(kept - 1.0) > AREA_SHARE:
         raise ModelNotSolid(
             f"{name}: not closed, and closing it would change its surface by {100 * (kept - 1):+.0f} % "
-            f"(limit {100 * REPAIR_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
+            f"(limit {100 * AREA_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
         )
     old, new = (
         np.array([np.min(b, axis=0)[0], np.max(b, axis=0)[1]])
         for b in ([b.bounds for b in before], [b.bounds for b in left])
     )
     shrink = float(np.abs(new - old).max() / np.ptp(old, axis=0).max())
-    if shrink > REPAIR_SHARE / 2.0:
+    if shrink > EXTENT_SHARE:
         raise ModelNotSolid(
             f"{name}: not closed, and closing it would change its size by {100 * shrink:.0f} %; "
             "repair it by hand"
