@@ -291,26 +291,25 @@ class Firmware:
                 end = self._ring.find(b"\n")
                 if 0 < end <= LINE_BYTES and not _SPECIAL.search(self._ring, 0, end):
                     line, self._ring = self._ring[:end], self._ring[end + 1 :]
-                    if not self._accept(line):
-                        return
+                    self._accept(line)
                     continue
             char, self._ring = self._ring[:1], self._ring[1:]
             ends = char in b"\n\r" or (char == b":" and not self._comment)
             if ends or len(self._partial) >= LINE_BYTES:
                 if not self._partial:
                     self._comment = False
-                    return
+                    continue
                 line, self._partial = self._partial, b""
                 # A line with a comment is dropped, and the comment goes on: it swallows the next one too.
-                if not self._comment and not self._accept(line):
-                    return
+                if not self._comment:
+                    self._accept(line)
             elif char == b";":
                 self._comment = True
             elif not self._comment:
                 self._partial += char
 
-    def _accept(self, line: bytes) -> bool:
-        """Check number and checksum, and put the line into the buffer; False where it was refused."""
+    def _accept(self, line: bytes) -> None:
+        """Check number and checksum, and put the line into the buffer; or refuse it."""
         if self._faults.on_lines:
             line = self._dice.disturb(line)
         line = line.partition(b"\0")[0]
@@ -319,30 +318,31 @@ class Firmware:
             found = _WHOLE.match(line, line.find(b"N") + 1)
             n = int(found[1]) if found else 0
             if n != self._last_n + 1 and b"M110" not in line:
-                return self._refuse(wording.LINE_NUMBER)
+                self._refuse(wording.LINE_NUMBER)
+                return
             if star < 0:
-                return self._refuse(wording.NO_CHECKSUM)
+                self._refuse(wording.NO_CHECKSUM)
+                return
             if int(value(line, b"*") or 0.0) != checksum(line[:star]):
-                return self._refuse(wording.CHECKSUM)
+                self._refuse(wording.CHECKSUM)
+                return
             self._last_n = n
         elif star >= 0:
             self._error(wording.line_error(wording.NO_LINE_NUMBER, self._last_n))
-            return False
+            return
         if _is_move(line):
             if self.machine.stopped:
                 self._say(wording.STOPPED)
             else:
-                self._ok()
+                self._acknowledge()
         self._buffer.append(line)
         self.lines += 1
         if self._faults.on_lines:
             self._break_down()
-        return True
 
-    def _refuse(self, why: bytes) -> bool:
+    def _refuse(self, why: bytes) -> None:
         self._error(wording.line_error(why, self._last_n))
         self._request_resend()
-        return False
 
     def _request_resend(self) -> None:
         self._ring = b""
@@ -395,7 +395,11 @@ class Firmware:
         self._out.append(text)
 
     def _ok(self) -> None:
+        """A command is done (``ClearToSend``)."""
         self.machine.heard_s = max(self.machine.heard_s, self._time_s)
+        self._acknowledge()
+
+    def _acknowledge(self) -> None:
         if not self._dice.ok_is_lost():
             self._say(wording.OK)
 

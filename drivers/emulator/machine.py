@@ -276,7 +276,8 @@ class Machine:
                 relative = self._relative or (axis == 3 and self._relative_e)
                 goal[axis] = start[axis] + number if relative else number
         centre_x, centre_y = start[0] + i, start[1] + j
-        turn = math.atan2(goal[1] - centre_y, goal[0] - centre_x) - math.atan2(-j, -i)
+        to_x, to_y = goal[0] - centre_x, goal[1] - centre_y
+        turn = math.atan2(-i * to_y + j * to_x, -i * to_x - j * to_y)
         if value(line, b"G") == 2:
             turn = turn - 2 * math.pi if turn >= 0 else turn
         else:

@@ -1,0 +1,69 @@
+"""What a url may ask for, and the wire's own time."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.emulator.faults import Dice, Faults, parse_faults, parse_url
+from drivers.emulator.wire import BYTE_S, Wire
+from drivers.errors import PortError
+
+
+def test_a_plain_url_is_a_printer_in_good_health() -> None:
+    wanted = parse_url("sim://ultimaker2_extended_plus")
+    assert wanted.profile.model == "ultimaker2_extended_plus"
+    assert wanted.faults == Faults() and wanted.seed == 0 and not wanted.faults.on_lines
+
+
+def test_faults_may_be_named_in_two_ways() -> None:
+    plain = parse_url("sim://ultimaker2_plus?checksum=0.01&dead_bed=1&reset_after=500&seed=7")
+    named = parse_url("sim://ultimaker2_plus?fault=checksum:0.01,dead_bed&fault=reset_after:500&seed=7")
+    assert plain.faults == named.faults == Faults(checksum=0.01, dead_bed=True, reset_after=500)
+    assert plain.seed == named.seed == 7
+    assert parse_faults(plain.words) == parse_faults(named.words) == plain.faults
+
+
+@pytest.mark.parametrize(
+    ("url", "says"),
+    [
+        ("/dev/ttyUSB0", "not an emulator's url"),
+        (
+            "sim://prusa_mk4",
+            "no printer model 'prusa_mk4'; use one of ultimaker2_extended_plus, ultimaker2_plus",
+        ),
+        ("sim://ultimaker2_plus?fire=1", "no fault 'fire'; use one of checksum"),
+        ("sim://ultimaker2_plus?checksum=often", "checksum needs a number, not 'often'"),
+        ("sim://ultimaker2_plus?checksum=2", "checksum needs a probability from 0 to 1, not '2'"),
+        ("sim://ultimaker2_plus?reset_after=1.5", "reset_after needs a whole number from 0, not '1.5'"),
+        ("sim://ultimaker2_plus?seed=x", "seed 'x' is not a whole number"),
+    ],
+)
+def test_a_wrong_url_says_what_and_what_to_use(url: str, says: str) -> None:
+    with pytest.raises(PortError, match=r"^[^\n]*$") as caught:
+        parse_url(url)
+    assert says in str(caught.value)
+
+
+@given(st.binary(min_size=1, max_size=95), st.integers(0, 1000))
+def test_a_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
+    disturbed = Dice(Faults(checksum=1.0), random.Random(seed)).disturb(line)
+    assert len(disturbed) == len(line)
+    assert sum(a != b for a, b in zip(line, disturbed, strict=True)) == 1
+
+
+def test_bytes_take_their_time_one_behind_the_other() -> None:
+    wire = Wire()
+    wire.put(b"x" * 100, 10.0)
+    wire.put(b"y" * 50, 10.001)
+    assert wire.due_s() == pytest.approx(10.0 + 100 * BYTE_S)
+    assert wire.take(10.0039) == b""
+    assert wire.take(10.0041) == b"x" * 100
+    assert wire.due_s() == pytest.approx(10.0 + 150 * BYTE_S)
+    assert wire.take(11.0) == b"y" * 50
+    wire.put(b"z", 12.0)
+    wire.cut()
+    assert wire.take(20.0) == b""

@@ -1,0 +1,201 @@
+"""The emulator as a process, through a real pseudo-terminal."""
+
+from __future__ import annotations
+
+import os
+import select
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.clock import Clock
+from drivers.emulator.launch import Command, alive, control, launch, read_status
+from drivers.emulator.status import EmulatorStatus
+from drivers.errors import PortError
+
+pytestmark = pytest.mark.system
+
+SCALE = 50.0
+PATIENCE_S = 20.0
+
+
+def wait_for(happened: Callable[[], bool]) -> None:
+    """Poll until it is so; a deadline keeps a broken emulator from hanging the tests."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not happened():
+        assert time.monotonic() < until_s, "it never happened"
+        select.select([], [], [], 0.01)
+
+
+class Link:
+    """A host at the other end, without pyserial."""
+
+    def __init__(self, tty: Path) -> None:
+        self.port = os.open(tty, os.O_RDWR | os.O_NOCTTY)
+
+    def read_until(self, word: bytes) -> bytes:
+        said = b""
+        while word not in said:
+            assert select.select([self.port], [], [], PATIENCE_S)[0], f"only {said!r}"
+            said += os.read(self.port, 4096)
+        return said
+
+    def ask(self, line: bytes, word: bytes = b"ok") -> bytes:
+        os.write(self.port, line + b"\n")
+        return self.read_until(word)
+
+    def close(self) -> None:
+        os.close(self.port)
+
+
+class Printer:
+    """An emulator in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def on(self, url: str = "sim://ultimaker2_plus") -> Path:
+        return launch(url, self.folder, Clock(SCALE, time.time()))
+
+    def status(self) -> EmulatorStatus:
+        return read_status(self.folder)
+
+    def booted(self) -> Link:
+        link = Link(self.on())
+        link.read_until(b"SD init fail\n")
+        return link
+
+
+@pytest.fixture
+def printer(tmp_path: Path) -> Iterator[Printer]:
+    # Deeper than a Unix socket's path may be long.
+    printer = Printer(tmp_path / ("deep" * 20) / ("deeper" * 12))
+    yield printer
+    if alive(printer.folder):
+        control(printer.folder, Command.POWER_OFF)
+
+
+def test_a_new_printer_is_cold_clear_and_parked(printer: Printer) -> None:
+    tty = printer.on()
+    assert tty == printer.folder / "tty" and tty.is_char_device()
+    status = printer.status()
+    assert status.tty == str(tty.readlink())
+    assert status.nozzle_c == status.bed_c == 21.0
+    assert status.bed_clear and status.filament_end_mm == -20.0
+    assert not status.link_open and status.resets == 0
+
+
+def test_it_is_found_again_and_not_started_twice(printer: Printer) -> None:
+    first = printer.on()
+    pid = printer.status().pid
+    assert printer.on() == first and printer.status().pid == pid
+    assert os.getsid(pid) != os.getsid(0)
+
+
+def test_nothing_is_echoed_and_it_answers(printer: Printer) -> None:
+    link = printer.booted()
+    assert link.ask(b"M105") == b"ok T:21.0 /0.0 B:21.0 /0.0 @:0 B@:0\n"
+    assert printer.status().link_open
+    link.close()
+
+
+def test_a_closed_port_changes_nothing_and_an_opened_one_resets(printer: Printer) -> None:
+    link = printer.booted()
+    link.ask(b"M104 S200")
+    wait_for(lambda: printer.status().nozzle_target_c == 200.0)
+    link.close()
+    wait_for(lambda: not printer.status().link_open)
+    seen = printer.status()
+    wait_for(lambda: printer.status().time_s > seen.time_s + 25.0)
+    assert printer.status().nozzle_target_c == 200.0 and printer.status().nozzle_c > seen.nozzle_c
+    again = Link(printer.on())
+    wait_for(lambda: printer.status().resets == seen.resets + 1)
+    assert printer.status().nozzle_target_c == 0.0
+    assert again.read_until(b"SD init fail\n").startswith(b"start\n")
+    again.close()
+
+
+def test_a_port_closed_and_opened_at_once_is_a_reset_each_time(printer: Printer) -> None:
+    link = printer.booted()
+    before = printer.status().resets
+    for times in range(1, 6):
+        link.ask(b"M104 S200")
+        link.close()
+        link = Link(printer.on())
+        assert link.read_until(b"SD init fail\n").startswith(b"start\n")
+        wait_for(lambda times=times: printer.status().resets == before + times)  # type: ignore[misc]
+        assert printer.status().nozzle_target_c == 0.0
+    link.close()
+
+
+def test_a_print_makes_the_bed_not_clear_until_a_person_clears_it(printer: Printer) -> None:
+    link = printer.booted()
+    link.ask(b"M109 S200", b"\nok\n")
+    for line in (b"G28", b"G92 E0", b"G1 E20 F1500", b"G92 E0", b"G1 X50 Y50 Z0.3 F9000"):
+        link.ask(line)
+    for k in range(1, 40):
+        link.ask(b"G1 X%d Y%d E%.2f F3000" % (50 + k, 50 + 3 * (k % 2), k * 0.2))
+    link.ask(b"M400")
+    wait_for(lambda: not printer.status().bed_clear)
+    wait_for(lambda: printer.status().moves >= 41)
+    status = printer.status()
+    assert status.homed and status.printing_s > 1.0
+    assert status.filament_mm == pytest.approx(20 + 39 * 0.2) and status.filament_end_mm == 0.0
+    assert status.position_mm == pytest.approx((89.0, 53.0, 0.3))
+    control(printer.folder, Command.RESET)
+    link.read_until(b"start\n")
+    assert not printer.status().bed_clear
+    control(printer.folder, Command.CLEAR_BED)
+    assert printer.status().bed_clear
+    link.close()
+
+
+def test_the_power_goes_and_comes_again(printer: Printer) -> None:
+    link = printer.booted()
+    link.ask(b"M104 S200")
+    control(printer.folder, Command.POWER_OFF)
+    assert not alive(printer.folder)
+    assert printer.status().nozzle_target_c == 0.0
+    link.close()
+    with pytest.raises(PortError, match="no emulator answers"):
+        control(printer.folder, Command.RESET)
+    printer.on()
+    assert printer.status().nozzle_c == 21.0
+
+
+def test_a_person_can_only_do_what_a_person_can(printer: Printer) -> None:
+    printer.on()
+    with pytest.raises(PortError, match="no command 'dance'; use one of clear_bed, reset, power_off"):
+        control(printer.folder, "dance")
+
+
+def test_a_wrong_url_starts_nothing(printer: Printer) -> None:
+    with pytest.raises(PortError, match="no printer model"):
+        printer.on("sim://ender3")
+    assert not printer.folder.exists()
+
+
+def test_no_status_says_so(tmp_path: Path) -> None:
+    with pytest.raises(PortError, match="no emulator has run here"):
+        read_status(tmp_path)
+
+
+def test_the_wire_may_be_slow(printer: Printer) -> None:
+    link = Link(printer.on("sim://ultimaker2_plus?wire=1"))
+    link.read_until(b"SD init fail\n")
+    assert link.ask(b"M115").endswith(b"\nok\n")
+    link.close()
+
+
+def test_no_reader_ever_sees_half_a_status(printer: Printer) -> None:
+    link = printer.booted()
+    seen = set()
+    for k in range(60):  # each target is written at once, and read in the middle of it
+        os.write(link.port, b"M104 S%d\n" % (k % 2 * 50))
+        for _ in range(20):
+            seen.add(printer.status().nozzle_target_c)
+        link.read_until(b"ok")
+    assert seen == {0.0, 50.0}
+    link.close()
