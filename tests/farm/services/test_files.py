@@ -1,0 +1,28 @@
+"""The file store: names are hashes, files never change."""
+
+import hashlib
+
+from farm.services.files import sha256_of, store_file
+
+
+def test_a_stored_file_has_its_hash_for_a_name_and_cannot_be_written(tmp_path):
+    store = tmp_path / "files"
+    store.mkdir()
+    source = tmp_path / "part.STL"
+    source.write_bytes(b"solid")
+    name = store_file(store, source)
+    assert name == hashlib.sha256(b"solid").hexdigest() + ".stl"
+    assert not source.exists()
+    assert (store / name).read_bytes() == b"solid"
+    assert (store / name).stat().st_mode & 0o222 == 0
+    assert sha256_of(store / name) + ".stl" == name
+
+
+def test_the_same_bytes_are_stored_once(tmp_path):
+    store = tmp_path / "files"
+    store.mkdir()
+    for name in ("a.stl", "b.stl"):
+        (tmp_path / name).write_bytes(b"solid")
+    assert store_file(store, tmp_path / "a.stl") == store_file(store, tmp_path / "b.stl")
+    assert len(list(store.iterdir())) == 1
+    assert not (tmp_path / "b.stl").exists()

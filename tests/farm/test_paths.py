@@ -1,0 +1,68 @@
+"""Where a farm keeps its things: flags, then environment, then XDG folders."""
+
+from pathlib import Path
+
+import pytest
+
+from farm.errors import Refused
+from farm.paths import StateFolder, find_places, read_anchor, write_anchor
+
+
+def test_flags_come_before_the_environment_and_that_before_xdg(tmp_path):
+    env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
+    places = find_places(None, None, None, env)
+    assert places.state.root == Path("/home/ann/.local/state/farm")
+    assert places.socket == Path("/run/user/7/farm/farm.sock")
+    env |= {"FARM_STATE": "/srv/farm", "FARM_FLEET": "/srv/fleet.yaml"}
+    places = find_places(None, None, None, env)
+    assert (places.state.root, places.fleet) == (Path("/srv/farm"), Path("/srv/fleet.yaml"))
+    assert find_places(Path("/tmp/x"), None, Path("f.yaml"), env).state.root == Path("/tmp/x")
+
+
+def test_two_state_folders_never_share_a_socket():
+    env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
+    sockets = {find_places(Path(folder), None, None, env).socket for folder in ("/a", "/b")}
+    assert sockets == {Path("/a/farm.sock"), Path("/b/farm.sock")}
+
+
+def test_a_socket_path_that_is_too_long_for_the_kernel_is_replaced_by_a_short_one_of_its_own():
+    env = {"HOME": "/home/ann", "XDG_RUNTIME_DIR": "/run/user/7"}
+    deep = [Path("/" + letter * 120) for letter in "ab"]
+    sockets = [find_places(folder, None, None, env).socket for folder in deep]
+    assert sockets[0] != sockets[1]
+    assert all(len(str(socket)) < 100 for socket in sockets)
+    assert find_places(deep[0], None, None, env).socket == sockets[0]
+
+
+def test_the_fleet_file_nearby_comes_first(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config = tmp_path / "config" / "farm" / "fleet.yaml"
+    config.parent.mkdir(parents=True)
+    config.touch()
+    env = {"HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / "config")}
+    assert find_places(None, None, None, env).fleet == config
+    (tmp_path / "fleet.yaml").touch()
+    assert find_places(None, None, None, env).fleet == tmp_path / "fleet.yaml"
+
+
+def test_the_clock_is_kept_whole(tmp_path):
+    path = tmp_path / "clock.json"
+    assert read_anchor(path) is None
+    write_anchor(path, 60.0, 1.7e9)
+    assert read_anchor(path) == (60.0, 1.7e9)
+    path.write_text("{")
+    assert read_anchor(path) is None
+
+
+def test_a_state_folder_keeps_the_clock_that_it_was_made_with(tmp_path):
+    from farm.config import Fleet
+    from farm.daemon.main import farm_clock
+
+    def fleet(scale):
+        printer = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"}
+        return Fleet.model_validate({"fleet": {"time_scale": scale}, "printers": [printer]})
+
+    first = farm_clock(fleet(60), StateFolder(tmp_path))
+    assert farm_clock(fleet(60), StateFolder(tmp_path)) == first
+    with pytest.raises(Refused, match="time_scale 60, not 1"):
+        farm_clock(fleet(1), StateFolder(tmp_path))
