@@ -1,0 +1,76 @@
+"""Errors of the slicing package, one root."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from enum import StrEnum
+
+
+class SlicingError(Exception):
+    """Anything that slicing reports; the message says what, where, and what to do."""
+
+
+class EngineMissing(SlicingError):
+    """There is no CuraEngine, or it cannot be started."""
+
+
+class ResourcesMissing(EngineMissing):
+    """Cura's settings files are not there, or one of them cannot be read."""
+
+
+class EngineFailed(SlicingError):
+    """CuraEngine ended with an error."""
+
+
+class EngineTimeout(SlicingError):
+    """CuraEngine took longer than it was given, and was stopped."""
+
+
+class BadSetting(SlicingError):
+    """A printer model, quality, material or setting that does not exist or does not fit."""
+
+
+class DefinitionError(SlicingError):
+    """A formula in Cura's files that cannot be evaluated."""
+
+
+class Rule(StrEnum):
+    """What a slice must keep to be printed."""
+
+    NOTHING_PRINTED = "nothing printed"
+    BROKEN_MESH = "broken mesh"
+    LAYERS = "layers"
+    HEIGHT = "height"
+    OUTSIDE_BED = "outside the bed"
+    FLAVOUR = "flavour"
+    HOMING = "homing"
+    COLD = "cold"
+    HEATERS_ON = "heaters on"
+    PARKING = "parking"
+
+
+class SliceRejected(SlicingError):
+    """CuraEngine ended well, but what it wrote must not be printed.
+
+    Parameters
+    ----------
+    rule
+        The rule that was broken.
+    detail
+        What was found, in a few words.
+    """
+
+    def __init__(self, rule: Rule, detail: str) -> None:
+        super().__init__(rule, detail)  # both in `args`, so that it passes between processes
+        self.rule = rule
+        self.detail = detail
+
+    def __str__(self) -> str:
+        return f"the slice was rejected ({self.rule}): {self.detail}"
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """``"; did you mean a, b?"`` with the known names nearest to this one, or an empty string."""
+    close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
+    return f"; did you mean {', '.join(close)}?" if close else ""

@@ -1,0 +1,136 @@
+"""Cura's formulas: the few forms of Python expression that its files use, evaluated over the parsed tree.
+
+Nothing that a file says is ever executed: a node, name or function that is not listed here is an error.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from slicing.errors import DefinitionError
+
+_BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.FloorDiv: operator.floordiv,
+    ast.Mod: operator.mod,
+    ast.Pow: math.pow,  # of floats: a power of integers has no bound
+}
+_UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+    ast.Not: operator.not_,
+}
+_COMPARE: Mapping[type[ast.cmpop], Callable[[Any, Any], bool]] = {
+    ast.Eq: operator.eq,
+    ast.NotEq: operator.ne,
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+    ast.In: lambda item, group: item in group,
+    ast.NotIn: lambda item, group: item not in group,
+}
+_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    f.__name__: f for f in (abs, all, any, float, int, len, map, max, min, round, str, sum)
+}
+_MATH = frozenset({"ceil", "cos", "floor", "log", "log10", "pi", "radians", "degrees", "sin", "sqrt", "tan"})
+
+
+@dataclass(frozen=True, slots=True)
+class Formula:
+    """An expression of setting names, as a definition or a profile gives it."""
+
+    text: str
+
+
+@lru_cache(maxsize=4096)
+def _parse(text: str) -> ast.expr:
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        raise DefinitionError(f"Cura's formula {text!r} is not an expression") from None
+
+
+def evaluate(
+    formula: Formula, lookup: Callable[[str], Any], functions: Mapping[str, Callable[..., Any]]
+) -> Any:
+    """The value of a formula.
+
+    Parameters
+    ----------
+    lookup
+        The value of a setting by its key; raises KeyError for a key that does not exist.
+    functions
+        Cura's own functions, like ``extruderValue``, by name.
+
+    Raises
+    ------
+    DefinitionError
+        Where the formula has anything that is not allowed, or cannot be worked out.
+    """
+
+    def name(key: str) -> Any:
+        if key in functions:
+            return functions[key]
+        if key in _FUNCTIONS:
+            return _FUNCTIONS[key]
+        try:
+            return lookup(key)
+        except KeyError:
+            raise DefinitionError(f"no setting is called {key!r}") from None
+
+    def value(node: ast.expr) -> Any:
+        match node:
+            case ast.Constant(value=constant) if isinstance(constant, bool | int | float | str | None):
+                return constant
+            case ast.Name(id=key):
+                return name(key)
+            case ast.Attribute(value=ast.Name(id="math"), attr=attribute) if attribute in _MATH:
+                return getattr(math, attribute)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
+                return _BINARY[type(op)](value(left), value(right))
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
+                return _UNARY[type(op)](value(operand))
+            case ast.BoolOp(op=op, values=parts):
+                result = value(parts[0])
+                for part in parts[1:]:
+                    if bool(result) == isinstance(op, ast.Or):
+                        break
+                    result = value(part)
+                return result
+            case ast.Compare(left=left, ops=ops, comparators=rights) if all(
+                type(op) in _COMPARE for op in ops
+            ):
+                here = value(left)
+                for comparison, right in zip(ops, rights, strict=True):
+                    there = value(right)
+                    if not _COMPARE[type(comparison)](here, there):
+                        return False
+                    here = there
+                return True
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                return value(body) if value(test) else value(orelse)
+            case ast.List(elts=items):
+                return [value(item) for item in items]
+            case ast.Tuple(elts=items):
+                return tuple(value(item) for item in items)
+            case ast.Call(func=function, args=arguments, keywords=[]):
+                called = value(function)
+                if not callable(called):
+                    raise DefinitionError(f"{ast.unparse(function)} is no function")
+                return called(*(value(argument) for argument in arguments))
+        raise DefinitionError(f"{ast.unparse(node)!r} is not allowed in a formula")
+
+    try:
+        return value(_parse(formula.text))
+    except (ArithmeticError, TypeError, ValueError) as error:
+        raise DefinitionError(f"Cura's formula {formula.text!r} cannot be worked out: {error}") from error

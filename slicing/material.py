@@ -1,0 +1,87 @@
+"""What a material file says: Cura's names for what it calls otherwise, and the printer's own section."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from slicing.errors import BadSetting
+
+_SPACE = {"m": "http://www.ultimaker.com/material"}
+_CURA_SETTING = "{http://www.ultimaker.com/cura}setting"
+
+# Cura 4.13, XmlMaterialProfile: the file's names that are settings by another name.
+_KEYS = {
+    "print temperature": "default_material_print_temperature",
+    "heated bed temperature": "default_material_bed_temperature",
+    "standby temperature": "material_standby_temperature",
+    "print cooling": "cool_fan_speed",
+    "retraction amount": "retraction_amount",
+    "retraction speed": "retraction_speed",
+    "adhesion tendency": "material_adhesion_tendency",
+    "surface energy": "material_surface_energy",
+    "build volume temperature": "build_volume_temperature",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """What a material file says to one printer with one nozzle."""
+
+    values: dict[str, str]
+    density_g_cm3: float
+    kind: str  # PLA, ABS, ...
+
+
+def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Material:
+    """Read a parsed material file for a printer.
+
+    Parameters
+    ----------
+    root
+        The file's root element.
+    name
+        How the user calls the material; for messages.
+    product
+        The printer's name in material files, like ``Ultimaker 2+``.
+    hotend
+        The nozzle's name there, like ``0.4 mm``.
+
+    Raises
+    ------
+    BadSetting
+        Where the material is not for this printer, or its density is missing.
+    """
+    settings = root.find("m:settings", _SPACE)
+    values: dict[str, str] = {}
+    compatible = True
+    sections = [] if settings is None else [settings, *_printer_sections(settings, product, hotend)]
+    for section in sections:
+        for entry in section.findall("m:setting", _SPACE):
+            key, text = entry.get("key", ""), (entry.text or "").strip()
+            if key == "hardware compatible":
+                compatible = text != "no"
+            elif key in _KEYS:
+                values[_KEYS[key]] = text
+        for entry in section.findall(_CURA_SETTING):
+            values[entry.get("key", "")] = (entry.text or "").strip()
+    if not compatible:
+        raise BadSetting(f"material {name} is not for the {product} with the nozzle {hotend}")
+    diameter = root.findtext("m:properties/m:diameter", namespaces=_SPACE)
+    if diameter:
+        values["material_diameter"] = diameter
+    density = root.findtext("m:properties/m:density", namespaces=_SPACE)
+    if density is None:
+        raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
+    kind = root.findtext("m:metadata/m:name/m:material", default="", namespaces=_SPACE)
+    return Material(values, float(density), kind)
+
+
+def _printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:
+    """The sections of this printer, then of this nozzle in it: the later one wins."""
+    for machine in settings.findall("m:machine", _SPACE):
+        products = {i.get("product") for i in machine.findall("m:machine_identifier", _SPACE)}
+        if product in products:
+            yield machine
+            yield from (h for h in machine.findall("m:hotend", _SPACE) if h.get("id") == hotend)

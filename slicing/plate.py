@@ -1,0 +1,200 @@
+"""One plate: an STL in its printing pose becomes a G-code file that was checked, or an error that says why.
+
+Request and result are plain data, so that this runs in worker processes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from slicing import output, stl
+from slicing.engine import engine_version, run_engine
+from slicing.errors import Rule, SliceRejected, SlicingError
+from slicing.settings import Settings
+from slicing.startcode import PARKED_MM
+
+_FORMAT = "farm-slice-2"
+"""Part of the cache's key: changes where what is stored or checked changes."""
+_ON_BED_MM = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class PlateRequest:
+    """What to slice, and for which bed.
+
+    Parameters
+    ----------
+    stl
+        Binary STL in its printing pose, in bed-centred mm (XY 0 is the bed's centre), lowest point at Z 0.
+    out
+        Where the G-code goes; it appears whole or not at all.
+    bed
+        Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold everything that
+        is extruded, brim and support included.
+    cache
+        A folder that keeps results by content; None for none.
+    """
+
+    stl: Path
+    settings: Settings
+    out: Path
+    engine: Path
+    bed: output.Bed
+    timeout_s: float = 1800.0
+    cache: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlateResult:
+    """A G-code file that may be printed. `print_time_s` is without heating, homing and priming."""
+
+    gcode: Path
+    sha256: str
+    print_time_s: float
+    filament_mm: float
+    filament_mm3: float
+    grams: float
+    layers: int
+    height_mm: float
+    min_mm: tuple[float, float, float]  # of all extrusion, from the bed's centre
+    max_mm: tuple[float, float, float]
+    cached: bool
+
+
+def slice_plate(request: PlateRequest) -> PlateResult:
+    """Slice one plate and check the result; from the cache where the same was sliced before.
+
+    Raises
+    ------
+    SliceRejected
+        With the rule that the mesh or the G-code breaks.
+    EngineMissing, EngineFailed, EngineTimeout
+        With CuraEngine's trouble.
+    SlicingError
+        Where a file cannot be read or written.
+    """
+    try:
+        model = request.stl.read_bytes()
+        extent = stl.z_extent(model)
+        if abs(extent.min_z_mm) > _ON_BED_MM:
+            raise SliceRejected(
+                Rule.HEIGHT, f"the model starts at Z {extent.min_z_mm:.2f} mm; put it on the bed"
+            )
+        stored = _Stored.of(request, model)
+        kept = stored.read()
+        gcode, facts = kept or _slice(request)
+        if kept is None:
+            stored.write(gcode, facts)
+        # After the cache, whose key has no bed: the same file may fit one printer and not another.
+        _check(request, facts, extent.max_z_mm)
+        write_whole(request.out, gcode)
+    except OSError as error:
+        raise SlicingError(f"{error.filename or request.out}: {error.strerror}") from error
+    return _result(request, gcode, facts, kept is not None)
+
+
+def _slice(request: PlateRequest) -> tuple[bytes, output.Facts]:
+    settings = request.settings
+    run = run_engine(request.engine, request.stl, settings.global_, settings.extruder, request.timeout_s)
+    output.check_log(run.log)
+    return output.with_header(run.gcode, run.log).encode(), output.walk(run.gcode)
+
+
+def _check(request: PlateRequest, facts: output.Facts, height_mm: float) -> None:
+    settings = request.settings
+    output.check(
+        facts,
+        height_mm=height_mm,
+        layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
+        centre_mm=_centre(settings),
+        bed=request.bed,
+    )
+    output.check_parking(facts, PARKED_MM)
+
+
+def _centre(settings: Settings) -> tuple[float, float]:
+    return float(settings.global_["machine_width"]) / 2, float(settings.global_["machine_depth"]) / 2
+
+
+def _result(request: PlateRequest, gcode: bytes, facts: output.Facts, cached: bool) -> PlateResult:
+    settings = request.settings
+    centre = (*_centre(settings), 0.0)
+    mm3 = facts.filament_mm * settings.filament_mm2
+    low = tuple(facts.min_mm[i] - centre[i] for i in range(3))
+    high = tuple(facts.max_mm[i] - centre[i] for i in range(3))
+    return PlateResult(
+        gcode=request.out,
+        sha256=hashlib.sha256(gcode).hexdigest(),
+        print_time_s=facts.print_time_s,
+        filament_mm=facts.filament_mm,
+        filament_mm3=mm3,
+        grams=mm3 / 1000 * settings.density_g_cm3,
+        layers=facts.layers,
+        height_mm=facts.max_mm[2],
+        min_mm=(low[0], low[1], low[2]),
+        max_mm=(high[0], high[1], high[2]),
+        cached=cached,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    """A cache entry: the G-code and what was found in it, named by what decides them."""
+
+    folder: Path | None
+    key: str
+
+    @classmethod
+    def of(cls, request: PlateRequest, model: bytes) -> _Stored:
+        if request.cache is None:
+            return cls(None, "")
+        settings = json.dumps([request.settings.global_, request.settings.extruder], sort_keys=True)
+        digest = hashlib.sha256(model)
+        for text in (settings, engine_version(request.engine), _FORMAT):
+            digest.update(hashlib.sha256(text.encode()).digest())
+        return cls(request.cache, digest.hexdigest())
+
+    def read(self) -> tuple[bytes, output.Facts] | None:
+        """What is stored; None where nothing is, or it is not what was stored."""
+        if self.folder is None:
+            return None
+        try:
+            entry: Mapping[str, Any] = json.loads((self.folder / f"{self.key}.json").read_bytes())
+            gcode = (self.folder / f"{self.key}.gcode").read_bytes()
+            if hashlib.sha256(gcode).hexdigest() != entry["sha256"]:
+                return None
+            facts = dict(entry["facts"])
+            facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
+            return gcode, output.Facts(**facts)
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def write(self, gcode: bytes, facts: output.Facts) -> None:
+        if self.folder is None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        entry = {"sha256": hashlib.sha256(gcode).hexdigest(), "facts": asdict(facts)}
+        write_whole(self.folder / f"{self.key}.gcode", gcode)
+        write_whole(
+            self.folder / f"{self.key}.json", json.dumps(entry).encode()
+        )  # last: it makes the entry valid
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that a reader sees all of it or none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as sink:
+            sink.write(content)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,52 @@
+"""The qualities: Cura's own by their names, and the two of this project, each a base with changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from slicing.formula import Formula
+
+_SUPPORTED = {"support_enable": True, "support_type": "everywhere"}
+_BRIMMED = {"adhesion_type": "brim", "brim_width": 8.0}
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """A quality of ours: one of Cura's, and what is set on top of it (below the user's own settings)."""
+
+    base: str
+    changes: Mapping[str, Any]
+
+
+OURS: Mapping[str, Quality] = {
+    # The settings of the Parallelobox paper's own prints, so that times can be compared with it.
+    "paper": Quality(
+        "fast",
+        {
+            **_SUPPORTED,
+            **_BRIMMED,
+            "layer_height": 0.25,
+            "infill_sparse_density": 5.0,
+            "infill_pattern": "zigzag",
+            "support_angle": 45.0,
+            "material_bed_temperature": 50.0,
+        },
+    ),
+    # For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
+    "glue": Quality(
+        "fast",
+        {
+            **_SUPPORTED,
+            **_BRIMMED,
+            "infill_sparse_density": 10.0,
+            "infill_pattern": "zigzag",
+            "support_angle": 50.0,
+            "top_layers": Formula(
+                "max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"
+            ),
+        },
+    ),
+}
+DEFAULT_QUALITY = "glue"
