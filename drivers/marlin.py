@@ -139,6 +139,7 @@ class Link:
     def __init__(self, floor_s: float = 0.0) -> None:
         self._floor_s = floor_s
         self.poll_every_s = math.inf
+        self.only_ask = False  # go on over troubles of the firmware: a stopped board still answers M105
         self._reset()
 
     def _reset(self) -> None:
@@ -179,6 +180,13 @@ class Link:
         self.phase = Phase.OPENING
         self._due_s = now_s + max(START_S, self._floor_s)
 
+    def restarted(self, now_s: float) -> None:
+        """The board started by itself, and that is all right: go on with its banner."""
+        self._reset()
+        self.phase = Phase.BANNER
+        self._restarted = True
+        self._due_s = now_s + max(QUIET_S, self._floor_s / 4)
+
     def closed(self) -> None:
         """The port is gone."""
         self._reset()
@@ -211,6 +219,10 @@ class Link:
         self._poll_s = now_s
         self._go(now_s)
 
+    def poll_soon(self, at_s: float) -> None:
+        """Ask for a report at `at_s` at the latest."""
+        self._poll_s = min(self._poll_s, at_s)
+
     def take(self) -> bytes:
         """What is to be written now."""
         out, self._out = self._out, b""
@@ -242,8 +254,11 @@ class Link:
 
     # --- what the board says ---
 
-    def receive(self, data: bytes, now_s: float) -> Events:
-        """Take bytes from the port. Never raises, whatever they are."""
+    def receive(self, data: bytes, now_s: float) -> Events | None:
+        """Take bytes from the port. Never raises, whatever they are.
+
+        None says that the next line of the program is on its way and there is nothing else to look at.
+        """
         # The one path that has to be cheap: the ok to a line of a program, and the next line is encoded
         # already.
         if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s:
@@ -253,7 +268,7 @@ class Link:
                 self._tries = 0
                 self._out = self._frames[ahead]
                 self._due_s = now_s + max(LINE_S, self._floor_s)
-                return ()
+                return None
         *lines, self._partial = (self._partial + data).split(b"\n")
         if len(self._partial) > _LONGEST_ANSWER:
             self._partial = b""
@@ -457,9 +472,11 @@ class Link:
     def _give_up(self, fault: Fault, text: str, events: list[Event]) -> None:
         if self.phase is Phase.DEAD:
             return
+        events.append(Trouble(fault, text))
+        if self.only_ask and fault not in (Fault.NO_ANSWER, Fault.REBOOT, Fault.NOISY_LINE):
+            return
         self.halt()
         self.phase = Phase.DEAD
         self._waiting = self._polling = False
         self._wanted = -1
         self._due_s = math.inf
-        events.append(Trouble(fault, text))

@@ -1,0 +1,233 @@
+"""The port with its link and, while a print is open, its session: bytes in, bytes out, resets."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers.clock import Clock
+from drivers.emulator.launch import control, read_status
+from drivers.emulator.status import EmulatorStatus
+from drivers.errors import Fault, PortError
+from drivers.marlin import Event, Events, Link, Phase, Report, Said, Trouble, Up
+from drivers.serialport import SerialPort, resolve
+from drivers.session import Pace, Session
+
+log = logging.getLogger(__name__)
+
+RETRY_S = 2.0  # wall seconds between attempts to open a port
+
+
+class Board:
+    """One printer's board behind its port.
+
+    Parameters
+    ----------
+    url
+        The port, as `fleet.yaml` names it.
+    folder
+        Where an emulator of a ``sim://`` port lives.
+    clock
+        The farm's clock.
+    remember
+        Called before anything is written to the port and after anything changed: the journal's chance.
+    moved
+        Called with the new descriptor of the port, or None where it went.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        folder: Path,
+        clock: Clock,
+        remember: Callable[[], None],
+        moved: Callable[[int | None], None],
+    ) -> None:
+        self.simulated = url.startswith("sim://")
+        self.pace = Pace.of(clock)
+        self.link = Link(self.pace.floor_s)
+        self.session: Session | None = None
+        self.report: Report | None = None
+        self.absent: str | None = "the port was not opened yet"
+        self.look: str | None = None  # trouble while idle: a person has to see to it
+        self.resets = 0  # that the agent did not cause
+        self.stirred = False  # something other than the next line of a program happened
+        self._url, self._folder, self._clock = url, folder, clock
+        self._remember, self._moved = remember, moved
+        self._port: SerialPort | None = None
+        self._retry_wall_s = 0.0
+
+    # --- what the loop does ---
+
+    def readable(self, _: int = 0) -> None:
+        """Bytes came."""
+        port = self._port
+        if port is None:
+            return
+        try:
+            data = port.read()
+            now_s = self._clock.now()
+            events = self.link.receive(data, now_s)
+            if events is None:
+                port.write(self.link.take())
+                return
+        except PortError as error:
+            self._gone(error)
+            return
+        self._go_on(events, now_s)
+
+    def tick(self) -> None:
+        """Look what is due."""
+        if self._port is None and time.time() >= self._retry_wall_s:
+            self.open()
+        now_s = self._clock.now()
+        self._go_on(self.link.tick(now_s), now_s)
+
+    def wake_wall_s(self) -> float:
+        """When `tick` wants to be called, in wall time."""
+        due_s = self.link.deadline_s
+        if self.session is not None:
+            due_s = min(due_s, self.session.deadline_s)
+        wall_s = self._clock.wall(due_s)
+        return min(wall_s, self._retry_wall_s) if self._port is None else wall_s
+
+    def open(self) -> None:
+        """Open the port, which resets the board. Where that fails, it is tried again later."""
+        try:
+            self._port = SerialPort(resolve(self._url, self._folder, self._clock))
+        except PortError as error:
+            if self.absent != str(error):
+                log.warning("%s", error)
+            self.absent = str(error)
+            self._retry_wall_s = time.time() + RETRY_S
+            return
+        self._opened()
+
+    def begin(self, session: Session) -> None:
+        """Let a session have the board, from a reset on."""
+        self.session = session
+        self._go_on((), self._clock.now())
+
+    def cancel(self, reason: str) -> None:
+        """End the open print safely."""
+        if self.session is not None:
+            now_s = self._clock.now()
+            self.session.cancel(reason, now_s)
+            self._go_on((), now_s)
+
+    def looked_at(self) -> None:
+        """A person saw to the printer: whatever was the matter is over."""
+        if self.look is None and self.link.phase is not Phase.DEAD:
+            return
+        self.look = None
+        if self.session is None and self._port is not None:
+            self._reset()
+
+    def close(self) -> None:
+        """Give the port up."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    # --- the emulator's own word ---
+
+    def status(self) -> EmulatorStatus | None:
+        """What an emulator shows; None for a real printer, which can show nothing."""
+        if not self.simulated:
+            return None
+        try:
+            return read_status(self._folder)
+        except PortError:
+            return None
+
+    def clear_bed(self) -> None:
+        """Take what was printed off an emulator's bed.
+
+        Raises
+        ------
+        PortError
+            The emulator does not answer.
+        """
+        if self.simulated:
+            control(self._folder, "clear_bed")
+
+    # --- inside ---
+
+    def _go_on(self, events: Events, now_s: float) -> None:
+        self.stirred = True
+        for event in events:
+            self._notice(event, now_s)
+        if self.session is not None:
+            self._advance(self.session, events, now_s)
+        self._remember()
+        out = self.link.take()
+        if self._port is not None and (out or self._port.unwritten):
+            try:
+                self._port.write(out)
+            except PortError as error:
+                self._gone(error)
+
+    def _advance(self, session: Session, events: Events, now_s: float) -> None:
+        session.advance(events, now_s)
+        while session.wants_reset and self._port is not None and not session.ended:
+            self._remember()
+            self._reset()
+            session.advance((), now_s)
+
+    def _notice(self, event: Event, now_s: float) -> None:
+        if isinstance(event, Report):
+            self.report = event
+        elif isinstance(event, Up):
+            log.info("the board answers%s", " after a reset" if event.restarted else "")
+        elif isinstance(event, Said):
+            log.info("board: %s", event.text.decode("ascii", "replace"))
+        else:
+            log.warning("board: %s (%s)", event.text, event.fault)
+            if event.fault is Fault.REBOOT:
+                self.resets += 1
+            if self.session is None:
+                self._idle_trouble(event, now_s)
+
+    def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
+        if trouble.fault is Fault.REBOOT:
+            self.link.restarted(now_s)
+        elif trouble.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
+            self._gone(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
+        else:
+            self.look = trouble.text
+
+    def _opened(self) -> None:
+        assert self._port is not None
+        self.absent = None
+        self.report = None
+        if self.session is None:
+            self.link.poll_every_s = self.pace.idle_s
+        else:
+            self.session.wants_reset = False
+        self.link.opened(self._clock.now())
+        self._moved(self._port.fileno())
+
+    def _reset(self) -> None:
+        assert self._port is not None
+        self._moved(None)
+        try:
+            self._port.reset()
+        except PortError as error:
+            self._gone(error)
+            return
+        self._opened()
+
+    def _gone(self, error: PortError) -> None:
+        log.warning("%s", error)
+        self._moved(None)
+        self.close()
+        self.absent = str(error)
+        self.report = None
+        self.link.closed()
+        self._retry_wall_s = time.time() + RETRY_S
+        session = self.session
+        if session is not None and not session.wants_reset:
+            session.fail(Fault.PORT_LOST, str(error), self._clock.now())
+        self._remember()

@@ -1,0 +1,140 @@
+"""The agent's socket: requests in, replies and snapshots out, one JSON object a line."""
+
+from __future__ import annotations
+
+import logging
+import os
+import selectors
+import socket
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from drivers.messages import FromAgent, Reply, Request, Snapshot, request_adapter
+
+log = logging.getLogger(__name__)
+
+SOCKET = "agent.sock"
+_REQUEST_BYTES = 64 * 1024
+_BACKLOG_BYTES = 1024 * 1024  # a client that reads so slowly is dropped; it comes back and asks
+
+
+class _Client:
+    __slots__ = ("incoming", "outgoing", "socket")
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.socket = connection
+        self.incoming = b""
+        self.outgoing = b""
+
+
+class Server:
+    """Clients of one agent, on the agent's selector.
+
+    Parameters
+    ----------
+    folder
+        Gets `agent.sock`, for the agent's user alone; its path may be longer than a socket's may.
+    selector
+        The agent's; keys carry a callable that takes the ready mask.
+    answer
+        What to do with a request.
+    """
+
+    def __init__(
+        self, folder: Path, selector: selectors.BaseSelector, answer: Callable[[Request], Reply]
+    ) -> None:
+        self._selector = selector
+        self._answer = answer
+        self._clients: set[_Client] = set()
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        (folder / SOCKET).unlink(missing_ok=True)  # the agent holds the folder's lock: nobody lives there
+        descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
+        old_mask = os.umask(0o177)
+        try:
+            self._listener.bind(f"/proc/self/fd/{descriptor}/{SOCKET}")
+        finally:
+            os.umask(old_mask)
+            os.close(descriptor)
+        self._listener.listen()
+        self._listener.setblocking(False)
+        selector.register(self._listener, selectors.EVENT_READ, self._accept)
+
+    def push(self, snapshot: Snapshot) -> None:
+        """Send a snapshot to every client."""
+        line = _line(snapshot)
+        for client in tuple(self._clients):
+            self._send(client, line)
+
+    def close(self) -> None:
+        """Let all clients go."""
+        for client in tuple(self._clients):
+            self._drop(client)
+        self._selector.unregister(self._listener)
+        self._listener.close()
+
+    def _accept(self, _: int) -> None:
+        with suppress(BlockingIOError):
+            connection, _address = self._listener.accept()
+            connection.setblocking(False)
+            client = _Client(connection)
+            self._clients.add(client)
+            self._selector.register(connection, selectors.EVENT_READ, partial(self._ready, client))
+
+    def _ready(self, client: _Client, mask: int) -> None:
+        if mask & selectors.EVENT_WRITE:
+            self._send(client, b"")
+        if mask & selectors.EVENT_READ and client in self._clients:
+            self._read(client)
+
+    def _read(self, client: _Client) -> None:
+        try:
+            data = client.socket.recv(_REQUEST_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        *lines, client.incoming = (client.incoming + data).split(b"\n")
+        if not data or len(client.incoming) > _REQUEST_BYTES:
+            self._drop(client)
+            return
+        for line in lines:
+            try:
+                request = request_adapter.validate_json(line)
+            except ValidationError as error:
+                log.warning("a client sent what is no request: %s", error.errors()[0]["msg"])
+                self._drop(client)
+                return
+            self._send(client, _line(self._answer(request)))
+
+    def _send(self, client: _Client, data: bytes) -> None:
+        if client not in self._clients:
+            return
+        client.outgoing += data
+        try:
+            client.outgoing = client.outgoing[client.socket.send(client.outgoing) :]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._drop(client)
+            return
+        if len(client.outgoing) > _BACKLOG_BYTES:
+            self._drop(client)
+            return
+        wanted = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
+        key = self._selector.get_key(client.socket)
+        if key.events != wanted:
+            self._selector.modify(client.socket, wanted, key.data)
+
+    def _drop(self, client: _Client) -> None:
+        if client in self._clients:
+            self._clients.discard(client)
+            self._selector.unregister(client.socket)
+            client.socket.close()
+
+
+def _line(message: FromAgent) -> bytes:
+    return message.model_dump_json().encode() + b"\n"

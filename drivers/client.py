@@ -1,0 +1,202 @@
+"""The daemon's end of an agent's socket, and the starting of agents."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import os
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+
+from pydantic import ValidationError
+
+import drivers
+from drivers.clock import Clock
+from drivers.errors import AgentError, MessageError
+from drivers.messages import Reply, Request, Snapshot, from_agent_adapter
+
+SOCKET = "agent.sock"
+LOCK = "lock"
+LOG = "agent.log"
+RETRY_S = 0.25
+_LINE_BYTES = 1024 * 1024
+
+
+class AgentClient:
+    """A connection to one agent.
+
+    `connect` it, then iterate over `snapshots` in one task and call `request` from any; when the iterator
+    ends the connection is gone, and `connect` starts another.
+
+    Parameters
+    ----------
+    folder
+        The agent's folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._writer: asyncio.StreamWriter | None = None
+        self._reading: asyncio.Task[None] | None = None
+        self._waiting: dict[int, asyncio.Future[Reply]] = {}
+        self._snapshots: asyncio.Queue[Snapshot | None] = asyncio.Queue()
+        self._ids = count(1)
+
+    @property
+    def connected(self) -> bool:
+        """Whether requests can be sent."""
+        return self._reading is not None and not self._reading.done()
+
+    async def connect(self, timeout_s: float = 10.0) -> None:
+        """Connect, and wait for an agent that is just starting.
+
+        Raises
+        ------
+        AgentError
+            Nobody listened in `timeout_s` wall seconds.
+        """
+        await self.close()
+        loop = asyncio.get_running_loop()
+        until_s = loop.time() + timeout_s
+        while True:
+            try:
+                reader, self._writer = await self._open()
+                break
+            except OSError as error:
+                if loop.time() + RETRY_S > until_s:
+                    raise AgentError(f"{self._folder}: no agent answers ({error}); is it running?") from error
+                await asyncio.sleep(RETRY_S)
+        self._snapshots = asyncio.Queue()
+        self._reading = asyncio.create_task(self._read(reader, self._snapshots))
+
+    async def snapshots(self) -> AsyncIterator[Snapshot]:
+        """What the agent pushes, until the connection is gone."""
+        queue = self._snapshots
+        while (snapshot := await queue.get()) is not None:
+            yield snapshot
+
+    async def request(self, request: Request, timeout_s: float = 30.0) -> Reply:
+        """Send one request, and wait for its reply. Its `id` is given here, whatever it was.
+
+        Raises
+        ------
+        AgentError
+            There is no connection, it broke, or no reply came in time. The agent may have obeyed: requests
+            are idempotent, send it again. A refusal is no error: see `Reply.error`.
+        """
+        if self._writer is None or not self.connected:
+            raise AgentError(f"{self._folder}: no agent is connected")
+        number = next(self._ids)
+        reply: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
+        self._waiting[number] = reply
+        line = request.model_copy(update={"id": number}).model_dump_json()
+        try:
+            async with asyncio.timeout(timeout_s):
+                self._writer.write(line.encode() + b"\n")
+                await self._writer.drain()
+                return await reply
+        except (OSError, TimeoutError) as error:
+            raise AgentError(f"{self._folder}: no reply to {request.do} ({error or 'time-out'})") from error
+        finally:
+            self._waiting.pop(number, None)
+
+    async def close(self) -> None:
+        """Leave; the agent goes on."""
+        if self._writer is not None:
+            self._writer.close()
+            with suppress(OSError):
+                await self._writer.wait_closed()
+            self._writer = None
+        if self._reading is not None:
+            await self._reading
+            self._reading = None
+
+    async def _open(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        # A socket's path is limited to 107 bytes, and a state folder's is not.
+        descriptor = os.open(self._folder, os.O_PATH | os.O_DIRECTORY)
+        try:
+            path = f"/proc/self/fd/{descriptor}/{SOCKET}"
+            return await asyncio.open_unix_connection(path, limit=_LINE_BYTES)
+        finally:
+            os.close(descriptor)
+
+    async def _read(self, reader: asyncio.StreamReader, queue: asyncio.Queue[Snapshot | None]) -> None:
+        reason = "the connection to the agent is gone"
+        try:
+            while line := await reader.readline():
+                said = _parse(line)
+                if isinstance(said, Snapshot):
+                    queue.put_nowait(said)
+                    continue
+                waiting = self._waiting.get(said.id)
+                if waiting is not None and not waiting.done():
+                    waiting.set_result(said)
+        except (OSError, ValueError, MessageError) as error:
+            reason = str(error)
+        finally:
+            queue.put_nowait(None)
+            for waiting in self._waiting.values():
+                if not waiting.done():
+                    waiting.set_exception(AgentError(f"{self._folder}: {reason}"))
+
+
+def _parse(line: bytes) -> Snapshot | Reply:
+    try:
+        return from_agent_adapter.validate_json(line)
+    except ValidationError as error:
+        raise MessageError(f"an agent said what is no message: {error.errors()[0]['msg']}") from error
+
+
+def spawn(printer: str, model: str, port: str, folder: Path, clock: Clock) -> subprocess.Popen[bytes]:
+    """Start an agent in a session of its own: it outlives whoever started it.
+
+    Parameters
+    ----------
+    printer, model, port
+        As `fleet.yaml` has them.
+    folder
+        The agent's folder, made if missing; its log goes to `agent.log` there.
+    clock
+        The farm's clock.
+
+    Returns
+    -------
+    subprocess.Popen
+        To be polled now and then, so that its end leaves no zombie.
+
+    Raises
+    ------
+    AgentError
+        The process cannot be started.
+    """
+    arguments = ["--printer", printer, "--model", model, "--port", port, "--folder", str(folder.absolute())]
+    arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / LOG).open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", "drivers.agent", *arguments],
+                cwd=Path(drivers.__file__).parents[1],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+    except OSError as error:
+        raise AgentError(f"{printer}: its agent does not start ({error}); see {folder / LOG}") from error
+
+
+def alive(folder: Path) -> bool:
+    """Whether an agent of this folder lives: whether its lock is held."""
+    try:
+        with (folder / LOCK).open("rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except FileNotFoundError:
+        return False
+    except BlockingIOError:
+        return True
+    return False

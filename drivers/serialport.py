@@ -1,0 +1,161 @@
+"""The serial port itself: the only user of pyserial.
+
+pyserial opens and sets up the port; bytes then go through `os.read` and `os.write` on its descriptor, as
+pyserial's own calls select and lock each time, and a link of thousands of lines a second feels it.
+"""
+
+from __future__ import annotations
+
+import os
+import termios
+import time
+from pathlib import Path
+
+import serial
+
+from drivers.clock import Clock
+from drivers.emulator.launch import launch
+from drivers.errors import PortError
+
+BAUD = 250_000
+DTR_PULSE_S = 0.1
+_READ_BYTES = 4096
+
+
+class SerialPort:
+    """An open port. Opening it resets the board behind it.
+
+    Parameters
+    ----------
+    path
+        A device, or the slave of a pseudo-terminal.
+
+    Raises
+    ------
+    PortError
+        It is not there, or somebody else has it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._unwritten = b""
+        self._open()
+
+    def _open(self) -> None:
+        try:
+            port = serial.Serial(str(self.path), BAUD, timeout=0, exclusive=True)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise PortError(f"{self.path}: cannot be opened ({_cause(error)}); {_advice(error)}") from error
+        try:
+            # Else a closed port drops DTR, and the next host to open it resets the board twice.
+            fd = port.fileno()
+            attributes = termios.tcgetattr(fd)
+            attributes[2] &= ~termios.HUPCL
+            termios.tcsetattr(fd, termios.TCSANOW, attributes)
+            os.set_blocking(fd, False)
+            termios.tcflush(fd, termios.TCIFLUSH)
+        except (termios.error, OSError) as error:
+            port.close()
+            raise PortError(f"{self.path}: is no serial port ({error}); name the printer's device") from error
+        self._serial, self._fd = port, fd
+
+    def fileno(self) -> int:
+        """The descriptor; `reset` may change it."""
+        return self._fd
+
+    def read(self) -> bytes:
+        """What has come, perhaps nothing.
+
+        Raises
+        ------
+        PortError
+            The port went away.
+        """
+        try:
+            data = os.read(self._fd, _READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError as error:
+            raise PortError(f"{self.path}: went away ({error}); look at its cable and power") from error
+        if not data:
+            raise PortError(f"{self.path}: went away; look at its cable and power")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send, or keep what the port does not take yet for the next call.
+
+        Raises
+        ------
+        PortError
+            The port went away.
+        """
+        if self._unwritten:
+            data = self._unwritten + data
+        try:
+            written = os.write(self._fd, data)
+        except BlockingIOError:
+            written = 0
+        except OSError as error:
+            raise PortError(f"{self.path}: went away ({error}); look at its cable and power") from error
+        self._unwritten = data[written:]
+
+    @property
+    def unwritten(self) -> bool:
+        """Whether something waits to be written."""
+        return bool(self._unwritten)
+
+    def reset(self) -> None:
+        """Reset the board: a pulse of DTR, or on a pseudo-terminal, which has none, close and open."""
+        self._unwritten = b""
+        if os.ttyname(self._fd).startswith("/dev/pts/"):
+            self.close()
+            self._open()
+            return
+        try:
+            self._serial.dtr = False
+            time.sleep(DTR_PULSE_S)
+            self._serial.dtr = True
+            termios.tcflush(self._fd, termios.TCIFLUSH)
+        except (OSError, termios.error) as error:
+            raise PortError(f"{self.path}: cannot be reset ({error}); look at its cable and power") from error
+
+    def close(self) -> None:
+        """Give the port up. The board goes on with what it has, heaters and all."""
+        self._serial.close()
+
+
+def resolve(url: str, folder: Path, clock: Clock) -> Path:
+    """The device behind a port of `fleet.yaml`; starts the emulator of a ``sim://`` port where none is alive.
+
+    Raises
+    ------
+    PortError
+        The kind of port is not one that can be printed over, or the emulator does not start.
+    """
+    kind, mark, _ = url.partition("://")
+    if not mark:
+        return Path(url)
+    if kind == "sim":
+        return launch(url, folder, clock)
+    if kind == "socket":
+        raise PortError(
+            f"{url}: a plain socket has no DTR, so the board cannot be stopped; use a device path"
+        )
+    raise PortError(f"{url}: a port is a device path or sim://MODEL; run an agent beside the printer instead")
+
+
+def _cause(error: BaseException) -> str:
+    """The innermost reason: pyserial wraps the system's own words twice."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else str(error)
+
+
+def _advice(error: BaseException) -> str:
+    match getattr(error, "errno", None):
+        case 2:
+            return "is the printer plugged in and switched on?"
+        case 13:
+            return "add the farm's user to the group that owns it"
+        case 11 | 16:
+            return "another program has it: end that first"
+    return "look at its cable and power"

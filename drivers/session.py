@@ -1,0 +1,427 @@
+"""One print on one board, without I/O: from the reset before it to heaters shown off.
+
+A `Session` is told what the link heard (`advance`), and says in turn what it needs: bytes go through its
+`link`, and `wants_reset` asks the caller to reset the port. The steps are written one after the other in a
+generator; what it yields is what it waits for. Whatever happens, the last thing it does is to have heaters
+shown off:
+
+- by command, where the firmware listens (the safe sequence of um2-serial section 5);
+- by a reset, where it does not, after which M105 must report both targets 0.
+
+The file's own M190 and M109 are never sent: the firmware hears nothing while it carries them out. They
+become M140 and M104, and M105 up to the target, so that a cancel is heard within one report.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+from drivers.clock import Clock
+from drivers.errors import Fault
+from drivers.gcode import Heat, HeaterName, Program
+from drivers.marlin import Event, Events, Link, Report, Trouble, Up
+from drivers.marlin import Phase as LinkPhase
+from drivers.messages import Filament, PrintPhase
+from drivers.profiles import Profile
+
+PARKED_MM = 20.0  # how far back the end code and the printer's own menu leave the filament
+HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
+BED_BAND_C = 0.5
+NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: residence near the target
+STALL_C = 1.0  # a heater that comes no nearer than this in STALL_S is broken
+STALL_S = {HeaterName.NOZZLE: 60.0, HeaterName.BED: 150.0}
+HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
+DEAD_MAN_S = 1200.0
+FEED_S = 300.0  # M105 does not feed the dead-man, a command does
+STOP_S = 30.0  # M401 waits for the move under way
+ABORT_S = 180.0
+OFF_S = 30.0
+RESET_S = 30.0  # for a port that went away to come back
+UP_S = 30.0  # the link itself asks before
+TRIES = 3
+_BARRIERS = (b"M400",) * 3  # the ok of a garbled last line may be believed; that of three is not
+
+_RESET_AFTER = frozenset(
+    (
+        Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.REBOOT, Fault.ENDSTOP,
+        Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.PORT_LOST, Fault.AGENT_DIED,
+    )
+)  # fmt: skip
+_SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How often to ask, and the least patience; in seconds of the farm's clock.
+
+    An accelerated clock must neither flood the link with M105 nor take the host's scheduling for a silent
+    board, so each of them has a bound in wall time.
+    """
+
+    floor_s: float = 2.0
+    heating_s: float = 1.0
+    printing_s: float = 3.0
+    idle_s: float = 5.0
+
+    @classmethod
+    def of(cls, clock: Clock) -> Pace:
+        """2 wall seconds of patience; at most 10 reports a wall second when heating, 2 in a print, 1 idle."""
+        scale = clock.scale
+        return cls(
+            floor_s=2.0 * scale,
+            heating_s=max(1.0, 0.1 * scale),
+            printing_s=max(3.0, 0.5 * scale),
+            idle_s=max(5.0, 1.0 * scale),
+        )
+
+
+class _Ended(Exception):
+    """Leaves the normal way of a print: a fault, or a cancel where `fault` is None."""
+
+    def __init__(self, fault: Fault | None, reason: str) -> None:
+        super().__init__(reason)
+        self.fault = fault
+        self.reason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class _Wait:
+    until: Callable[[], bool]
+    deadline_s: float = math.inf
+
+
+_Script = Generator[_Wait, bool, None]
+
+
+class Session:
+    """One print, or the recovery of one that an agent left behind.
+
+    Parameters
+    ----------
+    link
+        The conversation with the board; the caller moves its bytes and calls its `tick`.
+    program
+        What to print; None only resets the board and shows its heaters off (`fail` says why).
+    profile
+        The printer that the board must be.
+    filament
+        Where the filament is at the start; `filament` is kept up to date.
+    pace
+        See `Pace`.
+    now_s
+        The farm's clock.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        program: Program | None,
+        profile: Profile,
+        filament: Filament,
+        pace: Pace,
+        now_s: float,
+    ) -> None:
+        self.link = link
+        self.program = program
+        self.profile = profile
+        self.filament = filament
+        self.phase = PrintPhase.CONNECTING
+        self.fault: Fault | None = None
+        self.reason: str | None = None
+        self.extruded = False
+        self.started_s = now_s
+        self.ended_s: float | None = None
+        self.report: Report | None = None
+        self.heaters_off = False
+        self.wants_reset = False
+        self._pace = pace
+        self._now_s = now_s
+        self._up: Up | None = None
+        self._strange = 0  # reports in a row with targets that nobody here set
+        self._fed_s = now_s
+        self._dead_man_s = max(DEAD_MAN_S, 10 * pace.floor_s)
+        self._carried_out = 0  # lines of the file up to the last heating line that was carried out here
+        self._streamed: int | None = None  # once the stream is over
+        self._script = self._run()
+        self._wait = next(self._script)
+
+    # --- what the caller does ---
+
+    @property
+    def streamed(self) -> int:
+        """Lines of the file that the printer has acknowledged."""
+        if self._streamed is not None:
+            return self._streamed
+        return max(self._carried_out, self.link.streamed) if self.program is not None else 0
+
+    @property
+    def ended(self) -> bool:
+        return self.phase.ended
+
+    @property
+    def deadline_s(self) -> float:
+        """When `advance` wants to be called without events."""
+        return math.inf if self.ended else self._wait.deadline_s
+
+    def advance(self, events: Events, now_s: float) -> None:
+        """Take what the link heard, and go as far as that allows."""
+        self._now_s = now_s
+        ended: _Ended | None = None
+        for event in events:
+            ended = ended or self._notice(event)
+        if ended is not None:
+            self._leave(ended)
+        while not self.ended:
+            if self._wait.until():
+                self._resume(lambda: self._script.send(True))
+            elif now_s >= self._wait.deadline_s:
+                self._resume(lambda: self._script.send(False))
+            else:
+                return
+
+    def cancel(self, reason: str, now_s: float) -> None:
+        """End the print safely; nothing where it is ending already."""
+        self._now_s = now_s
+        if self.phase is not PrintPhase.ENDING and not self.ended:
+            self._leave(_Ended(None, reason))
+            self.advance((), now_s)
+
+    def fail(self, fault: Fault, reason: str, now_s: float) -> None:
+        """The caller has seen something that ends the print (the port went)."""
+        self._now_s = now_s
+        if not self.ended:
+            self._leave(_Ended(fault, reason))
+            self.advance((), now_s)
+
+    # --- what was heard ---
+
+    def _notice(self, event: Event) -> _Ended | None:
+        if isinstance(event, Report):
+            self.report = event
+            return self._watch_targets(event)
+        if isinstance(event, Up):
+            self._up = event
+        elif isinstance(event, Trouble) and not (
+            self.link.only_ask and self.link.phase is not LinkPhase.DEAD
+        ):
+            return _Ended(event.fault, event.text)
+        return None
+
+    def _watch_targets(self, report: Report) -> _Ended | None:
+        """Tinker firmware and people at the knob change targets behind a host's back."""
+        program = self.program
+        if program is None or self.phase not in (PrintPhase.HEATING, PrintPhase.PRINTING):
+            return None
+        done = max(self._carried_out, self.link.streamed)
+        nozzle_c = program.target_c(HeaterName.NOZZLE, done) or 0.0
+        bed_c = program.target_c(HeaterName.BED, done) or 0.0
+        same = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
+        self._strange = 0 if same else self._strange + 1
+        if self._strange < 3:  # one may be garbled
+            return None
+        found = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"
+        return _Ended(Fault.TARGET_CHANGED, f"somebody set {found}, not {nozzle_c:g} and {bed_c:g}")
+
+    # --- the script ---
+
+    def _resume(self, step: Callable[[], _Wait]) -> None:
+        try:
+            self._wait = step()
+        except StopIteration:
+            self.ended_s = self._now_s
+            self.wants_reset = False
+            self.link.poll_every_s = self._pace.idle_s
+            self.link.poll(self._now_s)
+
+    def _leave(self, ended: _Ended) -> None:
+        self._resume(lambda: self._script.throw(ended))
+
+    def _run(self) -> _Script:
+        outcome = PrintPhase.DONE
+        try:
+            yield from self._print()
+        except _Ended as ended:
+            self.fault, self.reason = ended.fault, ended.reason
+            outcome = PrintPhase.CANCELLED if ended.fault is None else PrintPhase.FAILED
+            self.phase = PrintPhase.ENDING
+            yield from self._make_safe()
+        self.phase = outcome
+
+    def _print(self) -> _Script:
+        program = self.program
+        if program is None:
+            raise _Ended(Fault.AGENT_DIED, "the agent's process ended in the middle of the print")
+        yield from self._connect()
+        self._check_printer()
+        self.phase = PrintPhase.HEATING
+        self.heaters_off = False
+        yield from self._commands(b"M85 S%d" % self._dead_man_s)
+        stops: dict[int, Heat | None] = {program.extrudes: None, program.count: None}
+        stops |= {heat.line: heat for heat in program.heats if heat.waits}
+        at = 0
+        for stop in sorted(stops):
+            yield from self._stream(program, at, stop)
+            at = stop
+            heat = stops[stop]
+            if heat is not None:
+                self._carried_out = at = stop + 1
+                yield from self._heat(heat)
+                if heat.heater is HeaterName.NOZZLE and self.filament is Filament.PARKED:
+                    yield from self._unpark()
+            elif stop == program.extrudes < program.count:
+                self.extruded = True
+                self.phase = PrintPhase.PRINTING
+        self.phase = PrintPhase.ENDING
+        self._streamed = program.count
+        yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, b"M85 S0", limit_s=math.inf)
+        if not (yield from self._shown_off()):
+            raise _Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
+        if self.extruded:
+            self.filament = Filament.PARKED  # by the file's end code
+
+    def _connect(self) -> _Script:
+        """Reset the board and wait until it answers; a new board has heaters off and counts lines from 1."""
+        for _ in range(TRIES):
+            self._up = None
+            self.wants_reset = True
+            self.link.poll_every_s = self._pace.heating_s
+            if not (yield self._until(lambda: not self.wants_reset, RESET_S)):
+                raise _Ended(Fault.PORT_LOST, "the port is not there")
+            heard = self._until(lambda: self._up is not None or self.link.phase is LinkPhase.DEAD, UP_S)
+            yield heard
+            if self._up is not None and self._up.restarted:
+                return
+        raise _Ended(Fault.NO_ANSWER, "the board did not start again when its port was opened")
+
+    def _check_printer(self) -> None:
+        banner = self._up.banner if self._up is not None else b""
+        version = next((line for line in banner.split(b"\n") if b"Vers:" in line), None)
+        if version is None:
+            return  # lost on the way; a noisy line is the link's matter
+        if version.rstrip().endswith(b"ex") != (self.profile.banner_suffix == "ex"):
+            said = version.decode("ascii", "replace")
+            raise _Ended(Fault.WRONG_PRINTER, f"not the board of an {self.profile.title}: {said!r}")
+
+    def _until(self, met: Callable[[], bool], limit_s: float) -> _Wait:
+        return _Wait(met, self._now_s + max(limit_s, 2 * self._pace.floor_s))
+
+    def _commands(self, *commands: bytes, limit_s: float = ABORT_S) -> Generator[_Wait, bool, bool]:
+        """Send commands and wait until the last of them was carried out."""
+        self.link.send(self._now_s, *commands)
+        self._fed_s = self._now_s
+        return (yield self._until(lambda: self.link.drained, limit_s))
+
+    def _stream(self, program: Program, start: int, stop: int) -> _Script:
+        if start < stop:
+            self.link.poll_every_s = self._pace.printing_s
+            self.link.stream(self._now_s, program.lines, start, stop)
+            yield _Wait(lambda: self.link.drained)
+
+    def _heat(self, heat: Heat) -> _Script:
+        """What M109 and M190 do, in steps that can be left at any time."""
+        yield from self._commands(_SETS[heat.heater] % heat.target_c)
+        if heat.target_c == 0:
+            return
+        self.link.poll_every_s = self._pace.heating_s
+        limit_s = self._now_s + HEAT_LIMIT_S[heat.heater]
+        nearest_c, nearer_s, held_s = math.inf, self._now_s, math.inf
+        while True:
+            seen = self.report
+            self.link.poll_soon(self._now_s + self._pace.heating_s)
+            yield _Wait(lambda seen=seen: self.report is not seen)  # type: ignore[misc]
+            report = self.report
+            if report is None:
+                continue
+            now_c = report.nozzle_c if heat.heater is HeaterName.NOZZLE else report.bed_c
+            away_c = heat.target_c - now_c
+            if heat.heater is HeaterName.BED and away_c <= BED_BAND_C:
+                return
+            if heat.heater is HeaterName.NOZZLE and abs(away_c) <= NOZZLE_BAND_C:
+                held_s = min(held_s, self._now_s)
+                if self._now_s - held_s >= NOZZLE_HOLD_S:
+                    return
+                continue
+            held_s = math.inf
+            if abs(away_c) < nearest_c - STALL_C:
+                nearest_c, nearer_s = abs(away_c), self._now_s
+            stalled = self._now_s - nearer_s > max(STALL_S[heat.heater], 2 * self._pace.floor_s)
+            if stalled or self._now_s > limit_s:
+                reached = f"{now_c:g} of {heat.target_c:g} C"
+                raise _Ended(Fault.HEATER_TIMEOUT, f"the {heat.heater} got to {reached} and no further")
+            if self._now_s - self._fed_s > FEED_S:
+                yield from self._commands(b"M85 S%d" % self._dead_man_s)
+
+    def _unpark(self) -> _Script:
+        self.filament = Filament.UNKNOWN
+        yield from self._commands(b"M82", b"G92 E0", b"G1 F300 E%g" % PARKED_MM, b"G92 E0", b"M400")
+        self.filament = Filament.AT_NOZZLE
+
+    # --- ways out ---
+
+    def _make_safe(self) -> _Script:
+        self._streamed = self.streamed
+        homed = self.program is not None and self._streamed > self.program.homes
+        listens = self._up is not None and self.link.phase is LinkPhase.LIVE
+        if listens and self.fault not in _RESET_AFTER:
+            try:
+                if (yield from self._abort(homed)):
+                    return
+            except _Ended:
+                pass  # it stopped listening on the way
+        yield from self._cut(homed)
+
+    def _abort(self, homed: bool) -> Generator[_Wait, bool, bool]:
+        """The safe sequence of um2-serial section 5, with the filament parked. False where it got stuck."""
+        self.link.halt()
+        hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
+        if not (yield from self._commands(b"M401", b"M104 S0", b"M140 S0", b"M107", limit_s=STOP_S)):
+            return False
+        if homed:  # else nobody knows how far the bed may go
+            if hot and self.filament is Filament.AT_NOZZLE:
+                self.filament = Filament.UNKNOWN
+                yield from self._commands(b"G91", b"G1 F1500 E-%g" % PARKED_MM, b"M400")
+                self.filament = Filament.PARKED
+            away = (b"G91", b"G1 F1200 Z10", b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)
+            if not (yield from self._commands(*away)):
+                return False
+        yield from self._commands(b"M85 S0")
+        return (yield from self._shown_off())
+
+    def _cut(self, homed: bool) -> _Script:
+        """Heaters off by a reset: the only emergency stop that this firmware has."""
+        if self.filament is Filament.AT_NOZZLE:
+            self.filament = Filament.UNKNOWN
+        self.link.only_ask = True
+        self.heaters_off = False
+        try:
+            for _ in range(TRIES):
+                try:
+                    yield from self._connect()
+                    if (yield from self._shown_off()):
+                        if homed and self.fault is None:
+                            yield from self._commands(b"G28 X0 Y0", b"M84", b"M400")
+                        return
+                except _Ended as ended:
+                    if ended.fault is Fault.PORT_LOST:
+                        break
+            self.reason = f"{self.reason}; heaters were not shown off: switch the printer off"
+        finally:
+            self.link.only_ask = False
+
+    def _shown_off(self) -> Generator[_Wait, bool, bool]:
+        """Ask until a report shows both targets 0."""
+        limit = self._until(lambda: False, OFF_S).deadline_s
+        self.link.poll_every_s = self._pace.heating_s
+        self.link.poll(self._now_s)
+        while self._now_s < limit:
+            seen = self.report
+            yield _Wait(lambda seen=seen: self.report is not seen, limit)  # type: ignore[misc]
+            report = self.report
+            if report is None or report is seen:
+                continue
+            if report.nozzle_target_c == 0 and report.bed_target_c == 0:
+                self.heaters_off = True
+                return True
+        return False
