@@ -2,10 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import subprocess
+import time
+from collections import deque
+from collections.abc import Callable, Coroutine
+from pathlib import Path
+from typing import Any
 
 from drivers import messages as m
+from drivers.client import AgentClient, alive, spawn
+from drivers.clock import Clock
+from drivers.emulator.launch import Command, control
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.errors import DriverError
+from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+from farm.paths import StateFolder
+from farm.tracking import events as ev
+from farm.tracking.books import Books
 
 log = logging.getLogger(__name__)
 
@@ -19,8 +35,8 @@ _PHASES = {
     m.PrintPhase.FAILED: PrintState.FAILED,
     m.PrintPhase.CANCELLED: PrintState.CANCELLED,
 }
-_RETRY_S = 0.5  # wall seconds between attempts to reach an agent
-_RESTARTS_PER_MINUTE = 6
+_RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
+_EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
 
 def translate(said: m.Snapshot) -> AgentSnapshot:
@@ -37,7 +53,7 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
             extruded=said.print.extruded,
             started_s=said.print.started_s,
             ended_s=said.print.ended_s,
-            starved_s=said.print.starved_s,
+            starved_s=said.starved_s,
         )
     return AgentSnapshot(
         printer=said.printer,
@@ -54,3 +70,165 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
         board_resets=said.board_resets,
         print=attempt,
     )
+
+
+class Links:
+    """All agents of the fleet. `heard` is called with every snapshot."""
+
+    def __init__(
+        self, fleet: Fleet, state: StateFolder, clock: Clock, heard: Callable[[AgentSnapshot], None]
+    ) -> None:
+        self._links = {
+            section.name: AgentLink(section, state, clock, heard)
+            for section in fleet.printers
+            if section.enabled
+        }
+
+    def start(self) -> None:
+        """Adopt the agents that are alive, start the others, and listen to all."""
+        for link in self._links.values():
+            link.start()
+
+    def watch(self) -> None:
+        """Start what has died."""
+        for link in self._links.values():
+            link.keep_alive()
+
+    def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
+        """Tell an agent; where it cannot be told now, its next snapshot shows that it still has to be."""
+        match instruction:
+            case ev.SendStart():
+                attempt = books.prints[instruction.print_id]
+                plate = books.plates[attempt.plate]
+                request: m.Request = m.StartPrint(
+                    id=0,
+                    print_id=attempt.id,
+                    gcode=str(files / plate.gcode),
+                    sha256=plate.sha256,
+                    print_time_s=plate.print_time_s,
+                    filament=m.Filament(books.printer(instruction.printer).filament),
+                )
+            case ev.SendCancel():
+                request = m.CancelPrint(id=0, print_id=instruction.print_id, reason=instruction.reason)
+            case ev.SendForget():
+                request = m.ForgetPrint(id=0, print_id=instruction.print_id)
+            case ev.SendCleared():
+                filament = m.Filament(instruction.filament) if instruction.filament else None
+                request = m.BedCleared(id=0, filament=filament)
+            case ev.StopPlanning():
+                return
+        link = self._links.get(instruction.printer)
+        if link is not None:
+            link.tell(request)
+
+    async def shut_down_agents(self) -> None:
+        """End every agent, and switch the simulated printers off."""
+        await asyncio.gather(*(link.shut_down() for link in self._links.values()))
+
+    async def close(self) -> None:
+        """Leave the agents to themselves."""
+        await asyncio.gather(*(link.close() for link in self._links.values()))
+
+
+class AgentLink:
+    """One agent: its process, its connection, and what it is told."""
+
+    def __init__(
+        self,
+        section: PrinterSection,
+        state: StateFolder,
+        clock: Clock,
+        heard: Callable[[AgentSnapshot], None],
+    ) -> None:
+        self._section = section
+        self._folder = state.agent(section.name)
+        self._clock = clock
+        self._heard = heard
+        self._client = AgentClient(self._folder)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
+        self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._stopping = False
+
+    def start(self) -> None:
+        self.keep_alive()
+        self._spawn_task(self._listen())
+
+    def keep_alive(self) -> None:
+        """Start the agent where none is alive."""
+        if self._process is not None and self._process.poll() is not None:
+            log.warning("%s: its agent ended with %s", self._section.name, self._process.returncode)
+            self._process = None
+        if self._stopping or self._process is not None or alive(self._folder):
+            return
+        now = time.monotonic()
+        if len(self._starts) == self._starts.maxlen and now - self._starts[0] < 60.0:
+            return
+        self._starts.append(now)
+        try:
+            section = self._section
+            self._process = spawn(section.name, section.model, section.port, self._folder, self._clock)
+            log.info("%s: agent started, pid %d", section.name, self._process.pid)
+        except DriverError as error:
+            self._heard(AgentSnapshot(printer=self._section.name, link=Link.ABSENT, reason=str(error)))
+
+    async def _listen(self) -> None:
+        while not self._stopping:
+            try:
+                await self._client.connect()
+                async for said in self._client.snapshots():
+                    self._heard(translate(said))
+                log.info("%s: the connection to its agent is gone", self._section.name)
+            except DriverError as error:
+                log.warning("%s: %s", self._section.name, error)
+            self._heard(AgentSnapshot(printer=self._section.name, link=Link.STARTING))
+
+    def tell(self, request: m.Request) -> None:
+        """Send a request; its refusal or loss is logged, and the next snapshot shows what is still owed."""
+        key = (request.do, getattr(request, "print_id", ""))
+        if key not in self._asked:
+            self._asked.add(key)
+            self._spawn_task(self._tell(key, request))
+
+    async def _tell(self, key: tuple[str, str], request: m.Request) -> None:
+        try:
+            reply = await self._client.request(request)
+            if reply.error:
+                log.warning("%s: %s refused: %s", self._section.name, request.do, reply.error)
+        except DriverError as error:
+            log.warning("%s: %s", self._section.name, error)
+        finally:
+            self._asked.discard(key)
+
+    async def shut_down(self) -> None:
+        """End the agent; a simulated printer is switched off."""
+        self._stopping = True
+        try:
+            reply = await self._client.request(m.Shutdown(id=0, now=True))
+            if reply.error:
+                log.warning("%s: %s", self._section.name, reply.error)
+        except DriverError as error:
+            log.info("%s: %s", self._section.name, error)
+        if self._process is not None:
+            try:
+                await asyncio.to_thread(self._process.wait, 30.0)
+            except subprocess.TimeoutExpired:
+                log.warning("%s: its agent does not end", self._section.name)
+        if self._section.simulated and emulator_alive(self._folder / _EMULATOR):
+            try:
+                await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)
+            except DriverError as error:
+                log.warning("%s: %s", self._section.name, error)
+
+    async def close(self) -> None:
+        self._stopping = True
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._client.close()
+
+    def _spawn_task(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

@@ -56,7 +56,7 @@ def decompose_to_folder(
         settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
         rooms = [PrinterRoom(str(number), boxes) for number in range(printers)]
-        cost = CostModel.from_recipe(recipe(settings))
+        cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
         written = write(partition.decompose(model, rooms, options, cost), out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 

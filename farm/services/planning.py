@@ -105,8 +105,11 @@ def printer_settings(section: PrinterSection, quality: str, resources: Resources
         return resolve_settings(request, resources)
 
 
-def recipe(settings: Settings) -> Recipe:
-    """The numbers of the slicer's settings that decide print time, for the decomposition's cost."""
+def recipe(settings: Settings, prelude_s: float) -> Recipe:
+    """The numbers of the slicer's settings that decide print time, for the decomposition's cost.
+
+    `prelude_s` is what each plate takes beside its layers (heat-up, start and end code).
+    """
     return Recipe(
         layer_height_mm=settings.layer_height_mm,
         line_width_mm=settings.line_width_mm,
@@ -120,7 +123,14 @@ def recipe(settings: Settings) -> Recipe:
         skin_mm_s=settings.speed_topbottom_mm_s,
         support_mm_s=settings.speed_support_mm_s,
         brim_mm=settings.brim_width_mm,
+        brim_mm_s=settings.speed_layer_0_mm_s,
+        prelude_s=prelude_s,
     )
+
+
+def prelude_seconds(section: PrinterSection, settings: Settings) -> float:
+    """What a plate takes on this printer beside its layers."""
+    return plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 
 
 def decompose_job(task: DecomposeTask) -> Decomposed:
@@ -145,7 +155,9 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
         for room in (printer_room(section, settings[section.name].brim_width_mm),)
     ]
     model = read_inspected(task.model)
-    cost = CostModel.from_recipe(recipe(settings[task.printers[0].name]))
+    first = task.printers[0]
+    prelude_s = prelude_seconds(first, settings[first.name])
+    cost = CostModel.from_recipe(recipe(settings[first.name], prelude_s))
     try:
         found = partition.decompose(model, rooms, Options(), cost)
         written = write(found, task.folder)
@@ -258,28 +270,26 @@ def make_plan(
                 printer=section.name,
             )
         )
-    first = tasks[0]
-    profile = PROFILES[sections[decomposed.parts[0].printer].model]
+    prelude_s = prelude_seconds(sections[decomposed.parts[0].printer], tasks[0].settings)
     return Plan(
         parts=tuple(parts),
         plates=tuple(plates),
         repairs=decomposed.repairs,
         scale=decomposed.scale,
-        serial_s=plate_seconds(
-            profile, _serial_s(decomposed, slices), first.settings.nozzle_c, first.settings.bed_c
-        ),
+        serial_s=prelude_s + _serial_s(decomposed, slices, prelude_s),
         estimated_s=_makespan_s(plates),
         picture=store_file(files, decomposed.picture),
     )
 
 
-def _serial_s(decomposed: Decomposed, slices: Sequence[PlateResult]) -> float:
-    """The whole model in one piece: the cost's estimate, corrected by how it erred on the sliced parts.
+def _serial_s(decomposed: Decomposed, slices: Sequence[PlateResult], prelude_s: float) -> float:
+    """The layers of the whole model in one piece: the cost's estimate, corrected by its error on the parts.
 
-    Slicing the whole would take minutes and prints on no printer that there is.
+    Slicing the whole would take minutes, for a printer that nobody has.
     """
-    estimated_s = sum(part.estimated_s for part in decomposed.parts)
-    return decomposed.serial_s * sum(sliced.print_time_s for sliced in slices) / estimated_s
+    estimated_s = sum(part.estimated_s - prelude_s for part in decomposed.parts)
+    sliced_s = sum(float(sliced.print_time_s) for sliced in slices)
+    return (decomposed.serial_s - prelude_s) * sliced_s / estimated_s
 
 
 def _makespan_s(plates: Sequence[Plate]) -> float:
