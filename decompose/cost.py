@@ -87,12 +87,13 @@ class CostModel:
         layer = recipe.layer_height_mm
         walls = 1.0 / recipe.outer_wall_mm_s + max(recipe.wall_count - 1, 0) / recipe.inner_wall_mm_s
         infill = recipe.infill_line_distance_mm * layer * recipe.infill_mm_s
+        support = recipe.support_line_distance_mm * layer * recipe.support_mm_s
         return cls(
             fixed_s=recipe.prelude_s + 60.0,
             volume_s_mm3=1.35 / infill if infill > 0.0 else 0.0,
             lateral_s_mm2=0.95 * walls / layer,
             skin_s_mm2=0.85 * recipe.skin_layers / (recipe.line_width_mm * recipe.skin_mm_s),
-            overhang_s_mm3=1.07 / (recipe.support_line_distance_mm * layer * recipe.support_mm_s),
+            overhang_s_mm3=1.07 / support if support > 0.0 else 0.0,
             brim_s_mm2=1.2 / (recipe.line_width_mm * recipe.brim_mm_s),
             height_s_mm=1.0 / layer,
             brim_mm=recipe.brim_mm,

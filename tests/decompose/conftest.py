@@ -1,0 +1,49 @@
+"""Solids and printers that the tests of this room share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.cost import CostModel, PrinterRoom, Recipe
+from decompose.mesh import Model
+from decompose.solid import Solid
+
+PLUS = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
+EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
+
+
+@pytest.fixture
+def cost() -> CostModel:
+    return CostModel.from_recipe(Recipe())
+
+
+@pytest.fixture
+def fleet() -> list[PrinterRoom]:
+    return [PrinterRoom(f"plus-{i}", PLUS) for i in range(5)] + [
+        PrinterRoom(f"extended-{i}", EXTENDED) for i in range(3)
+    ]
+
+
+@pytest.fixture(scope="session")
+def lump() -> Solid:
+    """Curved, with a hole, off the axes, and with flat faces too: 120 mm long."""
+    ring = trimesh.creation.torus(40.0, 20.0, major_sections=40, minor_sections=20)
+    ring.apply_transform(trimesh.transformations.rotation_matrix(0.6, [1.0, 0.5, 0.2]))
+    return Solid.union(
+        [Solid.from_arrays(ring.vertices, ring.faces), Solid.box((-30.0, -5.0, -25.0), (75.0, 10.0, 40.0))]
+    )
+
+
+@pytest.fixture(scope="session")
+def ball() -> Model:
+    """A ball of 300 mm: larger than any printer, thick enough to be hollow."""
+    sphere = trimesh.creation.icosphere(4, 150.0)
+    return Model(Solid.from_arrays(sphere.vertices, sphere.faces), (), 1.0)
+
+
+@pytest.fixture(scope="session")
+def triangles(lump: Solid) -> np.ndarray:
+    vertices, faces = lump.arrays()
+    return vertices[faces]
