@@ -112,8 +112,25 @@ class Solid:
         return Solid(_checked(below, "cutting a solid")), Solid(_checked(above, "cutting a solid"))
 
     def pieces(self) -> list[Solid]:
-        """The connected pieces, in the order of their least corners."""
+        """The connected pieces, each with the cavities inside it, in the order of their least corners."""
         if self.is_empty:
             return []
-        pieces = [Solid(_checked(p, "separating pieces")) for p in self.manifold.decompose()]
+        surfaces = [Solid(_checked(p, "separating pieces")) for p in self.manifold.decompose()]
+        pieces = [s for s in surfaces if s.volume_mm3 > 0.0]
+        for cavity in (s._turned() for s in surfaces if s.volume_mm3 < 0.0):
+            around = [i for i, p in enumerate(pieces) if p._encloses(cavity)]
+            if around:  # where pieces lie in cavities of others, the smallest is the one next to it
+                i = min(around, key=lambda i: pieces[i].volume_mm3)
+                pieces[i] = pieces[i].subtract(cavity)
         return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))
+
+    def _turned(self) -> Solid:
+        """Inside out."""
+        vertices, faces = self.arrays()
+        return Solid.from_arrays(vertices, faces[:, ::-1])
+
+    def _encloses(self, other: Solid) -> bool:
+        (lo, hi), (other_lo, other_hi) = self.bounds_mm, other.bounds_mm
+        if (lo > other_lo).any() or (hi < other_hi).any():
+            return False
+        return self.intersect(other).volume_mm3 > 0.5 * other.volume_mm3

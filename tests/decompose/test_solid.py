@@ -38,6 +38,14 @@ def test_pieces_come_in_order_of_position() -> None:
     assert Solid.box((0, 0, 0), (1, 1, 1)).clip((3, 3, 3), (4, 4, 4)).pieces() == []
 
 
+def test_a_cavity_belongs_to_the_piece_around_it() -> None:
+    shell = Solid.box((0, 0, 0), (10, 10, 10)).subtract(Solid.box((2, 2, 2), (8, 8, 8)))
+    inner = Solid.box((3, 3, 3), (7, 7, 7)).subtract(Solid.box((4, 4, 4), (6, 6, 6)))
+    assert [p.volume_mm3 for p in shell.pieces()] == pytest.approx([1000.0 - 216.0])
+    both = Solid.union([shell, inner, Solid.box((20, 0, 0), (21, 1, 1))])
+    assert [p.volume_mm3 for p in both.pieces()] == pytest.approx([1000.0 - 216.0, 64.0 - 8.0, 1.0])
+
+
 def test_simplify_removes_short_edges_only() -> None:
     box = Solid.box((0, 0, 0), (10, 10, 10))
     notched = Solid.union([box, Solid.box((4, 4, 9), (4.000001, 4.000001, 10.000001))])

@@ -1,0 +1,110 @@
+"""The search against a plain recursion, on tables of invented costs."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.cost import PrinterRoom
+from decompose.guillotine import UNREACHABLE, Box, Boxes, Partitioner, box_index, shared_rooms
+
+Shape = tuple[int, int, int]
+
+
+def every_box(shape: Shape) -> list[Box]:
+    spans = [[(a, b) for a in range(n) for b in range(a + 1, n + 1)] for n in shape]
+    return [(x0, y0, z0, x1, y1, z1) for x0, x1 in spans[0] for y0, y1 in spans[1] for z0, z1 in spans[2]]
+
+
+def tables(shape: Shape, seed: int) -> tuple[Boxes, np.ndarray]:
+    """Costs that grow with volume but not strictly, some boxes in two pieces, some that fit nothing."""
+    rng = np.random.default_rng(seed)
+    needed = rng.random(shape) < 0.7
+    total = int(np.prod([n * (n + 1) // 2 for n in shape]))
+    seconds = np.full(total, np.inf, np.float32)
+    trimmed = np.full(total, -1, np.int32)
+    pieces = np.ones(total, np.int16)
+    for box in every_box(shape):
+        at = box_index(box, shape)
+        inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
+        if not len(inside):
+            continue
+        lo, hi = inside.min(axis=0) + box[:3], inside.max(axis=0) + box[:3] + 1
+        trimmed[at] = box_index((*lo, *hi), shape)  # type: ignore[arg-type]
+        if trimmed[at] == at:
+            cells = np.prod(np.subtract(box[3:], box[:3]))
+            seconds[at] = 100.0 * cells * rng.uniform(0.7, 1.3) + 30.0
+            pieces[at] = 2 if rng.random() < 0.1 else 1
+            if cells > 1 and rng.random() < 0.1:
+                seconds[at] = np.inf
+    return Boxes(shape, seconds, trimmed, pieces), needed
+
+
+def fewest_by_recursion(boxes: Boxes, needed: np.ndarray, limit_s: float) -> int:
+    @cache
+    def fewest(box: Box) -> int:
+        inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
+        if not len(inside):
+            return 0
+        lo, hi = inside.min(axis=0) + box[:3], inside.max(axis=0) + box[:3] + 1
+        box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
+        at = box_index(box, boxes.shape)
+        best = int(boxes.pieces[at]) if boxes.seconds[at] <= limit_s else UNREACHABLE
+        for axis in range(3):
+            for plane in range(box[axis] + 1, box[axis + 3]):
+                near, far = list(box), list(box)
+                near[axis + 3] = far[axis] = plane
+                best = min(best, fewest(tuple(near)) + fewest(tuple(far)))  # type: ignore[arg-type]
+        return best
+
+    return fewest((0, 0, 0, *boxes.shape))
+
+
+shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
+
+
+@settings(max_examples=40, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.05, 1.2))
+def test_fewest_parts_at_a_limit(shape: Shape, seed: int, share: float) -> None:
+    boxes, needed = tables(shape, seed)
+    limit = share * 130.0 * float(np.prod(shape))
+    solver = Partitioner(boxes)
+    expected = fewest_by_recursion(boxes, needed, limit)
+    for ties in (False, True):
+        found = solver.parts(limit, ties)
+        assert found == expected
+    if found >= UNREACHABLE:
+        return
+    chosen = solver.chosen()
+    assert sum(int(boxes.pieces[box_index(b, shape)]) for b in chosen) == found
+    cover = np.zeros(shape, int)
+    for x0, y0, z0, x1, y1, z1 in chosen:
+        cover[x0:x1, y0:y1, z0:z1] += 1
+    assert cover.max(initial=0) <= 1
+    assert (cover[needed] == 1).all()
+    assert all(boxes.seconds[box_index(b, shape)] <= limit for b in chosen)
+
+
+@settings(max_examples=25, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
+def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None:
+    boxes, needed = tables(shape, seed)
+    limits = np.unique(boxes.seconds[np.isfinite(boxes.seconds)])
+    reachable = [t for t in limits if fewest_by_recursion(boxes, needed, float(t)) <= printers]
+    found = Partitioner(boxes).least_makespan(printers, 0.0, tolerance_s=1e-3)
+    if not needed.any() or not reachable:
+        assert found is None
+    else:
+        assert found == pytest.approx(float(reachable[0]), abs=2e-3)
+
+
+def test_all_rooms_count() -> None:
+    rooms = shared_rooms(
+        [PrinterRoom("a", ((1.0, 2.0, 3.0),)), PrinterRoom("b", ((4.0, 5.0, 6.0), (7.0, 1.0, 1.0)))]
+    )
+    assert rooms.shape == (2, 2, 3)
+    assert (rooms[0, 1] == -1.0).all()
