@@ -24,7 +24,7 @@ _MOVE = re.compile(rb"G[01](?: [FXYZE]-?[0-9.]+)+\Z")  # nearly every line, and 
 _CODE = re.compile(rb"[GMT]\d+")
 _HEAT = re.compile(rb"M(104|109|140|190)(?: .*)?")
 _TARGET = re.compile(rb" S(\d+(?:\.\d*)?)(?: |\Z)")
-_NEEDLESS = (b"M105", b"M117")  # the link asks by itself; a text on the display is read as commands
+_NEEDLESS = frozenset((b"M105", b"M117"))  # the link asks; a text is read as commands
 _NEVER = {
     b"M0": "waits for the knob for ever",
     b"M1": "waits for the knob for ever",
@@ -148,7 +148,7 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
     is_move = _MOVE.match
     for number, raw in enumerate(raw_lines, 1):
         line = raw.strip()
-        if not is_move(line):
+        if len(line) > COMMAND_BYTES or not is_move(line):
             if b";" in line:
                 line, _, comment = line.partition(b";")
                 line = line.rstrip()
@@ -161,7 +161,7 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
                     raise BadGcode(
                         f"line {number}: {_shown(comment[7:])} does not print over USB: slice for Marlin"
                     )
-            if not line or line.startswith(_NEEDLESS):
+            if not line or line.split(b" ", 1)[0] in _NEEDLESS:
                 continue
             heat = _check(line, number, count)
             if heat is not None:

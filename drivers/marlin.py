@@ -229,11 +229,6 @@ class Link:
         return out
 
     @property
-    def idle(self) -> bool:
-        """Nothing in flight and nothing to send."""
-        return not (self._waiting or self._polling or self._ahead)
-
-    @property
     def drained(self) -> bool:
         """Every line was acknowledged; a poll may be under way."""
         return not (self._waiting or self._ahead)
@@ -368,6 +363,8 @@ class Link:
         at = number - self._base
         if at > self._cursor + 1 or self._cursor < 0:
             return  # garbled: the time-out brings the right one
+        if number == 0 and self._base + self._cursor > 0:
+            return  # garbled as well, and N0 M110 would have the board count from 1 again
         if at < 0 or self._cursor - at >= HISTORY_LINES:
             if self._far == number:
                 self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)

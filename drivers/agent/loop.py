@@ -85,7 +85,7 @@ class Agent:
         self._starved_before_s = 0.0
         self._pushed: tuple[object, ...] = ()
         self._push_wall_s = 0.0
-        self._server = Server(folder, self._selector, self._answer)
+        self._server = Server(folder, self._selector, self._answer, self._snapshot)
         self._signals = self._listen_to_signals()
 
     def run(self) -> None:

@@ -42,13 +42,20 @@ class Server:
         The agent's; keys carry a callable that takes the ready mask.
     answer
         What to do with a request.
+    look
+        What a new client is told first.
     """
 
     def __init__(
-        self, folder: Path, selector: selectors.BaseSelector, answer: Callable[[Request], Reply]
+        self,
+        folder: Path,
+        selector: selectors.BaseSelector,
+        answer: Callable[[Request], Reply],
+        look: Callable[[], Snapshot],
     ) -> None:
         self._selector = selector
         self._answer = answer
+        self._look = look
         self._clients: set[_Client] = set()
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         (folder / SOCKET).unlink(missing_ok=True)  # the agent holds the folder's lock: nobody lives there
@@ -83,6 +90,7 @@ class Server:
             client = _Client(connection)
             self._clients.add(client)
             self._selector.register(connection, selectors.EVENT_READ, partial(self._ready, client))
+            self._send(client, _line(self._look()))
 
     def _ready(self, client: _Client, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:

@@ -1,0 +1,114 @@
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import BadGcode
+from drivers.gcode import COMMAND_BYTES, HeaterName, Program, strip
+
+
+def program(text: str) -> Program:
+    return strip(io.BytesIO(text.encode()))
+
+
+SLICED = """;FLAVOR:Marlin
+;LAYER_COUNT:2
+M140 S60 ; bed
+G28
+M190 S60
+M105
+M109 S210
+G1 F2400 Z20
+
+;LAYER:0
+G1 X1 Y1 E1
+G1 X2 Y1 E2
+;TIME_ELAPSED:10.0
+;LAYER:1
+G1 X3 Y1 E3
+G1 X4 Y1 E4
+;TIME_ELAPSED:30.0
+M104 S0
+M140 S0
+"""
+
+
+def test_comments_blanks_and_questions_do_not_reach_the_wire():
+    p = program(SLICED)
+    assert p.lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
+    assert p.count == 11
+    assert b";" not in p.text and b"M105" not in p.text
+
+
+def test_heats_say_what_is_set_and_what_is_waited_for():
+    p = program(SLICED)
+    waits = [(h.heater, h.target_c) for h in p.heats if h.waits]
+    assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
+    assert p.target_c(HeaterName.NOZZLE, 0) is None
+    assert p.target_c(HeaterName.NOZZLE, 4) == 210.0
+    assert p.target_c(HeaterName.NOZZLE, p.count) == 0.0
+
+
+def test_progress_is_by_time_and_linear_in_a_layer():
+    p = program(SLICED)
+    assert p.homes == 1
+    assert p.extrudes == 5
+    assert p.seconds_at(0) == 0.0
+    assert p.seconds_at(7) == 10.0
+    assert p.seconds_at(8) == 20.0
+    assert p.seconds_at(p.count) == 30.0
+    assert [p.layer_at(n) for n in (0, 6, 7, 8)] == [0, 0, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("M118 12:30", "':'"),
+        ("M118 Nozzle", "'N'"),
+        ("M118 a*b", "'*'"),
+        ("G1 X1 " + "Y1.00000 " * 9, "characters"),
+        ("M0", "knob"),
+        ("M999", "stopped for a reason"),
+        ("G10", "retracts"),
+        ("M109 R200", "no temperature"),
+        ("hello", "no command"),
+        ("M118 \x01", "plain text"),
+        (";FLAVOR:UltiGCode", "UltiGCode"),
+        (";TIME_ELAPSED:soon", "no number"),
+    ],
+)
+def test_what_the_firmware_would_misread_is_refused_with_its_line(line: str, says: str):
+    with pytest.raises(BadGcode) as refused:
+        program("G28\n" + line + "\n")
+    assert str(refused.value).startswith("line 2: ")
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_without_a_command_is_refused():
+    with pytest.raises(BadGcode):
+        program("; nothing\n\n")
+
+
+@given(
+    st.lists(st.integers(-999, 999), min_size=1, max_size=1200),
+    st.integers(0, 1300),
+    st.integers(0, 1300),
+)
+def test_any_slice_of_the_lines_is_that_of_the_list(values: list[int], start: int, stop: int):
+    lines = [b"G1 X%d" % v for v in values]
+    p = strip(line + b" ; c\n" for line in lines)
+    assert p.lines(start, stop) == lines[start:stop]
+    assert p.count == len(lines)
+    times = [p.seconds_at(n) for n in range(0, p.count + 1, 50)]
+    assert times == sorted(times)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_stripped_or_refused(data: bytes):
+    try:
+        p = strip(io.BytesIO(data))
+    except BadGcode:
+        return
+    assert all(0 < len(line) <= COMMAND_BYTES for line in p.lines(0, p.count))

@@ -1,0 +1,306 @@
+"""The link against a small firmware (rules of um2-serial section 1), over wires that lose and garble."""
+
+import math
+import random
+import re
+from functools import reduce
+from operator import xor
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import Fault
+from drivers.marlin import TRIES, Link, Phase, Report, Trouble, Up, checksum, frame
+
+BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"
+
+
+class Firmware:
+    """Numbers, checksums, resends and oks; nothing of machines."""
+
+    def __init__(self) -> None:
+        self.last = 0
+        self.partial = b""
+        self.done: list[tuple[int, bytes]] = []  # numbered lines that were carried out
+        self.mute = False
+
+    def feed(self, data: bytes) -> bytes:
+        out = b""
+        *lines, self.partial = (self.partial + data).split(b"\n")
+        for line in lines:
+            out += self.line(line)
+        return b"" if self.mute else out
+
+    def line(self, line: bytes) -> bytes:
+        body = line
+        number = re.search(rb"N(-?\d+)", line)
+        star = line.find(b"*")
+        if number is not None:
+            n = int(number[1])
+            if n != self.last + 1 and b"M110" not in line:
+                return self.wrong(b"Line Number is not Last Line Number+1")
+            if star < 0:
+                return self.wrong(b"No Checksum with line number")
+            said = re.match(rb"\d*", line[star + 1 :])
+            if reduce(xor, line[:star], 0) != int((said and said[0]) or b"-1"):
+                return self.wrong(b"checksum mismatch")
+            self.last = n
+            body = line[:star].partition(b" ")[2]
+        elif star >= 0:
+            return b"Error:No Line Number with checksum, Last Line: %d\n" % self.last
+        if not body.strip():
+            return b""
+        if number is not None and b"M110" not in body:
+            self.done.append((self.last, body))
+        if number is None and body.startswith(b"M105"):
+            return b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
+        if b"M119" in body:
+            return b"Reporting endstop status\nx_min: openy_max: openz_max: openok\n"
+        return b"ok\n"
+
+    def wrong(self, what: bytes) -> bytes:
+        self.partial = b""
+        return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (what, self.last, self.last + 1)
+
+
+class Wire:
+    """Bytes from end to end, each lost or changed with the given probability; in pieces of `piece` bytes."""
+
+    def __init__(self, lost: float, changed: float, piece: int, seed: int) -> None:
+        self.lost, self.changed, self.piece = lost, changed, piece
+        self.rng = random.Random(seed)
+
+    def carry(self, data: bytes) -> list[bytes]:
+        if self.lost or self.changed:
+            out = bytearray()
+            for byte in data:
+                roll = self.rng.random()
+                if roll < self.lost:
+                    continue
+                out.append(byte ^ (1 << self.rng.randrange(8)) if roll < self.lost + self.changed else byte)
+            data = bytes(out)
+        return [data[i : i + self.piece] for i in range(0, len(data), self.piece)]
+
+
+class Bench:
+    def __init__(self, wire: Wire | None = None, floor_s: float = 0.0) -> None:
+        self.firmware = Firmware()
+        self.wire = wire or Wire(0.0, 0.0, 10_000, 0)
+        self.link = Link(floor_s)
+        self.now_s = 0.0
+        self.events: list[object] = []
+
+    def boot(self) -> "Bench":
+        self.link.opened(self.now_s)
+        self.events += self.link.receive(BANNER, self.now_s) or ()
+        return self
+
+    def run(self, until_s: float = 1e6) -> None:
+        """Until nothing happens any more, or the link has given up."""
+        while self.now_s < until_s:
+            if out := self.link.take():
+                for there in self.wire.carry(out):
+                    for back in self.wire.carry(self.firmware.feed(there)):
+                        self.events += self.link.receive(back, self.now_s) or ()
+                self.now_s += 0.01
+            elif self.link.deadline_s == math.inf:
+                return
+            else:
+                self.now_s = self.link.deadline_s
+                self.events += self.link.tick(self.now_s)
+
+    def troubles(self) -> list[Fault]:
+        return [event.fault for event in self.events if isinstance(event, Trouble)]
+
+
+def lines(count: int) -> list[bytes]:
+    return [b"G1 X%d.%03d Y1 E%d" % (i % 200, i % 1000, i) for i in range(count)]
+
+
+def stream(bench: Bench, program: list[bytes]) -> None:
+    bench.link.stream(bench.now_s, lambda a, b: program[a:b], 0, len(program))
+
+
+@given(st.binary(max_size=128))
+def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes):
+    assert checksum(line) == reduce(xor, line, 0)
+
+
+def test_frames_are_those_of_the_notes():
+    assert frame(0, b"M110") == b"N0 M110*35\n"
+
+
+@given(count=st.integers(1, 700), piece=st.sampled_from([1, 2, 7, 10_000]))
+@settings(max_examples=25, deadline=None)
+def test_over_a_clean_wire_every_line_is_carried_out_once_and_nothing_is_repeated(count: int, piece: int):
+    bench = Bench(Wire(0.0, 0.0, piece, 0)).boot()
+    program = lines(count)
+    stream(bench, program)
+    bench.run()
+    assert bench.firmware.done == list(enumerate(program, 1))
+    assert bench.link.streamed == count
+    assert bench.link.repeated == 0
+    assert not bench.troubles()
+
+
+@given(
+    count=st.integers(1, 400),
+    lost=st.sampled_from([0.0, 0.0002, 0.002]),
+    changed=st.sampled_from([0.0002, 0.001, 0.01]),
+    piece=st.sampled_from([1, 10_000]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=150, deadline=None)
+def test_over_a_lossy_wire_lines_are_carried_out_once_in_order_or_the_link_ends_in_a_named_fault(
+    count: int, lost: float, changed: float, piece: int, seed: int
+):
+    bench = Bench(Wire(lost, changed, piece, seed)).boot()
+    program = [*lines(count), b"M400", b"M400", b"M400"]
+    stream(bench, program)
+    bench.run()
+    numbers = [number for number, _ in bench.firmware.done]
+    assert numbers == list(range(1, len(numbers) + 1))
+    if bench.link.phase is Phase.DEAD:
+        assert set(bench.troubles()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
+    else:
+        # Three barriers: what is believed of the last of them by mistake is no line of the print.
+        assert len(numbers) >= count
+        assert bench.link.streamed == len(program)
+
+
+@given(st.lists(st.binary(max_size=60), max_size=30))
+def test_whatever_a_board_says_the_link_never_raises(noise: list[bytes]):
+    bench = Bench().boot()
+    stream(bench, lines(20))
+    for data in noise:
+        bench.link.receive(data, bench.now_s)
+        bench.link.take()
+        bench.now_s = max(bench.now_s, min(bench.link.deadline_s, bench.now_s + 100.0))
+        bench.link.tick(bench.now_s)
+
+
+def test_after_the_banner_the_link_sets_the_line_number_and_says_that_it_is_up():
+    bench = Bench().boot()
+    assert bench.link.take() == b"N0 M110*35\n"
+    assert [(e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, Up)] == [
+        (True, True)
+    ]
+
+
+def test_a_board_that_does_not_restart_is_asked_and_said_to_be_up():
+    bench = Bench()
+    bench.link.opened(0.0)
+    bench.run()
+    assert [e.restarted for e in bench.events if isinstance(e, Up)] == [False]
+
+
+def test_a_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
+    bench = Bench().boot()
+    bench.run()
+    bench.firmware.mute = True
+    bench.link.send(bench.now_s, b"G1 X1")
+    bench.run()
+    assert bench.troubles() == [Fault.NO_ANSWER]
+    assert bench.link.take() == b""
+    assert bench.link.deadline_s == math.inf
+
+
+def test_a_slow_board_is_asked_first_and_no_line_is_sent_twice():
+    bench = Bench().boot()
+    bench.run()
+    bench.link.send(bench.now_s, b"G1 X1")
+    assert bench.link.take() == b"N1 G1 X1*%d\n" % checksum(b"N1 G1 X1")
+    bench.now_s = bench.link.deadline_s
+    bench.link.tick(bench.now_s)
+    assert bench.link.take() == b"M105\n"
+    bench.link.receive(b"ok\n", bench.now_s)  # the line's, late
+    bench.link.receive(b"ok T:20.0 /0.0 B:20.0 /0.0 @:0 B@:0\n", bench.now_s)
+    assert bench.link.drained and bench.link.deadline_s == math.inf
+    assert bench.link.repeated == 0
+
+
+def test_no_time_out_is_shorter_than_the_floor():
+    bench = Bench(floor_s=200.0).boot()
+    bench.run()
+    bench.link.send(bench.now_s, b"G1 X1")
+    assert bench.link.deadline_s >= bench.now_s + 200.0
+
+
+def test_the_ok_that_is_glued_to_the_end_stops_counts():
+    bench = Bench().boot()
+    bench.link.send(bench.now_s, b"M119", b"G1 X1")
+    bench.run()
+    assert [body for _, body in bench.firmware.done] == [b"M119", b"G1 X1"]
+    assert bench.now_s < 1.0
+
+
+def test_a_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line():
+    bench = Bench().boot()
+    bench.run()
+    bench.link.send(bench.now_s, b"G1 X1", b"G1 X2")
+    bench.link.take()
+    report = b"ok T:20.5 /0.0 B:21.0 /0.0 @:0 B@:0\n"
+    assert bench.link.receive(report, bench.now_s) == [Report(20.5, 0.0, 21.0, 0.0)]
+    assert bench.link.take() == b""
+    bench.link.receive(b"ok\n", bench.now_s)
+    assert bench.link.take().startswith(b"N2 ")
+
+
+@pytest.mark.parametrize(
+    ("said", "fault"),
+    [
+        (b"start\n", Fault.REBOOT),
+        (b"Error:Printer stopped due to errors. Fix the error and use M999\n", Fault.STOPPED),
+        (b"Printer stopped due to errors. Fix the error and use M999\nok\n", Fault.STOPPED),
+        (b"Error:0\n: Extruder switched off. MAXTEMP triggered !\n", Fault.MAXTEMP),
+        (b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", Fault.MINTEMP),
+        (b"Error:Temperature heated bed switched off. MAXTEMP triggered !!\n", Fault.MAXTEMP),
+        (b"Error:Printer halted. kill() called!\n", Fault.KILL),
+        (b"Error:Endstop not pressed after homing down. Endstop broken?\nok\n", Fault.ENDSTOP),
+        (b"echo: cold extrusion prevented\n", Fault.COLD_EXTRUSION),
+        (b"echo: too long extrusion prevented\n", Fault.BAD_FILE),
+    ],
+)
+def test_troubles_of_the_firmware_stop_the_stream_at_once(said: bytes, fault: Fault):
+    bench = Bench().boot()
+    stream(bench, lines(50))
+    bench.run(until_s=0.1)
+    bench.link.take()
+    bench.events += bench.link.receive(said, bench.now_s) or ()
+    assert bench.troubles() == [fault]
+    bench.link.receive(b"ok\n", bench.now_s)
+    assert bench.link.take() == b""
+
+
+def test_a_board_that_lost_its_count_is_not_obeyed():
+    bench = Bench().boot()
+    stream(bench, lines(300))
+    bench.run(until_s=1.0)
+    bench.firmware.last = 0  # it was reset, and its `start` was lost
+    done = len(bench.firmware.done)
+    bench.run()
+    assert bench.troubles() == [Fault.REBOOT]
+    assert len(bench.firmware.done) == done
+    assert bench.now_s < 1.0 + (TRIES + 1) * 60.0
+
+
+def test_halting_leaves_the_line_in_flight_and_sends_no_more_of_the_program():
+    bench = Bench().boot()
+    stream(bench, lines(300))
+    bench.run(until_s=0.5)
+    bench.link.halt()
+    bench.link.send(bench.now_s, b"M401")
+    streamed = bench.link.streamed
+    bench.run()
+    bodies = [body for _, body in bench.firmware.done]
+    assert bodies[-1] == b"M401"
+    assert len(bodies) - 1 <= streamed + 1 == bench.link.streamed
+
+
+def test_commands_wait_for_the_program_to_be_halted():
+    bench = Bench().boot()
+    stream(bench, lines(300))
+    with pytest.raises(ValueError, match="halt"):
+        bench.link.send(0.0, b"M401")
+        bench.link.send(0.0, b"M401")
