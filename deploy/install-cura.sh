@@ -113,10 +113,9 @@ if [[ $missing_settings == yes ]]; then
     say "Taking Cura's settings out of Debian's package 'cura' (it is not installed) ..."
     scratch=$(mktemp -d)
     trap 'rm -rf "$scratch"' EXIT
-    chmod 755 "$scratch" # apt downloads as a user of its own
     # A list that is old names a file that is gone; then it is refreshed once.
-    (cd "$scratch" && apt-get download -qq cura) || { refresh_lists && (cd "$scratch" && apt-get download -qq cura); } ||
-        fail "apt could not download cura."
+    download() { (cd "$scratch" && apt-get -o APT::Sandbox::User="$(id -un)" download -qq cura); }
+    download || { refresh_lists && download; } || fail "apt could not download cura."
     dpkg-deb -x "$scratch"/cura_*.deb "$scratch/cura"
     mkdir -p "$scratch/resources"
     for folder in definitions extruders variants quality intent; do

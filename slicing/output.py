@@ -16,6 +16,10 @@ from slicing.errors import Rule, SliceRejected
 MIN_EXTRUSION_C = 170.0
 """Below it the firmware drops the filament's move and still makes the others (``EXTRUDE_MINTEMP``)."""
 PARK_TOLERANCE_MM = 0.1
+TOP_MM = 1.0
+TIP_MM2 = 1.0
+"""What may be missing at the top: `TOP_MM` of any shape, or a tip of any height, thinner than a line, whose
+mean section is below `TIP_MM2`."""
 BED_TOLERANCE_MM = 0.2
 """A brim is whole lines wide, and support may stand out of the part by half a line."""
 _WORD = re.compile(r"([XYZEFS])([-+]?\d*\.?\d+)")
@@ -31,6 +35,7 @@ class Facts:
     filament_mm: float  # without priming
     layer_count: int  # as the engine planned
     layers: int  # those with extrusion
+    top_layer: int  # the index of the last one with extrusion
     min_mm: tuple[float, float, float]  # of all extrusion in layers, brim and support included
     max_mm: tuple[float, float, float]
     uses_firmware_retraction: bool
@@ -51,7 +56,8 @@ class _Walk:
         self.nozzle_c = self.bed_c = self.reached_c = 0.0
         self.flavour = ""
         self.time_s = 0.0
-        self.layer_count = self.layers = 0
+        self.layer_count = self.layers = self.layer = 0
+        self.top_layer = -1
         self.layer_prints = False
         self.filament_mm = self.parked_mm = 0.0
         self.low = [math.inf] * 3
@@ -63,6 +69,7 @@ class _Walk:
             self.time_s = float(line[14:])
         elif line.startswith(";LAYER:"):
             self.in_layers, self.layer_prints = True, False
+            self.layer = int(line[7:])
         elif line.startswith(";LAYER_COUNT:"):
             self.layer_count = int(line[13:])
         elif line.startswith(";FLAVOR:"):
@@ -82,7 +89,7 @@ class _Walk:
             self.filament_mm += pushed_mm
             self.parked_mm = 0.0
             self.layers += not self.layer_prints
-            self.layer_prints = True
+            self.layer_prints, self.top_layer = True, self.layer
             for i, axis in enumerate("XYZ"):
                 self.low[i] = min(self.low[i], old[axis], new[axis])
                 self.high[i] = max(self.high[i], old[axis], new[axis])
@@ -137,6 +144,7 @@ def walk(gcode: str) -> Facts:
         filament_mm=state.filament_mm,
         layer_count=state.layer_count,
         layers=state.layers,
+        top_layer=state.top_layer,
         min_mm=(state.low[0], state.low[1], state.low[2]),
         max_mm=(state.high[0], state.high[1], state.high[2]),
         uses_firmware_retraction=state.firmware_retraction,
@@ -159,7 +167,13 @@ def check_log(log: str) -> None:
 
 
 def check(
-    facts: Facts, *, height_mm: float, layer_height_mm: float, centre_mm: tuple[float, float], bed: Bed
+    facts: Facts,
+    *,
+    height_mm: float,
+    missing_mm3: float,
+    layer_height_mm: float,
+    centre_mm: tuple[float, float],
+    bed: Bed,
 ) -> None:
     """Raise SliceRejected, with the rule, unless the file may be printed.
 
@@ -167,6 +181,8 @@ def check(
     ----------
     height_mm
         Of the model that was sliced.
+    missing_mm3
+        Volume of the model above the highest extrusion.
     layer_height_mm
         The thickest layer: what a flat top may be off by is half of it.
     centre_mm
@@ -177,14 +193,14 @@ def check(
             Rule.NOTHING_PRINTED,
             "CuraEngine found nothing to print; the part is too thin or its mesh is open",
         )
-    if facts.layers != facts.layer_count:
+    if facts.layers != facts.top_layer + 1:  # those above it are the next rule's business
         raise SliceRejected(
             Rule.LAYERS,
-            f"{facts.layers} of {facts.layer_count} layers have something to print; repair the mesh",
+            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print; "
+            "repair the mesh",
         )
-    # A tip thinner than a line is not printed: the more of it, the taller a pointed part is.
-    missing_mm, over_mm = max(1.0, 0.02 * height_mm), layer_height_mm / 2 + 0.005
-    if not -missing_mm <= facts.max_mm[2] - height_mm <= over_mm:
+    missing_mm, over_mm = height_mm - facts.max_mm[2], layer_height_mm / 2 + 0.005
+    if missing_mm < -over_mm or (missing_mm > TOP_MM and missing_mm3 / missing_mm > TIP_MM2):
         raise SliceRejected(
             Rule.HEIGHT, f"it is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh"
         )
@@ -228,7 +244,7 @@ def _check_bed(facts: Facts, centre_mm: tuple[float, float], bed: Bed, over_mm: 
     raise SliceRejected(
         Rule.OUTSIDE_BED,
         f"it prints on X {low[0]:.1f}..{high[0]:.1f}, Y {low[1]:.1f}..{high[1]:.1f}, up to Z "
-        f"{facts.max_mm[2]:.1f} mm from the bed's centre, more than the printer's room; make the part smaller",
+        f"{facts.max_mm[2]:.1f} mm from the bed's centre, which the printer's room does not hold",
     )
 
 

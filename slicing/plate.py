@@ -20,7 +20,7 @@ from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.settings import Settings
 from slicing.startcode import PARKED_MM
 
-_FORMAT = "farm-slice-2"
+_FORMAT = "farm-slice-1"
 """Part of the cache's key: changes where what is stored or checked changes."""
 _ON_BED_MM = 0.02
 
@@ -36,7 +36,7 @@ class PlateRequest:
     out
         Where the G-code goes; it appears whole or not at all.
     bed
-        Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold everything that
+        Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold all that
         is extruded, brim and support included.
     cache
         A folder that keeps results by content; None for none.
@@ -82,10 +82,10 @@ def slice_plate(request: PlateRequest) -> PlateResult:
     """
     try:
         model = request.stl.read_bytes()
-        extent = stl.z_extent(model)
-        if abs(extent.min_z_mm) > _ON_BED_MM:
+        triangles = stl.read_stl(model)
+        if abs(triangles.min_z_mm) > _ON_BED_MM:
             raise SliceRejected(
-                Rule.HEIGHT, f"the model starts at Z {extent.min_z_mm:.2f} mm; put it on the bed"
+                Rule.HEIGHT, f"the model starts at Z {triangles.min_z_mm:.2f} mm; put it on the bed"
             )
         stored = _Stored.of(request, model)
         kept = stored.read()
@@ -93,7 +93,7 @@ def slice_plate(request: PlateRequest) -> PlateResult:
         if kept is None:
             stored.write(gcode, facts)
         # After the cache, whose key has no bed: the same file may fit one printer and not another.
-        _check(request, facts, extent.max_z_mm)
+        _check(request, facts, triangles)
         write_whole(request.out, gcode)
     except OSError as error:
         raise SlicingError(f"{error.filename or request.out}: {error.strerror}") from error
@@ -107,11 +107,12 @@ def _slice(request: PlateRequest) -> tuple[bytes, output.Facts]:
     return output.with_header(run.gcode, run.log).encode(), output.walk(run.gcode)
 
 
-def _check(request: PlateRequest, facts: output.Facts, height_mm: float) -> None:
+def _check(request: PlateRequest, facts: output.Facts, triangles: stl.Triangles) -> None:
     settings = request.settings
     output.check(
         facts,
-        height_mm=height_mm,
+        height_mm=triangles.max_z_mm,
+        missing_mm3=triangles.volume_above_mm3(facts.max_mm[2]) if facts.layers else 0.0,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
         centre_mm=_centre(settings),
         bed=request.bed,

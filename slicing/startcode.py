@@ -1,11 +1,11 @@
 """Start and end code for a printer that is fed over USB.
 
-Everything that Cura leaves to the printer's own menu is here: homing, heating, priming, and the heaters off at
-the end. In the flavour ``RepRap (Marlin/Sprinter)`` the extruder counts millimetres of filament, which is what
-the firmware of the Ultimaker 2+ expects from a host (its own UltiGCode counts mm3: 6.4 times too much).
+Everything that Cura leaves to the printer's own menu is here: homing, heating, priming, and the heaters off
+at the end. In the flavour ``RepRap (Marlin/Sprinter)`` the extruder counts millimetres of filament, which is
+what the firmware of the Ultimaker 2+ expects from a host (its own UltiGCode counts mm3: 6.4 times too much).
 
-A print ends with the filament parked `PARKED_MM` back, as prints from the SD card do. To bring it forth again is
-the business of who streams the file and knows whether it is parked; the start code only primes.
+A print ends with the filament parked `PARKED_MM` back, as prints from the SD card do. To bring it forth again
+is the business of who streams the file and knows whether it is parked; the start code only primes.
 """
 
 from __future__ import annotations
