@@ -17,7 +17,6 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 SKIN_COS = math.cos(math.radians(47.0))  # faces flatter than this get top or bottom skin
-OVERHANG_COS = math.sin(math.radians(45.0))  # faces that look further down than this get support
 
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
 POSES = 6
@@ -45,7 +44,7 @@ class Recipe:
     layer_height_mm: float = 0.25
     line_width_mm: float = 0.35
     wall_count: int = 2
-    skin_layers: int = 3
+    skin_layers: float = 3.0  # mean of top and bottom
     infill_line_distance_mm: float = 7.0
     support_line_distance_mm: float = 2.333
     outer_wall_mm_s: float = 40.0
@@ -53,6 +52,7 @@ class Recipe:
     infill_mm_s: float = 60.0
     skin_mm_s: float = 30.0
     support_mm_s: float = 40.0
+    support_angle_deg: float = 45.0  # from the vertical; faces that lean out further get support
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0
     prelude_s: float = 0.0  # heat-up and start code, once a part
@@ -64,8 +64,8 @@ class CostModel:
 
     ``t = fixed + volume V + lateral L + skin S + overhang O + brim B + height H``, with V in mm3; L and S the
     areas ``A sqrt(1 - nz^2)`` and, of faces flatter than 47 degrees, ``A |nz|``; O the sum of projected area
-    times height above the bed of faces that overhang more than 45 degrees; B the ring of the brim about the
-    part's rectangle; H the height in mm.
+    times height above the bed of faces that lean out further than `support_angle_deg`; B the ring of the brim
+    about the part's rectangle; H the height in mm.
     """
 
     fixed_s: float
@@ -76,6 +76,12 @@ class CostModel:
     brim_s_mm2: float
     height_s_mm: float
     brim_mm: float
+    support_angle_deg: float = 45.0
+
+    @property
+    def overhang_cos(self) -> float:
+        """Faces whose normal points down by more than this get support."""
+        return math.sin(math.radians(self.support_angle_deg))
 
     @classmethod
     def from_recipe(cls, recipe: Recipe) -> CostModel:
@@ -97,6 +103,7 @@ class CostModel:
             brim_s_mm2=1.2 / (recipe.line_width_mm * recipe.brim_mm_s),
             height_s_mm=1.0 / layer,
             brim_mm=recipe.brim_mm,
+            support_angle_deg=recipe.support_angle_deg,
         )
 
     def coefficients(self) -> Floats:
@@ -144,7 +151,7 @@ def pose_costs(vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel) 
         n, z = normal[:, up], centre[:, up]
         lateral = float((area * np.sqrt(np.maximum(0.0, 1.0 - n * n))).sum())
         skin = float((area * np.abs(n))[np.abs(n) > SKIN_COS].sum())
-        looks_down = n < -OVERHANG_COS if pose % 2 == 0 else n > OVERHANG_COS
+        looks_down = n < -cost.overhang_cos if pose % 2 == 0 else n > cost.overhang_cos
         drop = z - lo[up] if pose % 2 == 0 else hi[up] - z
         overhang = float((area * np.abs(n) * drop)[looks_down].sum())
         times[pose] = cost.seconds(volume, lateral, skin, overhang, [float(hi[a] - lo[a]) for a in axes])

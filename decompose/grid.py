@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from decompose.cost import OVERHANG_COS, SKIN_COS
+from decompose.cost import SKIN_COS
 from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
@@ -254,7 +254,9 @@ def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
         edge *= 1.03
 
 
-def build_grid(triangles: Floats, granularity: int, min_wall_mm: float, keep_interior: bool) -> Grid:
+def build_grid(
+    triangles: Floats, granularity: int, min_wall_mm: float, keep_interior: bool, overhang_cos: float
+) -> Grid:
     """Lay a grid over a closed mesh.
 
     Parameters
@@ -267,6 +269,8 @@ def build_grid(triangles: Floats, granularity: int, min_wall_mm: float, keep_int
         Internal cells nearer than this to the surface are needed.
     keep_interior
         Every internal cell is needed.
+    overhang_cos
+        Faces whose normal points down by more than this count as overhangs.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     counts = cell_counts(hi - lo, granularity)
@@ -274,7 +278,7 @@ def build_grid(triangles: Floats, granularity: int, min_wall_mm: float, keep_int
         place_planes(float(lo[a]), float(hi[a]), counts[a], flat_coordinates(triangles, a)) for a in range(3)
     )
     planes = (px, py, pz)
-    area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, SKIN_COS, OVERHANG_COS)
+    area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, SKIN_COS, overhang_cos)
     steps = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):

@@ -58,7 +58,8 @@ def decompose(
     vertices, faces = model.solid.arrays()
     triangles = vertices[faces]
     keep = options.interior is Interior.KEEP
-    grid = build_grid(triangles, granularity(options.granularity, len(printers)), options.min_wall_mm, keep)
+    cells = granularity(options.granularity, len(printers))
+    grid = build_grid(triangles, cells, options.min_wall_mm, keep, cost.overhang_cos)
     watch.lap("grid")
     boxes = all_boxes(grid, list(printers), cost)
     watch.lap("boxes")

@@ -31,7 +31,7 @@ def model() -> Model:
 @pytest.fixture(scope="module")
 def grid(model: Model) -> Grid:
     vertices, faces = model.solid.arrays()
-    return build_grid(vertices[faces], 6, 5.0, keep_interior=False)
+    return build_grid(vertices[faces], 6, 5.0, keep_interior=False, overhang_cos=0.7)
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_a_broken_rule_is_named(
 def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
     vertices, faces = block.solid.arrays()
-    grid = build_grid(vertices[faces], 10, 15.0, keep_interior=False)
+    grid = build_grid(vertices[faces], 10, 15.0, keep_interior=False, overhang_cos=0.7)
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
     base = decompose(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
     shell = block.solid.subtract(Solid.box(*grid.bounds_mm((4, 4, 4, 6, 6, 6))))

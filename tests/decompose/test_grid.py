@@ -27,12 +27,12 @@ HUGE = PrinterRoom("huge", ((1e4, 1e4, 1e4),))
 
 @pytest.fixture(scope="module")
 def grid(triangles: Triangles) -> Grid:
-    return build_grid(triangles, granularity=7, min_wall_mm=0.0, keep_interior=True)
+    return build_grid(triangles, granularity=7, min_wall_mm=0.0, keep_interior=True, overhang_cos=0.7)
 
 
 @pytest.fixture(scope="module")
 def recipe_cost() -> CostModel:
-    return CostModel.from_recipe(Recipe())
+    return CostModel.from_recipe(Recipe(support_angle_deg=np.degrees(np.arcsin(0.7))))
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def test_classes_of_cells(grid: Grid, lump: Solid) -> None:
 @pytest.mark.parametrize("min_wall_mm", [0.0, 10.0, 25.0])
 def test_hollow_cells_keep_their_distance(min_wall_mm: float) -> None:
     corners = Solid.box((0, 0, 0), (200, 160, 120)).arrays()
-    grid = build_grid(corners[0][corners[1]], 12, min_wall_mm, keep_interior=False)
+    grid = build_grid(corners[0][corners[1]], 12, min_wall_mm, keep_interior=False, overhang_cos=0.7)
     hollow = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
     assert len(hollow)
     lo = np.array([[grid.planes[a][c[a]] for a in range(3)] for c in hollow])
