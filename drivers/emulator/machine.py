@@ -31,9 +31,10 @@ HOME_MM_S = (100.0, 100.0, 40.0)
 BUMP_S = (0.75, 0.7)  # touching the switch again slowly: XY together, Z; makes 5.3 s from the middle
 RETRACT_MM, RETRACT_MM_S = 6.5, 25.0
 ARC_SEGMENT_MM = 1.0
+ARC_MOST_CHORDS = 4096  # more than the longest arc over this bed needs
 WIRE_S = 0.010  # what a line costs on the real wire at most, with its turnaround
 
-_NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
+_NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d))?)")
 
 
 def value(line: bytes, letter: bytes) -> float | None:
@@ -43,6 +44,12 @@ def value(line: bytes, letter: bytes) -> float | None:
         return None
     found = _NUMBER.match(line, at + 1)
     return float(found[1]) if found else 0.0
+
+
+def positive(line: bytes, letter: bytes, otherwise: float) -> float:
+    """As `value`, where only a number above 0 makes sense."""
+    number = value(line, letter)
+    return number if number is not None and number > 0.0 else otherwise
 
 
 class Machine:
@@ -223,24 +230,21 @@ class Machine:
             self._say(b"echo:T%cInvalid extruder\n" % (int(extruder) & 0xFF))
         return None
 
-    def _settled(self, now_s: float) -> Work:
-        """Wait until the planner is empty (``st_synchronize``)."""
-        planner = self.planner
-        planner.advance(now_s)
-        while len(planner):
-            yield planner.end_s
-            planner.advance(planner.end_s)
+    def _settled(self) -> Work:
+        """Wait until the planner is empty (``st_synchronize``); the main loop advances it at each step."""
+        while len(self.planner):
+            yield self.planner.end_s
 
     def _dwell(self, line: bytes, now_s: float) -> Work:
-        yield from self._settled(now_s)
+        yield from self._settled()
         begin_s = max(now_s, self.planner.idle_since_s)
         pause_s = (value(line, b"P") or 0.0) / 1000.0
         seconds = value(line, b"S")
         self.heard_s = begin_s
-        yield begin_s + (seconds if seconds is not None else pause_s)
+        yield begin_s + max(0.0, seconds if seconds is not None else pause_s)
 
     def _home(self, line: bytes, now_s: float) -> Work:
-        yield from self._settled(now_s)
+        yield from self._settled()
         begin_s = max(now_s, self.planner.idle_since_s)
         named = [letter in line for letter in (b"X", b"Y", b"Z")]
         axes = named if any(named) else [True, True, True]
@@ -283,7 +287,8 @@ class Machine:
         else:
             turn = turn + 2 * math.pi if turn <= 0 else turn
         radius_mm = math.hypot(i, j)
-        chords = max(1, int(math.hypot(turn * radius_mm, goal[2] - start[2]) / ARC_SEGMENT_MM))
+        way_mm = math.hypot(turn * radius_mm, goal[2] - start[2])
+        chords = max(1, min(ARC_MOST_CHORDS, int(way_mm / ARC_SEGMENT_MM)))
         first = math.atan2(-j, -i)
         modes, self._relative, self._relative_e = (self._relative, self._relative_e), False, False
         for k in range(1, chords):
@@ -317,7 +322,7 @@ class Machine:
 
     def _set_position(self, line: bytes, now_s: float) -> Work:
         if b"E" not in line:
-            yield from self._settled(now_s)
+            yield from self._settled()
         for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
             number = value(line, letter)
             if number is not None:
@@ -330,11 +335,11 @@ class Machine:
 
     def _motors_off(self, line: bytes, now_s: float) -> Work:
         if b"S" not in line:
-            yield from self._settled(now_s)
+            yield from self._settled()
             self._streaming = False
 
     def _finish(self, line: bytes, now_s: float) -> Work:
-        yield from self._settled(now_s)
+        yield from self._settled()
         self._streaming = False
 
     def _stop_moves(self, line: bytes, now_s: float) -> None:
@@ -441,38 +446,38 @@ class Machine:
         self._say(wording.settings(self.limits))
 
     def _beep(self, line: bytes, now_s: float) -> Work:
-        yield now_s + (value(line, b"P") or 0.0) / 1000.0
+        yield now_s + positive(line, b"P", 0.0) / 1000.0
 
     def _park(self, line: bytes, now_s: float) -> Work:
         """``M601`` outside an SD print: bed down, head away, no waiting for a person."""
-        yield from self._settled(now_s)
+        yield from self._settled()
         now_s = max(now_s, self.planner.idle_since_s)
         x, y, z, e = self.at
         z = min(z + 20.0, self._top_mm[2])
         self.at = [10.0, 10.0, z, e]
         self._queue(x, y, z, 0.0, 35.0, now_s)
         self._queue(10.0, 10.0, z, 0.0, 150.0, now_s)
-        yield from self._settled(now_s)
+        yield from self._settled()
 
     def _set_limits(self, line: bytes, now_s: float) -> None:
         limits, code = self.limits, int(value(line, b"M") or 0)
         per_axis = {92: limits.steps_per_mm, 201: limits.acceleration_mm_s2, 203: limits.feedrate_mm_s}
         if code in per_axis:
             for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
-                per_axis[code][axis] = value(line, letter) or per_axis[code][axis]
+                per_axis[code][axis] = positive(line, letter, per_axis[code][axis])
         elif code == 204:
-            limits.print_mm_s2 = value(line, b"S") or limits.print_mm_s2
-            limits.retract_mm_s2 = value(line, b"T") or limits.retract_mm_s2
+            limits.print_mm_s2 = positive(line, b"S", limits.print_mm_s2)
+            limits.retract_mm_s2 = positive(line, b"T", limits.retract_mm_s2)
         else:
-            limits.jerk_xy_mm_s = value(line, b"X") or limits.jerk_xy_mm_s
-            limits.jerk_z_mm_s = value(line, b"Z") or limits.jerk_z_mm_s
-            limits.jerk_e_mm_s = value(line, b"E") or limits.jerk_e_mm_s
+            limits.jerk_xy_mm_s = positive(line, b"X", limits.jerk_xy_mm_s)
+            limits.jerk_z_mm_s = positive(line, b"Z", limits.jerk_z_mm_s)
+            limits.jerk_e_mm_s = positive(line, b"E", limits.jerk_e_mm_s)
 
     def _set_feed_factor(self, line: bytes, now_s: float) -> None:
-        self._feed_factor = (value(line, b"S") or 100.0 * self._feed_factor) / 100.0
+        self._feed_factor = positive(line, b"S", 100.0 * self._feed_factor) / 100.0
 
     def _set_flow_factor(self, line: bytes, now_s: float) -> None:
-        self._flow_factor = (value(line, b"S") or 100.0 * self._flow_factor) / 100.0
+        self._flow_factor = positive(line, b"S", 100.0 * self._flow_factor) / 100.0
 
     def _allow_cold(self, line: bytes, now_s: float) -> None:
         self._extrude_min_c = value(line, b"S") or 0.0

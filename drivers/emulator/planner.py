@@ -260,7 +260,7 @@ class Planner:
             exit_2 = blocks[1].entry_2
             self._fixed = 2
         else:
-            exit_2 = STAND_MM_S * STAND_MM_S
+            exit_2 = min(STAND_MM_S, block.v) ** 2
             self._fixed = 1
         v0 = math.sqrt(block.entry_2)
         v1 = math.sqrt(exit_2)

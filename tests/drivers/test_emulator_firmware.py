@@ -251,6 +251,16 @@ def test_a_late_host_does_not_stretch_what_is_queued() -> None:
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
 
 
+def test_m400_is_done_when_the_last_move_is_and_not_before(host: Host) -> None:
+    began_s = host.now_s
+    for k in range(1, 11):
+        host.put(f"G1 X{10 * k} F600")  # 1 s each
+    host.say("M400")
+    assert host.now_s == pytest.approx(host.firmware.machine.planner.idle_since_s)
+    assert host.now_s - began_s == pytest.approx(10.0, abs=0.5)
+    assert host.firmware.printing_s == pytest.approx(host.now_s - began_s)
+
+
 def test_relative_moves_and_a_new_zero(host: Host) -> None:
     for line in ("G28", "G91", "G1 X5 F3000", "G1 X5 Y-10", "G90", "G92 X100 E7", "G1 X101"):
         host.say(line)
@@ -653,6 +663,34 @@ def test_no_bytes_at_all_bring_it_down(chunks: list[bytes]) -> None:
     for chunk in chunks:
         host.firmware.feed(chunk, host.now_s)
         host.wait(0.5)
+    host.firmware.reset(host.now_s)
+    host.wait(5.0)
+    assert host.say("M105")[0].startswith("ok T:")
+
+
+GCODES = (0, 1, 2, 3, 4, 10, 11, 28, 90, 91, 92)
+MCODES = (82, 83, 84, 85, 92, 104, 105, 106, 109, 110, 114, 119, 140, 190, 201, 203, 204, 205, 220, 221)
+MORE_MCODES = (300, 302, 400, 401, 503, 601, 999)
+codes = st.sampled_from([*(f"G{n}" for n in GCODES), *(f"M{n}" for n in (*MCODES, *MORE_MCODES)), "T0", "T1"])
+numbers = st.one_of(
+    st.floats(-1e4, 1e4).map(lambda number: f"{number:.3f}"),
+    st.sampled_from(["", "0", "-0", "-1", "1e9", "9e99", "1e999", "nan", "-.", "0.0001", "9" * 60]),
+)
+words = st.lists(st.tuples(st.sampled_from("XYZEFSPIJT"), numbers).map("".join), max_size=4)
+
+
+@given(st.lists(st.tuples(codes, words), max_size=25), st.floats(0.01, 1e4))
+@settings(deadline=None)
+def test_no_command_with_any_numbers_brings_it_down(
+    commands: list[tuple[str, list[str]]], pause_s: float
+) -> None:
+    host = Host()
+    for code, parameters in commands:
+        host.put(" ".join([code, *parameters]))
+        host.now_s += pause_s
+        host.firmware.feed(b"", host.now_s)
+        assert all(map(math.isfinite, host.firmware.machine.planner.position(host.now_s)))
+        assert host.firmware.printing_s <= host.now_s
     host.firmware.reset(host.now_s)
     host.wait(5.0)
     assert host.say("M105")[0].startswith("ok T:")
