@@ -22,6 +22,7 @@ from decompose.mesh import load_model
 from decompose.partition import decompose
 from decompose.report import Options, Part, write
 from drivers.profiles import PROFILES, part_room
+from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.resources import find_engine, find_resources
 from slicing.settings import Settings, SettingsRequest, resolve_settings
@@ -93,7 +94,11 @@ def main() -> int:
                 request = PlateRequest(folder / part.file, settings, out, engine, ANYWHERE, cache=args.cache)
                 work.append((Path(path).stem, part, pool.submit(slice_plate, request)))
         for name, part, sliced in work:
-            sliced_s = sliced.result().print_time_s
+            try:
+                sliced_s = sliced.result().print_time_s
+            except SlicingError as error:
+                print(f"{name} {part.id}: {error}", file=sys.stderr)
+                continue
             row: dict[str, Any] = {"model": name, "part": part.id, "pose": part.pose}
             row |= {"estimated_s": part.estimated_s, "sliced_s": sliced_s}
             row |= {"error": part.estimated_s / sliced_s - 1.0, "features": features(part, cost)}
@@ -118,8 +123,8 @@ def main() -> int:
         print(json.dumps(summary, indent=1))
         return 0
     for row, fit in zip(rows, after, strict=True):
-        times = f"{row['estimated_s']:8.0f} s  {row['sliced_s']:8.0f} s  {row['error']:+7.1%}  {fit:+7.1%}"
-        print(f"{row['model']:24} {row['part']} {times}")
+        figures = f"{row['estimated_s']:8.0f} s  {row['sliced_s']:8.0f} s  {row['error']:+7.1%}  {fit:+7.1%}"
+        print(f"{row['model']:24} {row['part']} {figures}")
     for term, value in zip(TERMS, fitted, strict=True):
         print(f"{term:16} {getattr(cost, term):10.5f}  fitted {value:10.5f}")
     print(f"mean absolute error {np.abs(before).mean():.1%}, mean {before.mean():+.1%}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from enum import StrEnum
 from itertools import combinations
@@ -35,7 +36,7 @@ class Rule(StrEnum):
     CLOSED = "closed"  # each part is a closed manifold of positive volume
     ONE_PIECE = "one-piece"
     FITS = "fits"  # in its pose, on its printer
-    OWN_PRINTER = "own-printer"  # no printer has two parts
+    OWN_PRINTER = "own-printer"  # no printer has more parts than it may print
     NO_OVERLAP = "no-overlap"
     SURFACE = "surface"  # the original surface is covered exactly once
     WALL = "wall"  # what is missing keeps its distance from the original surface
@@ -64,12 +65,12 @@ def check(
         The first rule that is broken, and the part.
     """
     rooms = {p.name: p for p in printers}
-    taken: set[str] = set()
+    free = Counter(p.name for p in printers)  # a printer is there once for each round that it may print
     for part in result.parts:
         check_part(part, rooms)
-        if part.printer in taken:
+        free[part.printer] -= 1
+        if free[part.printer] < 0:
             raise GeometryError(Rule.OWN_PRINTER, part.id, f"{part.printer} has another part already")
-        taken.add(part.printer)
     overlap = check_overlap(result.parts)
     error = check_surface(result.parts, model, grid)
     check_missing(result.parts, model, grid, boxes, result.options.min_wall_mm)

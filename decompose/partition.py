@@ -37,7 +37,8 @@ def decompose(
     model
         From `decompose.mesh.load_model`.
     printers
-        Those that are free, one part each at most. All parts fit the smallest.
+        Those that are free, one part each at most; a printer that may print in several rounds is there once
+        for each. All parts fit the smallest.
     options
         How to cut.
     cost
@@ -52,6 +53,9 @@ def decompose(
     """
     if not printers:
         raise NoFit("no printer: name at least one")
+    for printer in printers:
+        if not printer.boxes:
+            raise NoFit(f"{printer.name} has no room for a part; take a narrower brim or a larger volume")
     if not (math.isfinite(options.min_wall_mm) and options.min_wall_mm >= 0.0):
         raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
     watch = _Watch()

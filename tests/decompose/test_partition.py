@@ -77,8 +77,19 @@ def test_too_few_printers_are_told_how_many_would_do(
         decompose(ball, [replace(fleet[0], name=f"p{i}") for i in range(needed - 1)], COARSE, cost)
     with pytest.raises(NoFit, match="name at least one"):
         decompose(ball, [], COARSE, cost)
+    with pytest.raises(NoFit, match="no-bed has no room"):
+        decompose(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE, cost)
     with pytest.raises(NoFit, match="finer --granularity"):
         decompose(ball, [PrinterRoom("toy", ((5.0, 5.0, 5.0),))], COARSE, cost)
+
+
+def test_a_printer_may_be_there_for_several_rounds(
+    ball: Model, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    result = decompose(ball, fleet[:3] * 3, COARSE, cost)
+    counts = [[p.printer for p in result.parts].count(r.name) for r in fleet[:3]]
+    assert sum(counts) == len(result.parts) > 3
+    assert max(counts) <= 3
 
 
 def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
