@@ -11,13 +11,15 @@ import subprocess
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout
 
-MEMORY_BYTES = 6 * 2**30
-"""Address space of one run; a part of a large bed needs about 0.4 GB."""
+MEMORY_BYTES = 4 * 2**30
+"""What a run may use beside its threads' stacks; a part that fills a bed needs about 0.4 GB."""
+LAYER_BYTES = 10 * 2**20
+"""Address space that it reserves for each layer (8.7 MiB measured, a stack; next to none of it is used)."""
 _LOG_BYTES = 2 * 2**20
 _PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -32,7 +34,13 @@ class EngineRun:
 
 
 def run_engine(
-    engine: Path, stl: Path, global_: Mapping[str, str], extruder: Mapping[str, str], timeout_s: float
+    engine: Path,
+    stl: Path,
+    global_: Mapping[str, str],
+    extruder: Mapping[str, str],
+    *,
+    layers: int,
+    timeout_s: float,
 ) -> EngineRun:
     """Slice an STL with settings that are resolved.
 
@@ -41,6 +49,8 @@ def run_engine(
 
     Parameters
     ----------
+    layers
+        How many there will be at most; the memory limit depends on it.
     timeout_s
         Wall seconds before the run is stopped, with all of its processes.
 
@@ -60,12 +70,12 @@ def run_engine(
             (folder / f"{scope}.json").write_text(json.dumps(settings), encoding="utf-8")
         arguments = ["slice", "-v", "-m1", "-j", "global.json", "-e0", "-j", "extruder.json"]
         arguments += ["-o", "part.gcode", "-l", "part.stl"]
-        log = _call(engine, arguments, folder, timeout_s)
+        log = _call(engine, arguments, folder, MEMORY_BYTES + layers * LAYER_BYTES, timeout_s)
         written = folder / "part.gcode"
         return EngineRun(written.read_text(encoding="utf-8") if written.is_file() else "", log)
 
 
-def _call(engine: Path, arguments: list[str], folder: Path, timeout_s: float) -> str:
+def _call(engine: Path, arguments: list[str], folder: Path, memory_bytes: int, timeout_s: float) -> str:
     with (folder / "log").open("w+b") as sink:
         try:
             process = subprocess.Popen(
@@ -75,7 +85,7 @@ def _call(engine: Path, arguments: list[str], folder: Path, timeout_s: float) ->
                 stdout=sink,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_restrain,
+                preexec_fn=partial(_restrain, memory_bytes),
             )
         except OSError as error:
             raise EngineMissing(
@@ -102,10 +112,10 @@ def _call(engine: Path, arguments: list[str], folder: Path, timeout_s: float) ->
     return log
 
 
-def _restrain() -> None:
+def _restrain(memory_bytes: int) -> None:
     """In the child: last in line for the processor, bounded memory, and never outliving who asked."""
     os.nice(19)
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import tempfile
 from collections.abc import Mapping
@@ -89,7 +90,7 @@ def slice_plate(request: PlateRequest) -> PlateResult:
             )
         stored = _Stored.of(request, model)
         kept = stored.read()
-        gcode, facts = kept or _slice(request)
+        gcode, facts = kept or _slice(request, triangles.max_z_mm)
         if kept is None:
             stored.write(gcode, facts)
         # After the cache, whose key has no bed: the same file may fit one printer and not another.
@@ -100,9 +101,16 @@ def slice_plate(request: PlateRequest) -> PlateResult:
     return _result(request, gcode, facts, kept is not None)
 
 
-def _slice(request: PlateRequest) -> tuple[bytes, output.Facts]:
+def _slice(request: PlateRequest, height_mm: float) -> tuple[bytes, output.Facts]:
     settings = request.settings
-    run = run_engine(request.engine, request.stl, settings.global_, settings.extruder, request.timeout_s)
+    run = run_engine(
+        request.engine,
+        request.stl,
+        settings.global_,
+        settings.extruder,
+        layers=math.ceil(height_mm / settings.layer_height_mm) + 1,
+        timeout_s=request.timeout_s,
+    )
     output.check_log(run.log)
     return output.with_header(run.gcode, run.log).encode(), output.walk(run.gcode)
 

@@ -16,14 +16,14 @@ _BRIMMED = {"adhesion_type": "brim", "brim_width": 8.0}
 class Quality:
     """A quality of ours: one of Cura's, and what is set on top of it (below the user's own settings)."""
 
-    base: str
+    bases: tuple[str, ...]  # the first that there is for the nozzle and the material
     changes: Mapping[str, Any]
 
 
 OURS: Mapping[str, Quality] = {
     # The settings of the Parallelobox paper's own prints, so that times can be compared with it.
     "paper": Quality(
-        "fast",
+        ("fast",),
         {
             **_SUPPORTED,
             **_BRIMMED,
@@ -36,7 +36,7 @@ OURS: Mapping[str, Quality] = {
     ),
     # For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
     "glue": Quality(
-        "fast",
+        ("fast", "draft", "normal", "high"),
         {
             **_SUPPORTED,
             **_BRIMMED,

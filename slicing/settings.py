@@ -243,10 +243,11 @@ def _qualities(
     own: dict[str, Profile] = {}
     for name in (f"generic_{material.kind.lower()}", request.material):  # the later one wins
         own |= dict(_of(profiles, name, hotend))
-    base = OURS[request.quality].base if request.quality in OURS else request.quality
-    if base not in own or base not in shared:
-        have = sorted(own.keys() & shared.keys())
-        have += [name for name, quality in OURS.items() if quality.base in have]
+    have = sorted(own.keys() & shared.keys())
+    bases = OURS[request.quality].bases if request.quality in OURS else (request.quality,)
+    base = next((base for base in bases if base in have), None)
+    if base is None:
+        have += [name for name, quality in OURS.items() if {*quality.bases} & {*have}]
         where = f"{request.material} and a nozzle of {hotend} on the {machine.name}"
         offer = nearest(request.quality, have) or (f"; there is {', '.join(have)}" if have else "")
         raise BadSetting(f"quality {request.quality}: there is none for {where}{offer}")

@@ -1,0 +1,78 @@
+"""Real Cura files and the real engine; models made on the spot."""
+
+from pathlib import Path
+
+import pytest
+import trimesh
+from make_stl import stl_bytes
+
+from slicing.errors import EngineMissing
+from slicing.plate import PlateRequest
+from slicing.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, resolve_settings
+
+WHOLE_BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
+
+
+@pytest.fixture(scope="session")
+def resources():
+    try:
+        return find_resources()
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture(scope="session")
+def engine():
+    try:
+        return find_engine()
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture(scope="session")
+def settings_of(resources):
+    """Settings for a printer, with overrides as keyword arguments."""
+
+    def resolve(quality="glue", model="ultimaker2_plus", **overrides):
+        return resolve_settings(SettingsRequest(model, quality, overrides=overrides), resources)
+
+    return resolve
+
+
+@pytest.fixture
+def request_for(tmp_path, engine, settings_of):
+    """A PlateRequest for a mesh (put in the middle of the bed) or for the bytes of a file."""
+
+    def make(model, *, settings=None, bed=WHOLE_BED, cache=None, out="part.gcode", **rest):
+        stl = tmp_path / "part.stl"
+        stl.write_bytes(model if isinstance(model, bytes) else stl_bytes(model))
+        return PlateRequest(
+            stl=stl,
+            settings=settings or settings_of(),
+            out=tmp_path / out,
+            engine=engine,
+            bed=bed,
+            cache=cache,
+            **{"timeout_s": 60.0, **rest},
+        )
+
+    return make
+
+
+@pytest.fixture
+def script(tmp_path):
+    """A program that stands in for the engine."""
+
+    def make(body):
+        path = Path(tmp_path / "engine.sh")
+        path.write_text(f"#!/bin/sh\n{body}\n")
+        path.chmod(0o755)
+        return path
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def cube_20():
+    return trimesh.creation.box((20, 20, 20))

@@ -1,0 +1,147 @@
+"""The two stacks, on definitions small enough to see through."""
+
+import pytest
+
+from slicing.definitions import Resolver, Scope, merge, parse_value
+from slicing.errors import BadSetting, DefinitionError
+from slicing.formula import Formula
+
+
+def entry(kind="float", **rest):
+    return {"type": kind, **rest}
+
+
+ROOT = {
+    "settings": {
+        "group": {
+            "type": "category",
+            "children": {
+                "height": entry(default_value=0.1, settable_per_extruder=False, minimum_value="0.001"),
+                "width": entry(default_value=0.4, maximum_value="2 * height + 10"),
+                "bed": entry(
+                    default_value=60,
+                    settable_per_extruder=False,
+                    resolve="max(extruderValues('bed'))",
+                    value="warmth",
+                ),
+                "warmth": entry(
+                    default_value=60, children={"child": entry("int", default_value=7, value="int(width*10)")}
+                ),
+                "limited": entry(default_value=1, value="width", limit_to_extruder="nr"),
+                "nr": entry("optional_extruder", default_value="-1", settable_per_extruder=False),
+                "self": entry(
+                    default_value=1, settable_per_extruder=False, resolve="resolveOrValue('self') + 1"
+                ),
+                "loop": entry(value="loop2"),
+                "loop2": entry(value="loop"),
+                "kind": entry("enum", default_value="grid", options={"grid": "", "zigzag": "", "lines": ""}),
+                "flag": entry("bool", default_value=False),
+                "areas": entry("polygons", default_value=[]),
+            },
+        }
+    }
+}
+CHILD = {"overrides": {"width": {"default_value": 0.5}, "warmth": {"value": "50"}, "gone": {"value": "1"}}}
+GRANDCHILD = {"overrides": {"warmth": {"default_value": 99}}}
+TRAIN = {"settings": {"nozzle": entry(default_value=0.4)}}
+
+
+def resolver(user=(), extruder=(), shared=()):
+    user = dict(user)
+    return Resolver(
+        merge([ROOT, CHILD, GRANDCHILD]), merge([TRAIN]), [user, dict(shared)], [user, dict(extruder)]
+    )
+
+
+def test_a_formula_of_a_parent_beats_a_plain_value_of_a_child():
+    assert resolver().value(Scope.EXTRUDER, "warmth") == 50
+
+
+def test_the_extruder_falls_through_to_the_machine():
+    assert resolver().value(Scope.EXTRUDER, "width") == 0.5
+    assert resolver(extruder={"width": 0.6}).value(Scope.EXTRUDER, "child") == 6
+    assert resolver(extruder={"width": 0.6}).value(Scope.GLOBAL, "child") == 5
+
+
+def test_what_is_not_per_extruder_is_the_global_one():
+    assert resolver(extruder={"height": 9.0}, shared={"height": 0.2}).value(Scope.EXTRUDER, "height") == 0.2
+
+
+def test_resolve_asks_the_extruder_unless_the_value_is_set():
+    assert resolver(extruder={"warmth": 70.0}).value(Scope.GLOBAL, "bed") == 70.0
+    assert resolver(user={"bed": 45.0}).value(Scope.GLOBAL, "bed") == 45.0
+
+
+def test_a_limited_setting_is_the_extruders():
+    assert resolver(extruder={"width": 0.7}).value(Scope.GLOBAL, "limited") == 0.7
+
+
+def test_the_user_wins_over_a_formula():
+    assert (
+        resolver(user={"width": 1.0}, extruder={"width": Formula("height")}).value(Scope.EXTRUDER, "width")
+        == 1.0
+    )
+
+
+def test_a_resolve_may_name_itself_once():
+    assert resolver().value(Scope.GLOBAL, "self") == 2
+
+
+def test_a_circle_is_an_error_and_not_a_hang():
+    with pytest.raises(DefinitionError, match="depends on itself"):
+        resolver().value(Scope.EXTRUDER, "loop")
+
+
+def test_unknown_keys_name_the_nearest():
+    with pytest.raises(BadSetting, match="heigth: Cura has no such setting; did you mean height"):
+        resolver().setting("heigth")
+
+
+@pytest.mark.parametrize(
+    ("key", "raw", "value"),
+    [
+        ("width", "0.35", 0.35),
+        ("child", "3.0", 3),
+        ("flag", "TRUE", True),
+        ("kind", "zigzag", "zigzag"),
+        ("areas", "[[[1, 2]]]", [[[1, 2]]]),
+        ("nr", "-1", "-1"),
+    ],
+)
+def test_values_are_read_by_type(key, raw, value):
+    read = parse_value(resolver().setting(key), raw)
+    assert read == value
+    assert type(read) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("key", "raw"),
+    [
+        ("width", "abc"),
+        ("width", "nan"),
+        ("width", "inf"),
+        ("child", "1.5"),
+        ("flag", "maybe"),
+        ("kind", "ZigZag"),
+        ("areas", "7"),
+        ("areas", "__import__('os')"),
+        ("nr", "4"),
+    ],
+)
+def test_values_of_another_type_are_refused(key, raw):
+    with pytest.raises(BadSetting, match=key):
+        parse_value(resolver().setting(key), raw)
+
+
+@pytest.mark.parametrize(("key", "value"), [("height", 0.0), ("width", 10.3)])
+def test_limits_are_worked_out_and_kept(key, value):
+    with pytest.raises(BadSetting, match="out of range"):
+        resolver(user={key: value}).check_range(key)
+    resolver(user={key: 0.1}).check_range(key)
+
+
+def test_only_the_extruders_own_keys_are_listed_for_it():
+    keys = resolver().keys(Scope.EXTRUDER)
+    assert "nozzle" in keys
+    assert "width" in keys
+    assert not {"height", "group", "bed"} & set(keys)

@@ -1,0 +1,184 @@
+"""Real slices by the real CuraEngine."""
+
+import multiprocessing
+import os
+import select
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from make_stl import stl_bytes
+
+from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
+from slicing.plate import slice_plate
+
+
+def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
+    """The checksum of the whole chain: other settings give up to six times this time."""
+    result = slice_plate(request_for(trimesh.creation.box((50, 50, 50)), settings=settings_of("paper")))
+    assert int(result.print_time_s) == 4906
+    assert int(result.filament_mm3) == 17911
+    assert (result.layers, result.height_mm) == (200, pytest.approx(50.02))
+    assert result.grams == pytest.approx(17.911 * 1.24, rel=1e-3)
+    assert result.max_mm[0] == pytest.approx(25 + 8.05 - 0.175, abs=0.05)
+
+
+def test_the_file_is_ready_to_stream(request_for, cube_20):
+    result = slice_plate(request_for(cube_20))
+    text = result.gcode.read_text()
+    assert f";TIME:{int(result.print_time_s)}\n" in text[:200]
+    assert "2.14748e+06" not in text
+    order = [
+        text.index(mark)
+        for mark in ("\nG28\n", "\nM190 S60\n", "\nM109 S200\n", "\nG1 F47 E7.8\n", ";LAYER:0\n")
+    ]
+    assert order == sorted(order)
+    assert text.index("G1 F1500 E-13.5") > text.rindex(";TIME_ELAPSED")
+    assert "part.stl" in text
+    assert str(result.gcode.parent) not in text
+
+
+def test_supports_are_printed_in_both_scopes(request_for, settings_of):
+    tee = trimesh.boolean.union(
+        [
+            trimesh.creation.box((10, 10, 20)),
+            trimesh.creation.box((40, 10, 4), trimesh.transformations.translation_matrix((0, 0, 12))),
+        ]
+    )
+    assert ";TYPE:SUPPORT\n" in slice_plate(request_for(tee)).gcode.read_text()
+    without = slice_plate(request_for(tee, settings=settings_of(support_enable="false")))
+    assert ";TYPE:SUPPORT\n" not in without.gcode.read_text()
+
+
+def test_many_layers_are_no_matter_for_the_memory_limit(request_for, settings_of):
+    result = slice_plate(
+        request_for(trimesh.creation.box((3, 3, 204)), settings=settings_of("high", support_enable="false"))
+    )
+    assert result.layers > 3300
+
+
+@pytest.mark.parametrize(
+    "mesh", [trimesh.creation.cone(10, 30), trimesh.creation.cone(4, 60)], ids=["cone", "spike"]
+)
+def test_tips_that_are_too_thin_to_print_are_no_fault(request_for, mesh):
+    result = slice_plate(request_for(mesh))
+    assert result.height_mm < mesh.extents[2]
+
+
+BALL = trimesh.creation.icosphere(3, 20)
+
+
+def without_facets(mesh, keep):
+    return stl_bytes(trimesh.Trimesh(mesh.vertices, mesh.faces[:keep], process=False))
+
+
+@pytest.mark.parametrize(
+    ("content", "rule"),
+    [
+        (np.random.default_rng(1).bytes(4096), Rule.BROKEN_MESH),
+        (b"", Rule.BROKEN_MESH),
+        (b"solid nothing\nendsolid nothing\n", Rule.BROKEN_MESH),
+        (stl_bytes(BALL)[:30_000], Rule.BROKEN_MESH),
+        (without_facets(BALL, 640), Rule.BROKEN_MESH),
+        (without_facets(trimesh.creation.box((20, 20, 20)), 11), Rule.BROKEN_MESH),
+        (stl_bytes(trimesh.creation.box((20, 20, 0.1))), Rule.NOTHING_PRINTED),
+        (stl_bytes(trimesh.creation.box((20, 0.2, 20))), Rule.NOTHING_PRINTED),
+        (stl_bytes(trimesh.creation.box((0.02, 0.02, 0.02))), Rule.NOTHING_PRINTED),
+        (trimesh.creation.box((20, 20, 20)).export(file_type="stl"), Rule.HEIGHT),
+        (stl_bytes(trimesh.creation.box((213, 50, 3))), Rule.OUTSIDE_BED),
+        (stl_bytes(trimesh.creation.box((10, 10, 206))), Rule.OUTSIDE_BED),
+    ],
+    ids=[
+        "random bytes",
+        "empty",
+        "no facets",
+        "cut short",
+        "half the facets",
+        "one facet missing",
+        "flat",
+        "thin wall",
+        "in metres",
+        "below the bed",
+        "too wide with its brim",
+        "too high",
+    ],
+)
+def test_bad_input_is_rejected_and_leaves_no_file(request_for, content, rule):
+    request = request_for(content)
+    with pytest.raises(SliceRejected) as refused:
+        slice_plate(request)
+    assert refused.value.rule is rule
+    assert "\n" not in str(refused.value)
+    assert [path.name for path in request.out.parent.iterdir()] == ["part.stl"]
+
+
+def test_the_same_again_runs_no_engine(request_for, cube_20, tmp_path, settings_of):
+    request = request_for(cube_20, cache=tmp_path / "cache")
+    first = slice_plate(request)
+    again = slice_plate(replace(request, out=tmp_path / "again.gcode"))
+    assert (first.cached, again.cached) == (False, True)
+    assert again == replace(first, gcode=again.gcode, cached=True)
+    assert again.gcode.read_bytes() == first.gcode.read_bytes()
+    assert not slice_plate(replace(request, settings=settings_of("paper"))).cached
+    with pytest.raises(SliceRejected, match="room"):
+        slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
+
+
+def test_a_damaged_cache_is_sliced_anew(request_for, cube_20, tmp_path):
+    cache = tmp_path / "cache"
+    request = request_for(cube_20, cache=cache)
+    first = slice_plate(request)
+    for path in cache.glob("*.gcode"):
+        path.write_text("G28")
+    again = slice_plate(request)
+    assert (again.cached, again.sha256) == (False, first.sha256)
+    for path in cache.glob("*.json"):
+        path.write_text("{}")
+    assert not slice_plate(request).cached
+
+
+def test_it_runs_in_worker_processes(request_for, cube_20):
+    request = request_for(cube_20)
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        assert pool.submit(slice_plate, request).result(60).layers == 133
+        tall = replace(request, bed=((-30.0, -30.0, 30.0, 30.0, 5.0),))
+        with pytest.raises(SliceRejected, match="outside the bed"):
+            pool.submit(slice_plate, tall).result(60)
+
+
+def test_an_engine_that_fails(request_for, cube_20, script):
+    engine = script('echo "[ERROR] no such luck" >&2; exit 3')
+    with pytest.raises(EngineFailed, match=r"exit code 3\): \[ERROR\] no such luck"):
+        slice_plate(replace(request_for(cube_20), engine=engine))
+
+
+def test_an_engine_that_is_killed(request_for, cube_20, script):
+    with pytest.raises(EngineFailed, match="SIGSEGV"):
+        slice_plate(replace(request_for(cube_20), engine=script("kill -SEGV $$")))
+
+
+def test_an_engine_that_hangs_is_stopped_with_all_its_processes(request_for, cube_20, script, tmp_path):
+    fifo = tmp_path / "fifo"
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        engine = script(f"sleep 600 > {fifo} & sleep 600 > {fifo}")
+        with pytest.raises(EngineTimeout, match="did not finish within 1 s"):
+            slice_plate(replace(request_for(cube_20), engine=engine, timeout_s=1.0))
+        hang_up = select.poll()
+        hang_up.register(reader, 0)
+        assert hang_up.poll(10_000)  # there were writers, and all of them are gone
+    finally:
+        os.close(reader)
+
+
+def test_an_engine_that_is_not_there(request_for, cube_20, tmp_path):
+    with pytest.raises(EngineMissing, match="FARM_CURA_ENGINE"):
+        slice_plate(replace(request_for(cube_20), engine=tmp_path / "nothing"))
+
+
+def test_a_model_that_is_not_there(request_for, cube_20, tmp_path):
+    with pytest.raises(SlicingError, match="No such file"):
+        slice_plate(replace(request_for(cube_20), stl=tmp_path / "nothing.stl"))
