@@ -2,6 +2,7 @@
 
 `launch` starts one or finds the one that is alive, `status` is what may be read of it from outside,
 `__main__` is the process and `port` its pseudo-terminal. The rest is pure: `firmware` (bytes in, bytes
-out), `machine` (what a command does), `planner` (how long a move takes), `thermal` and `board` (what is
-there physically), `faults` (what goes wrong on request), `wording` (the firmware's own words).
+out), `machine` and `commands` (what a command does), `planner` (how long a move takes), `thermal` and
+`board` (what is there physically), `wire` (what bytes take), `faults` (what goes wrong on request),
+`wording` (the firmware's own words).
 """

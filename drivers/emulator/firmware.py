@@ -21,8 +21,9 @@ from enum import StrEnum
 
 from drivers.emulator import wording
 from drivers.emulator.board import Board
+from drivers.emulator.commands import Work, execute, temperatures
 from drivers.emulator.faults import Dice, Faults
-from drivers.emulator.machine import Machine, Work, value
+from drivers.emulator.machine import Machine, value
 from drivers.profiles import Profile
 
 RING_BYTES = 127
@@ -357,7 +358,7 @@ class Firmware:
             if int(code) < 2:
                 machine.move(line, now_s)
             else:
-                machine.execute(line, now_s)
+                execute(machine, line, now_s)
             machine.heard_s = now_s
             return  # its ok was said when it was read
         if code is not None and 0 <= int(code) <= 3:
@@ -365,14 +366,14 @@ class Firmware:
             return
         m_code = None if code is not None else value(line, b"M")
         if m_code == 105:
-            self._say(machine.temperatures(now_s))
+            self._say(temperatures(machine, now_s))
             machine.heard_s = now_s
             return
         if m_code == 999:
             machine.stopped = False
             self._last_n = self._stopped_n
             self._request_resend()
-        self._running = machine.execute(line, now_s)
+        self._running = execute(machine, line, now_s)
         if self._running is None:
             self._ok()
         else:

@@ -14,7 +14,6 @@ STOPPED = (
 )
 KILLED = b"Error:Printer halted. kill() called!\n"
 NOZZLE_MAXTEMP = b"Error:0\n: Extruder switched off. MAXTEMP triggered !\n"
-BED_MAXTEMP = b"Error:Temperature heated bed switched off. MAXTEMP triggered !!\n"
 COLD_EXTRUSION = b"echo: cold extrusion prevented\n"
 LONG_EXTRUSION = b"echo: too long extrusion prevented\n"
 IDENTITY = (

@@ -1,0 +1,384 @@
+"""What each command does with the machine, found by its code.
+
+Commands that take their time are generators: each value that they yield is the time at which they go on. While
+one of them runs, the firmware reads no further line; its main loop advances the planner at each step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+from drivers.emulator import wording
+from drivers.emulator.machine import Machine, positive, value
+
+Work = Iterator[float]
+
+WINDOW_C = 1.0  # TEMP_WINDOW
+HYSTERESIS_C = 3.0
+RESIDENCY_S = 3.0
+REPORT_S = 1.0
+HOME_MM_S = (100.0, 100.0, 40.0)
+BUMP_S = (0.75, 0.7)  # touching the switch again slowly: XY together, Z; makes 5.3 s from the middle
+RETRACT_MM, RETRACT_MM_S = 6.5, 25.0
+ARC_SEGMENT_MM = 1.0
+ARC_MOST_CHORDS = 4096  # more than the longest arc over this bed needs
+
+
+def execute(machine: Machine, line: bytes, now_s: float) -> Work | None:
+    """Carry out any line but G0 and G1.
+
+    Returns
+    -------
+    iterator of float or None
+        The times at which a command that is not done yet goes on; None where it is done.
+    """
+    for letter, commands in ((b"G", _G), (b"M", _M)):
+        code = value(line, letter)
+        if code is not None:
+            command = commands.get(int(code))
+            return command(machine, line, now_s) if command is not None else None
+    extruder = value(line, b"T")
+    if extruder is None:
+        machine.say(wording.unknown(line))
+    elif extruder == 0:
+        machine.say(b"echo:Active Extruder: 0\n")
+    else:
+        machine.say(b"echo:T%cInvalid extruder\n" % (int(extruder) & 0xFF))
+    return None
+
+
+def _settled(machine: Machine) -> Work:
+    """Wait until the planner is empty (``st_synchronize``); the main loop advances it at each step."""
+    while len(machine.planner):
+        yield machine.planner.end_s
+
+
+def _dwell(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield from _settled(machine)
+    begin_s = max(now_s, machine.planner.idle_since_s)
+    pause_s = (value(line, b"P") or 0.0) / 1000.0
+    seconds = value(line, b"S")
+    machine.heard_s = begin_s
+    yield begin_s + max(0.0, seconds if seconds is not None else pause_s)
+
+
+def _home(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield from _settled(machine)
+    begin_s = max(now_s, machine.planner.idle_since_s)
+    named = [letter in line for letter in (b"X", b"Y", b"Z")]
+    axes = named if any(named) else [True, True, True]
+    home = machine.board.profile.home_mm
+    x, y, z, e = machine.planner.target
+    here = [x, y, z]
+    way_s = [abs(h - p) / v for h, p, v in zip(home, here, HOME_MM_S, strict=True)]
+    took_s = 0.0
+    if axes[0] or axes[1]:
+        took_s += max(t for t, axis in zip(way_s[:2], axes[:2], strict=True) if axis) + BUMP_S[0]
+    if axes[2]:
+        took_s += way_s[2] + BUMP_S[1]
+    yield begin_s + took_s
+    for i in range(3):
+        if axes[i]:
+            here[i] = machine.at[i] = home[i]
+            machine.shift[i] = 0.0
+            machine.homed_axes[i] = True
+    machine.homed = all(machine.homed_axes)
+    machine.planner.place((here[0], here[1], here[2], e), begin_s + took_s)
+    machine.board.changes += 1
+
+
+def _arc(machine: Machine, line: bytes, now_s: float) -> None:
+    """``G2 G3`` with I and J, cut into chords of 1 mm (``mc_arc``)."""
+    f, i, j = value(line, b"F"), value(line, b"I") or 0.0, value(line, b"J") or 0.0
+    if f is not None and f > 0.0:
+        machine.feedrate_mm_s = f / 60.0
+    start = tuple(machine.at)
+    goal = list(start)
+    for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
+        number = value(line, letter)
+        if number is not None:
+            relative = machine.relative or (axis == 3 and machine.relative_e)
+            goal[axis] = start[axis] + number if relative else number
+    centre_x, centre_y = start[0] + i, start[1] + j
+    to_x, to_y = goal[0] - centre_x, goal[1] - centre_y
+    turn = math.atan2(-i * to_y + j * to_x, -i * to_x - j * to_y)
+    if value(line, b"G") == 2:
+        turn = turn - 2 * math.pi if turn >= 0 else turn
+    else:
+        turn = turn + 2 * math.pi if turn <= 0 else turn
+    radius_mm = math.hypot(i, j)
+    way_mm = math.hypot(turn * radius_mm, goal[2] - start[2])
+    chords = max(1, min(ARC_MOST_CHORDS, int(way_mm / ARC_SEGMENT_MM)))
+    first = math.atan2(-j, -i)
+    modes, machine.relative, machine.relative_e = (machine.relative, machine.relative_e), False, False
+    for k in range(1, chords):
+        part = k / chords
+        machine.linear(
+            None,
+            centre_x + radius_mm * math.cos(first + turn * part),
+            centre_y + radius_mm * math.sin(first + turn * part),
+            start[2] + (goal[2] - start[2]) * part,
+            start[3] + (goal[3] - start[3]) * part,
+            now_s,
+        )
+    machine.linear(None, goal[0], goal[1], goal[2], goal[3], now_s)
+    machine.relative, machine.relative_e = modes
+
+
+def _retract(machine: Machine, line: bytes, now_s: float) -> None:
+    back = value(line, b"G") == 10
+    if back == bool(machine.retracted_mm):
+        return
+    machine.retracted_mm = RETRACT_MM if back else 0.0
+    x, y, z, _ = machine.at
+    way_mm = -RETRACT_MM if back else RETRACT_MM
+    machine.shift[3] += way_mm  # the host's own count stays
+    machine.queue(x, y, z, way_mm, RETRACT_MM_S, now_s)
+
+
+def _absolute(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.relative = value(line, b"G") == 91
+
+
+def _extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.relative_e = value(line, b"M") == 83
+
+
+def _set_position(machine: Machine, line: bytes, now_s: float) -> Work:
+    if b"E" not in line:
+        yield from _settled(machine)
+    for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
+        number = value(line, letter)
+        if number is not None:
+            machine.shift[axis] += machine.at[axis] - number
+            machine.at[axis] = number
+
+
+def _hang(machine: Machine, line: bytes, now_s: float) -> Work:
+    while True:  # M0 and M1 never come back over USB
+        yield math.inf
+
+
+def _motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
+    if b"S" not in line:
+        yield from _settled(machine)
+        machine.streaming = False
+
+
+def _finish(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield from _settled(machine)
+    machine.streaming = False
+
+
+def _stop_moves(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.quick_stop(now_s)
+
+
+def _dead_man(machine: Machine, line: bytes, now_s: float) -> None:
+    seconds = value(line, b"S")
+    if seconds is not None:
+        machine.dead_man_s = seconds if seconds > 0.0 else math.inf
+
+
+def _set_nozzle(machine: Machine, line: bytes, now_s: float) -> None:
+    target_c = value(line, b"S")
+    if target_c is not None:
+        machine.heat_nozzle(target_c, now_s)
+
+
+def _set_bed(machine: Machine, line: bytes, now_s: float) -> None:
+    target_c = value(line, b"S")
+    if target_c is not None:
+        machine.heat_bed(target_c, now_s)
+
+
+def _wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
+    """``M109``: up or down to the target, then 3 s within 3 degrees of it; a report each second."""
+    nozzle = machine.board.nozzle
+    _set_nozzle(machine, line, now_s)
+    heating = nozzle.temperature_c(now_s) < nozzle.target_c
+    report_s, there_s = now_s + REPORT_S, math.inf
+    while True:
+        is_c, target_c = nozzle.temperature_c(now_s), nozzle.target_c
+        if there_s == math.inf:
+            arrived = is_c >= target_c - WINDOW_C if heating else is_c <= target_c + WINDOW_C
+            if arrived:
+                there_s = now_s
+        elif target_c > 0.0 and abs(is_c - target_c) > HYSTERESIS_C:
+            there_s = now_s
+        if now_s >= there_s + RESIDENCY_S:
+            break
+        if now_s >= report_s:
+            left = b"?" if there_s == math.inf else b"%d" % int(there_s + RESIDENCY_S - now_s)
+            machine.say(b"T:%.1f E:0 W:%b\n" % (is_c, left))
+            report_s = now_s + REPORT_S
+        if there_s < math.inf:
+            next_s = there_s + RESIDENCY_S
+        elif heating:
+            next_s = now_s + nozzle.seconds_to(target_c - WINDOW_C, now_s)
+        else:
+            next_s = now_s + nozzle.seconds_down_to(target_c + WINDOW_C, now_s)
+        now_s = min(report_s, max(next_s, now_s + 0.001))
+        yield now_s
+
+
+def _wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
+    """``M190``: up to the target, at once when it is hotter; a report each second."""
+    bed = machine.board.bed
+    _set_bed(machine, line, now_s)
+    report_s = now_s + REPORT_S
+    while bed.temperature_c(now_s) < bed.target_c - WINDOW_C:
+        if now_s >= report_s:
+            nozzle_c = machine.board.nozzle.temperature_c(now_s)
+            machine.say(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, bed.temperature_c(now_s)))
+            report_s = now_s + REPORT_S
+        arrive_s = now_s + bed.seconds_to(bed.target_c - WINDOW_C, now_s)
+        now_s = min(report_s, max(arrive_s, now_s + 0.001))
+        yield now_s
+
+
+def temperatures(machine: Machine, now_s: float) -> bytes:
+    """The answer to ``M105``, with its ok in front."""
+    nozzle, bed = machine.board.nozzle, machine.board.bed
+    return b"ok T:%.1f /%.1f B:%.1f /%.1f @:%d B@:%d\n" % (
+        nozzle.temperature_c(now_s),
+        nozzle.target_c,
+        bed.temperature_c(now_s),
+        bed.target_c,
+        nozzle.power(now_s),
+        bed.power(now_s),
+    )
+
+
+def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
+    here = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
+    machine.say(
+        b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
+        % (*map(_zero, machine.at), *map(_zero, here[:3]))
+    )
+
+
+def _report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
+    # No newline at its end: the ok is glued on, as in the firmware.
+    x, y, z, _ = machine.planner.position(now_s)
+    home = machine.board.profile.home_mm
+    hit = [b"TRIGGERED" if touched else b"open" for touched in (x < home[0], y > home[1], z > home[2])]
+    machine.say(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (hit[0], hit[1], hit[2]))
+
+
+def _report_card(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(b"Not SD printing\nCard error:1\n")
+
+
+def _list_card(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(b"Begin file list\nEnd file list\n")
+
+
+def _init_card(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield now_s + 2.0
+    machine.say(wording.SD_FAIL)
+
+
+def _identify(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(wording.IDENTITY)
+
+
+def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(wording.settings(machine.limits))
+
+
+def _beep(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield now_s + positive(line, b"P", 0.0) / 1000.0
+
+
+def _park(machine: Machine, line: bytes, now_s: float) -> Work:
+    """``M601`` outside an SD print: bed down, head away, no waiting for a person."""
+    yield from _settled(machine)
+    now_s = max(now_s, machine.planner.idle_since_s)
+    x, y, z, e = machine.at
+    z = min(z + 20.0, machine.top_mm[2])
+    machine.at = [10.0, 10.0, z, e]
+    machine.queue(x, y, z, 0.0, 35.0, now_s)
+    machine.queue(10.0, 10.0, z, 0.0, 150.0, now_s)
+    yield from _settled(machine)
+
+
+def _set_limits(machine: Machine, line: bytes, now_s: float) -> None:
+    limits, code = machine.limits, int(value(line, b"M") or 0)
+    per_axis = {92: limits.steps_per_mm, 201: limits.acceleration_mm_s2, 203: limits.feedrate_mm_s}
+    if code in per_axis:
+        for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
+            per_axis[code][axis] = positive(line, letter, per_axis[code][axis])
+    elif code == 204:
+        limits.print_mm_s2 = positive(line, b"S", limits.print_mm_s2)
+        limits.retract_mm_s2 = positive(line, b"T", limits.retract_mm_s2)
+    else:
+        limits.jerk_xy_mm_s = positive(line, b"X", limits.jerk_xy_mm_s)
+        limits.jerk_z_mm_s = positive(line, b"Z", limits.jerk_z_mm_s)
+        limits.jerk_e_mm_s = positive(line, b"E", limits.jerk_e_mm_s)
+
+
+def _set_feed_factor(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.feed_factor = positive(line, b"S", 100.0 * machine.feed_factor) / 100.0
+
+
+def _set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.flow_factor = positive(line, b"S", 100.0 * machine.flow_factor) / 100.0
+
+
+def _allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.extrude_min_c = value(line, b"S") or 0.0
+
+
+def _zero(number: float) -> float:
+    """Never minus nothing."""
+    return 0.0 if abs(number) < 0.005 else number
+
+
+Command = Callable[[Machine, bytes, float], Work | None]
+
+_G: dict[int, Command] = {
+    2: _arc,
+    3: _arc,
+    4: _dwell,
+    10: _retract,
+    11: _retract,
+    28: _home,
+    90: _absolute,
+    91: _absolute,
+    92: _set_position,
+}
+# Codes that change nothing here (fan, light, SD card, text) and those that it does not know: plain ok.
+_M: dict[int, Command] = {
+    0: _hang,
+    1: _hang,
+    18: _motors_off,
+    20: _list_card,
+    21: _init_card,
+    27: _report_card,
+    82: _extruder_mode,
+    83: _extruder_mode,
+    84: _motors_off,
+    85: _dead_man,
+    92: _set_limits,
+    104: _set_nozzle,
+    109: _wait_nozzle,
+    114: _report_position,
+    115: _identify,
+    119: _report_endstops,
+    140: _set_bed,
+    190: _wait_bed,
+    201: _set_limits,
+    203: _set_limits,
+    204: _set_limits,
+    205: _set_limits,
+    220: _set_feed_factor,
+    221: _set_flow_factor,
+    300: _beep,
+    302: _allow_cold,
+    400: _finish,
+    401: _stop_moves,
+    503: _report_settings,
+    601: _park,
+}
