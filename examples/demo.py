@@ -39,9 +39,9 @@ def clean() -> None:
 def main() -> int:
     clean()
     STATE.mkdir()
-    model = STATE / "bridge.stl"
+    model = STATE / "aqueduct.stl"
     print("A model that is larger than any one printer:", flush=True)
-    subprocess.run([sys.executable, str(ROOT / "examples" / "make_bridge.py"), str(model)], check=True)
+    subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), str(model)], check=True)
     farm("up", "--fleet", str(ROOT / "fleet.yaml"))
     try:
         code = farm("submit", str(model.relative_to(ROOT)), "--wait", check=False)

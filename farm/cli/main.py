@@ -61,7 +61,7 @@ def up(state: State = None, socket: Socket = None, fleet: FleetFile = None) -> N
 
 def _start_daemon(places: Places, client: Client) -> None:
     places.state.make()
-    command = [sys.executable, "-m", "farm.cli.main", "daemon"]
+    command = [sys.executable, "-P", "-m", "farm.cli.main", "daemon"]
     command += [
         "--state",
         str(places.state.root),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import time
+from pathlib import Path
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -19,7 +21,8 @@ _REFRESH_S = 1.0
 
 
 def _console() -> Console:
-    return Console(highlight=False, soft_wrap=True)
+    """As wide as the terminal; into a file or a pipe as wide as it takes."""
+    return Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 200)
 
 
 def _table(*headings: str) -> Table:
@@ -77,12 +80,11 @@ def _status(view: api.Status) -> RenderableType:
         now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style="dim")
     rows.append(now)
     rows += [Text.assemble(("DO NOW  ", "bold red"), item.text) for item in view.todo]
-    printers = _table("PRINTER", "MODEL", "STATE", "PLATE", "LEFT", "NOZZLE", "BED", "BED IS", "FILAMENT")
+    printers = _table("PRINTER", "STATE", "PLATE", "LEFT", "NOZZLE", "BED", "BED IS", "FILAMENT")
     for printer in view.printers:
         printing = printer.print
         printers.add_row(
             printer.name,
-            printer.model,
             printer.state,
             printing.plate if printing else "",
             f"{span(printing.remaining_s)} {printing.progress:4.0%}" if printing else "",
@@ -117,7 +119,9 @@ def _job(view: api.JobView) -> RenderableType:
         rows.append(Text(f"  {view.reason}", style="red"))
     scaled = [f"scaled by {view.scale:g}"] if view.scale is not None and view.scale != 1 else []
     rows += [Text(f"  {line}") for line in (*view.repairs, *scaled)]
-    facts = _table("", "")
+    facts = Table.grid(padding=(0, 2, 0, 0))
+    facts.add_column(no_wrap=True)
+    facts.add_column(overflow="fold")
     if view.estimated_s is not None:
         facts.add_row("parallel printing time expected", span(view.estimated_s))
     if view.elapsed_s is not None:
@@ -137,15 +141,13 @@ def _job(view: api.JobView) -> RenderableType:
         facts.add_row("utilisation", f"{view.utilisation:.0%}")
     if view.grams is not None:
         facts.add_row("filament", f"{view.grams:.0f} g")
-    if view.picture:
-        facts.add_row("picture of the parts", view.picture)
     if view.starved_share is not None and view.starved_share > 0.01:
         facts.add_row(
             "not valid", f"simulated printers waited {view.starved_share:.1%} of the time for the host"
         )
     rows.append(facts)
     if view.parts:
-        parts = _table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "G-CODE")
+        parts = _table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "GRAMS")
         plates = {plate.id: plate for plate in view.plates}
         for part in view.parts:
             plate = plates[part.plate]
@@ -157,9 +159,12 @@ def _job(view: api.JobView) -> RenderableType:
                 span(plate.estimated_s),
                 moment(last.started if last else None),
                 moment(last.ended if last else None),
-                plate.gcode,
+                f"{plate.grams:.0f}",
             )
         rows.append(parts)
+        rows.append(Text(f"files (STL, G-code): {Path(view.plates[0].gcode).parent}"))
+    if view.picture:
+        rows.append(Text(f"picture of the parts: {view.picture}"))
     rows += _waits(view)
     return Group(*rows)
 

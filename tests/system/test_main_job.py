@@ -1,0 +1,163 @@
+"""The main job on real processes: CuraEngine, pyserial on pseudo-terminals, SQLite, agents, emulators."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from real_farm import wait_for
+
+pytestmark = pytest.mark.system
+
+
+def printing(farm):
+    """Whether every plate of job 1 is being extruded."""
+    job = farm.job()
+    states = [p["prints"][-1]["state"] if p["prints"] else "" for p in job["parts"]]
+    return bool(states) and all(state == "printing" for state in states) and (job["elapsed_s"] or 0) > 0
+
+
+def extruding(farm, name):
+    return farm.emulator_status(name).bed_clear is False
+
+
+def test_from_a_model_to_its_last_part(farm, bar):
+    result = farm.run("submit", bar, "--wait", "--json")
+    assert result.returncode == 0, (result.stderr, farm.log())
+    answer = json.loads(result.stdout)
+    assert answer["schema"] == 1
+    job = answer["job"]
+    assert job["state"] == "printed"
+    assert [part["prints"][-1]["state"] for part in job["parts"]] == ["done", "done"]
+    assert {part["prints"][-1]["printer"] for part in job["parts"]} == {"one", "two"}
+    assert job["starved_share"] < 0.05
+    assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.05)
+    assert 1.0 < job["speedup"] < 2.0
+    assert 0.5 < job["utilisation"] <= 1.0
+    for part in job["parts"]:
+        assert Path(part["file"]).is_file()
+    for name in ("one", "two"):
+        printer = farm.printer(name)
+        assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)
+        seen = farm.emulator_status(name)
+        assert (seen.nozzle_target_c, seen.bed_target_c, seen.bed_clear) == (0.0, 0.0, False)
+        assert seen.filament_mm > 0
+    todo = farm.status()["todo"]
+    assert [item["code"] for item in todo] == ["clear"]
+    text = farm.ok("status")
+    assert "clear 2 beds" in text and "printed" in text
+    farm.ok("cleared", "all")
+    assert farm.status()["todo"] == []
+    # Nothing prints: the farm goes down when it is told to, and the simulated printers with it.
+    farm.ok("down")
+    assert farm.run("status").returncode == 3
+
+
+def test_a_wrong_checksum_is_sent_again_and_the_print_ends(make_farm, bar):
+    model = "ultimaker2_plus"
+    farm = make_farm(
+        {"one": (model, f"sim://{model}?seed=3&checksum=0.002"), "two": (model, f"sim://{model}?seed=4")}
+    )
+    farm.up()
+    result = farm.run("submit", bar, "--wait")
+    assert result.returncode == 0, (result.stderr, farm.log())
+    assert farm.emulator_status("one").errors > 0
+
+
+def test_the_daemon_dies_and_every_print_goes_on(farm, bar):
+    farm.ok("submit", bar)
+    wait_for("both printers to extrude", lambda: printing(farm) and extruding(farm, "one"))
+    before = farm.status()
+    agents = {p["name"]: p["agent_pid"] for p in before["printers"]}
+    resets = {name: farm.emulator_status(name).resets for name in agents}
+    moves = {name: farm.emulator_status(name).moves for name in agents}
+    os.kill(before["daemon"]["pid"], signal.SIGKILL)
+    wait_for("moves while no daemon is there", lambda: farm.emulator_status("one").moves > moves["one"])
+    assert farm.run("status").returncode == 3
+    farm.ok("up")
+    assert farm.status()["daemon"]["pid"] != before["daemon"]["pid"]
+    wait_for("the job to end", lambda: farm.job()["state"] == "printed")
+    assert {p["name"]: p["agent_pid"] for p in farm.status()["printers"]} == agents
+    assert {name: farm.emulator_status(name).resets for name in agents} == resets
+    job = farm.job()
+    assert job["elapsed_s"] == pytest.approx(job["estimated_s"], rel=0.05)
+    assert [len(part["prints"]) for part in job["parts"]] == [1, 1]
+
+
+def test_a_wait_outlives_the_daemon(farm, bar, tmp_path):
+    import subprocess
+
+    from real_farm import FARM
+
+    with (tmp_path / "out").open("w+") as out:
+        command = [str(FARM), "submit", str(bar), "--wait", "--json", "--state", str(farm.state)]
+        waiting = subprocess.Popen(command, stdout=out, stderr=subprocess.DEVNULL)
+        wait_for("the plan", lambda: farm.status()["jobs"] and farm.job()["estimated_s"])
+        farm.kill_daemon()
+        farm.ok("up")
+        assert waiting.wait(240) == 0
+        out.seek(0)
+        assert json.load(out)["job"]["state"] == "printed"
+
+
+def test_an_agent_dies_and_its_printer_is_cold_at_once(farm, bar):
+    farm.ok("submit", bar)
+    wait_for("both printers to extrude", lambda: printing(farm) and extruding(farm, "one"))
+    agent = farm.printer("one")["agent_pid"]
+    assert farm.emulator_status("one").nozzle_target_c > 0
+    os.kill(agent, signal.SIGKILL)
+    killed = time.monotonic()
+
+    def cold():
+        seen = farm.emulator_status("one")
+        return seen.nozzle_target_c == 0 and seen.bed_target_c == 0
+
+    # Not a benchmark but the promise itself: five seconds from an agent's death to no heat.
+    wait_for("targets 0", cold, patience_s=5.0)
+    assert time.monotonic() - killed < 5.0
+    wait_for("the books to know", lambda: farm.printer("one")["state"] == "look")
+    printer = farm.printer("one")
+    assert printer["bed"] == "not_clear"
+    assert printer["agent_pid"] not in (None, agent)
+    job = farm.job()
+    failed = [p for part in job["parts"] for p in part["prints"] if p["printer"] == "one"]
+    assert [p["state"] for p in failed] == ["failed"]
+    assert "agent" in failed[0]["reason"]
+    # The other print is not disturbed; the failed plate then waits for a person, and says for what.
+    wait_for("the other part", lambda: any(p["prints"][-1]["state"] == "done" for p in farm.job()["parts"]))
+    assert farm.job()["waits_for_person"]
+    farm.ok("cleared", "one")
+    wait_for("the second attempt", lambda: farm.job()["state"] == "printed")
+
+
+def test_the_farm_is_not_taken_down_in_mid_print_unless_told_to(farm, bar):
+    farm.ok("submit", bar)
+    wait_for("both printers to extrude", lambda: printing(farm))
+    refused = farm.run("down")
+    assert refused.returncode == 5
+    assert "one two" in refused.stderr
+    farm.ok("down", "--now")
+    assert farm.run("status").returncode == 3
+    for name in ("one", "two"):
+        seen = farm.emulator_status(name)
+        assert (seen.nozzle_target_c, seen.bed_target_c) == (0.0, 0.0)
+
+
+def test_a_cancelled_job_ends_safely_and_is_not_tried_again(farm, bar):
+    farm.ok("submit", bar)
+    wait_for("both printers to extrude", lambda: printing(farm))
+    farm.ok("cancel", 1)
+    wait_for("both prints to end", lambda: all(p["print"] is None for p in farm.status()["printers"]))
+    job = farm.job()
+    assert job["state"] == "cancelled"
+    assert [part["prints"][-1]["state"] for part in job["parts"]] == ["cancelled", "cancelled"]
+    for name in ("one", "two"):
+        printer = farm.printer(name)
+        assert (printer["bed"], printer["look"]) == ("not_clear", None)
+        assert farm.emulator_status(name).nozzle_target_c == 0.0
+    assert farm.run("submit", bar, "--wait", "--printers", "0").returncode == 2
