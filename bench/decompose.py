@@ -20,6 +20,11 @@ from decompose.partition import decompose
 from decompose.report import Options
 from drivers.profiles import PROFILES, part_room
 
+# The quality `glue`, as it resolves on an Ultimaker 2+.
+GLUE = Recipe(
+    layer_height_mm=0.15, skin_layers=5.0, infill_line_distance_mm=3.5, support_angle_deg=50.0, brim_mm=8.05
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Figures:
@@ -80,15 +85,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("models", nargs="+")
     parser.add_argument("--granularity", default="auto")
-    parser.add_argument("--layer-height", type=float, default=0.15)
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    recipe = Recipe(layer_height_mm=args.layer_height)
-    cost = CostModel.from_recipe(recipe)
+    cost = CostModel.from_recipe(GLUE)
     figures = []
     for item in args.models:
         path, side, plus, extended = item.rsplit(":", 3)
-        fleet = rooms(int(plus), int(extended), recipe.brim_mm)
+        fleet = rooms(int(plus), int(extended), GLUE.brim_mm)
         figures.append(measure(Path(path), float(side), fleet, Options(granularity=args.granularity), cost))
     if args.json:
         print(json.dumps({"schema": 1, "figures": [asdict(f) for f in figures]}, indent=1))

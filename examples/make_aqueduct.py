@@ -18,12 +18,12 @@ from decompose.stl import single_precision, write_stl
 LENGTH_MM = 330.0
 # Each tier: floor, height, depth, number of arches, width of a pier between two, height of its arches' feet.
 TIERS = (
-    (0.0, 76.0, 32.0, 5, 13.0, 40.0),
-    (76.0, 60.0, 26.0, 8, 8.5, 31.0),
-    (136.0, 30.0, 20.0, 22, 4.4, 9.0),
+    (0.0, 76.0, 27.0, 5, 12.0, 40.0),
+    (76.0, 60.0, 22.0, 8, 8.0, 31.0),
+    (136.0, 30.0, 17.0, 22, 4.2, 9.0),
 )
 CORNICE_MM = (3.0, 2.0)  # height, and how far it stands out
-CHANNEL_MM = (10.0, 8.0)  # width and depth of the water channel on top
+CHANNEL_MM = (8.0, 8.0)  # width and depth of the water channel on top
 
 
 def prism(outline: list[tuple[float, float]], half_depth_mm: float) -> Solid:
