@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 import trimesh
 
 from decompose.cost import PrinterRoom
@@ -18,10 +18,9 @@ from decompose.errors import GeometryError
 from decompose.grid import Grid
 from decompose.guillotine import Box
 from decompose.mesh import Model
-from decompose.report import Coverage, Decomposition, Part
-from decompose.solid import Solid
 
-Floats = npt.NDArray[np.float64]
+if TYPE_CHECKING:
+    from decompose.report import Decomposition, Part
 
 ON_PLANE_MM = 1e-7  # how far from a cut plane rounding may leave a vertex
 SURFACE_SHARE = 1e-6
@@ -42,6 +41,14 @@ class Rule(StrEnum):
     WALL = "wall"  # what is missing keeps its distance from the original surface
     INSIDE = "inside"  # parts and what is missing are the model, no more
     STL = "stl"  # the file, read back, is watertight and has the part's volume
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How well the parts cover the model: relative error of the original area, and doubly covered volume."""
+
+    surface_error: float
+    overlap_mm3: float
 
 
 def check(
@@ -179,9 +186,3 @@ def check_stl(path: Path, part: Part) -> None:
         raise GeometryError(
             Rule.STL, part.id, f"{path.name}, read back, has {mesh.volume:.3f} mm3 instead of {volume:.3f}"
         )
-
-
-def solid_of(path: Path) -> Solid:
-    """A part's file as a solid, for those who check further."""
-    mesh: Any = trimesh.load(path, force="mesh", process=True)
-    return Solid.from_arrays(mesh.vertices, mesh.faces)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.assembly import draw_assembly
+from decompose.check import Coverage, Rule, check_stl
 from decompose.errors import GeometryError
 from decompose.solid import Solid
 from decompose.stl import single_precision, write_stl
@@ -81,7 +82,7 @@ class Part:
             corners = single_precision(*self.printed(tolerance_mm))
             if corners is not None:
                 return corners
-        raise GeometryError("stl", self.id, "touches itself, so that an STL of it is not closed")
+        raise GeometryError(Rule.STL, self.id, "touches itself, so that an STL of it is not closed")
 
     def as_dict(self) -> dict[str, Any]:
         lo, hi = self.solid.bounds_mm
@@ -96,14 +97,6 @@ class Part:
             "estimated_s": self.estimated_s,
             "printer": self.printer,
         }
-
-
-@dataclass(frozen=True, slots=True)
-class Coverage:
-    """How well the parts cover the model: relative error of the original area, and doubly covered volume."""
-
-    surface_error: float
-    overlap_mm3: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,8 +164,6 @@ def write(decomposition: Decomposition, folder: Path) -> Decomposition:
     GeometryError
         An STL, read back, is not watertight or has another volume.
     """
-    from decompose.check import check_stl
-
     folder.mkdir(parents=True, exist_ok=True)
     parts = []
     for part in decomposition.parts:
