@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from farm.errors import FarmError
+
 _LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108, and uvicorn and httpx know no way round
 
 
@@ -52,10 +54,13 @@ class StateFolder:
         return self.root / "agents" / printer
 
     def make(self) -> None:
-        """Create what is missing; OSError where that cannot be done."""
-        self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for folder in (self.files, self.work, self.slices, self.root / "agents"):
-            folder.mkdir(mode=0o700, exist_ok=True)
+        """Create what is missing. Raises FarmError where that cannot be done."""
+        try:
+            self.root.mkdir(mode=0o700, parents=True, exist_ok=True)
+            for folder in (self.files, self.work, self.slices, self.root / "agents"):
+                folder.mkdir(mode=0o700, exist_ok=True)
+        except OSError as error:
+            raise FarmError(f"the state folder {self.root} cannot be used ({error}); name another") from error
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import os
 import shutil
 import socket
 import time
-from pathlib import Path
+from collections.abc import Iterator
 from typing import IO
 
 import uvicorn
@@ -23,7 +23,7 @@ from farm.daemon.planner import Planner
 from farm.daemon.server import make_app
 from farm.daemon.timers import Timers
 from farm.daemon.workers import Workers
-from farm.errors import FarmError, Refused
+from farm.errors import Refused
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.services.planning import warm
@@ -118,12 +118,7 @@ def run(fleet: Fleet, places: Places) -> None:
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("httpx").setLevel(logging.WARNING)
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
-    try:
-        places.state.make()
-    except OSError as error:
-        raise FarmError(
-            f"the state folder {places.state.root} cannot be used ({error}); name another"
-        ) from error
+    places.state.make()
     with _only_one(places.state):
         shutil.rmtree(places.state.work, ignore_errors=True)
         places.state.make()
@@ -131,7 +126,7 @@ def run(fleet: Fleet, places: Places) -> None:
 
 
 @contextlib.contextmanager
-def _only_one(state: StateFolder):  # type: ignore[no-untyped-def]
+def _only_one(state: StateFolder) -> Iterator[None]:
     lock: IO[str] = state.lock.open("a+")
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

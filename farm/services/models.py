@@ -15,6 +15,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.services.files import store_file
 from farm.services.trouble import in_farm_words
+from slicing.resources import find_engine, find_resources
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +33,12 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
     Raises
     ------
     FarmError
-        With code `model` and the reason, where it cannot be made a solid.
+        With code `model` and the reason, where it cannot be made a solid; with code `engine` where there is
+        nothing to slice it with later.
     """
     with in_farm_words():
+        find_engine()
+        find_resources()
         named = path.with_name(uuid.uuid4().hex) / Path(name).name
         named.parent.mkdir()
         try:

@@ -147,7 +147,8 @@ def test_cura_engine_missing(make_farm, bar, tmp_path):
 
 def test_cura_engine_failing(make_farm, bar, tmp_path):
     engine = tmp_path / "engine"
-    engine.write_text("#!/bin/sh\necho 'out of memory' >&2\nexit 1\n")
+    failing = "[ $1 = help ] && exec CuraEngine help; echo 'out of memory' >&2; exit 1"
+    engine.write_text(f"#!/bin/sh\n{failing}\n")
     engine.chmod(engine.stat().st_mode | stat.S_IXUSR)
     farm = make_farm({"one": SIM, "two": SIM})
     farm.up(FARM_CURA_ENGINE=str(engine))
