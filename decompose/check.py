@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import trimesh
 
+from decompose.boxes import Box
 from decompose.cost import PrinterRoom
 from decompose.errors import GeometryError
 from decompose.grid import Grid
-from decompose.guillotine import Box
 from decompose.mesh import Model
 
 if TYPE_CHECKING:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from decompose.boxes import Box
 from decompose.grid import Grid
-from decompose.guillotine import Box
 from decompose.solid import Solid
 
 

@@ -11,12 +11,13 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
+from decompose.boxes import Box, Boxes, all_boxes, box_index
 from decompose.check import Coverage, check
 from decompose.cost import POSES, CostModel, PrinterRoom, pose_axes, pose_costs
 from decompose.cut import cut_box
 from decompose.errors import DecomposeError, NoFit
 from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
-from decompose.guillotine import UNREACHABLE, Box, Boxes, Partitioner, all_boxes, box_index
+from decompose.guillotine import UNREACHABLE, Partitioner
 from decompose.mesh import Model
 from decompose.report import Decomposition, Engine, Interior, Options, Part
 from decompose.solid import Solid

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from decompose.boxes import Box
 from decompose.check import Rule, check, check_missing, check_stl
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import GeometryError
 from decompose.grid import Grid, build_grid
-from decompose.guillotine import Box
 from decompose.mesh import Model
 from decompose.partition import decompose
 from decompose.report import Decomposition, Options, Part, write

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose.boxes import Boxes, all_boxes, box_index
 from decompose.cost import CostModel, PrinterRoom, Recipe, pose_costs
 from decompose.grid import (
     CLEAR_MM,
@@ -18,7 +19,6 @@ from decompose.grid import (
     flat_coordinates,
     place_planes,
 )
-from decompose.guillotine import Boxes, all_boxes, box_index
 from decompose.solid import Solid
 
 Triangles = np.ndarray

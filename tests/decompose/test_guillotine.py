@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose.boxes import Box, Boxes, box_index, shared_rooms
 from decompose.cost import PrinterRoom
-from decompose.guillotine import UNREACHABLE, Box, Boxes, Partitioner, box_index, shared_rooms
+from decompose.guillotine import UNREACHABLE, Partitioner
 
 Shape = tuple[int, int, int]
 
