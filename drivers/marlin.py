@@ -5,16 +5,16 @@ bytes):
 
 1. Lines are numbered and checksummed, and ONE is in flight. The firmware carries out a number once: what is
    sent twice is refused with the number that it wants, so to send the last line again is always safe.
-2. A plain ``ok`` is the answer to the line in flight, ``ok T:`` that to an unnumbered M105. They are never
-   taken for each other. A lost or doubled ok makes the link at most a few lines early or late; the
-   firmware's next refusal names the right number, and the last `HISTORY_LINES` lines are kept to go back
-   to.
-3. ``Resend`` comes with an ``ok`` of its own, and is obeyed after that. ``No Line Number`` comes with
+2. That holds for M105 too: a bare one with one flipped bit may be an M1, which never comes back.
+3. A plain ``ok`` is the answer to a line, ``ok T:`` that to M105; they are never taken for each other. A
+   lost or doubled ok makes the link at most a few lines early or late; the firmware's next refusal names
+   the right number, and the last `HISTORY_LINES` lines are kept to go back to.
+4. ``Resend`` comes with an ``ok`` of its own, and is obeyed after that. ``No Line Number`` comes with
    neither, and is obeyed at once.
-4. Silence is no proof that a line was lost, as a long move holds back the ok. So the link asks with M105
-   first, and sends the line again only where that was answered and the line was not.
-5. A board that asks twice for a number further back than the history has lost its count: it was reset.
-6. Where more than 5 % of the lines have to be sent again the link gives up: with an 8-bit checksum some of
+5. On silence the line is sent again. Where it was only late, as behind a long move, its double is refused
+   while the next line is in flight; the link then waits for that one's ok, or doubles would go on for ever.
+6. A board that asks twice for a number further back than the history has lost its count: it was reset.
+7. Where more than 5 % of the lines have to be sent again the link gives up: with an 8-bit checksum some of
    the garbled lines would be carried out.
 """
 
@@ -102,7 +102,7 @@ class Phase(StrEnum):
     OPENING = "opening"  # waits for ``start``
     BANNER = "banner"  # waits for the end of it
     LIVE = "live"
-    DEAD = "dead"  # trouble: nothing is sent, reports are still heard
+    DEAD = "dead"  # trouble: nothing is sent, and nothing heard
 
 
 def checksum(line: bytes) -> int:
@@ -151,8 +151,7 @@ class Link:
         self._due_s = math.inf  # of what is in flight, or of the phase
         self._poll_s = math.inf
         self._waiting = False  # for the ok of the line at the cursor
-        self._polling = False  # for the answer to an M105
-        self._probed = -1  # the line that was waited for when M105 was sent
+        self._doubled = -1  # the last line that was sent again on silence
         self._wanted = -1  # a Resend, until its ok comes
         self._far = -1  # a Resend that is not believed yet
         self._tries = 0
@@ -163,7 +162,9 @@ class Link:
         self._frames: list[bytes] = []
         self._base = 1
         self._cursor = -1
-        self._patience: dict[int, float] = {}
+        self._patience: dict[int, float] = {}  # of lines that may take long
+        self._polls: set[int] = set()  # lines that are M105
+        self._careful = 0  # up to this number lines may be special, or were sent before
         self._queue: deque[bytes] = deque()
         self._source: Source | None = None
         self._source_at = self._source_stop = 0  # next line of the program to encode
@@ -236,14 +237,17 @@ class Link:
     @property
     def streamed(self) -> int:
         """Lines of the program that were acknowledged, counted from its first line."""
-        number = self._base + self._cursor - self._waiting  # last acknowledged
+        number = (
+            self._base + self._cursor
+        )  # in flight, or the last acknowledged; an M105 is no line of a program
+        number -= self._waiting and number not in self._polls
         done = self._source_start + number - self._source_number + 1
         return min(max(done, self._source_start), self._source_stop)
 
     @property
     def deadline_s(self) -> float:
         """When `tick` wants to be called."""
-        if self.phase is Phase.LIVE and not self._waiting and not self._polling:
+        if self.phase is Phase.LIVE and not self._waiting:
             return self._poll_s
         return self._due_s  # of what is in flight, or of the phase; never where the link is closed or dead
 
@@ -258,7 +262,7 @@ class Link:
         # already.
         if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s:
             ahead = self._cursor + 1
-            if ahead < len(self._frames) and self._wanted < 0 and not self._polling and not self._patience:
+            if ahead < len(self._frames) and self._wanted < 0 and self._base + self._cursor > self._careful:
                 self._cursor = ahead
                 self._tries = 0
                 self._out = self._frames[ahead]
@@ -275,14 +279,14 @@ class Link:
     def _hear(self, line: bytes, now_s: float, events: list[Event]) -> None:
         if self.phase in (Phase.OPENING, Phase.BANNER):
             self._hear_boot(line, now_s, events)
-        elif self.phase is Phase.CLOSED:
-            pass
+        elif self.phase is not Phase.LIVE:
+            pass  # closed, or dead: what comes now is of no use
         elif line == b"start":
             self._give_up(Fault.REBOOT, "the board started again by itself", events)
         elif line.startswith(b"ok"):
-            if b"T:" in line:
+            if line != b"ok" and (self._asked or b"T:" in line):
                 self._hear_report(line, now_s, events)
-            else:
+            elif self._wanted >= 0 or not self._asked:
                 self._hear_ok(now_s, events)
         elif (resend := _RESEND.search(line)) is not None:
             self._hear_resend(int(resend[1]), now_s, events)
@@ -309,12 +313,11 @@ class Link:
             self._banner += line + b"\n"
             if b"M301" in line:  # the banner's last line
                 self._greet(now_s, events)
-        elif line.startswith(b"ok") and self._polling:
+        elif line.startswith(b"ok") and self._tries:
             self._greet(now_s, events)
 
     def _greet(self, now_s: float, events: list[Event]) -> None:
         self.phase = Phase.LIVE
-        self._polling = False
         self._tries = 0
         self._poll_s = now_s + self.poll_every_s
         self._base, self._cursor, self._frames = 0, -1, []
@@ -326,37 +329,29 @@ class Link:
         if (values := _REPORT.search(line)) is not None:
             with suppress(ValueError):  # garbled: the next one comes soon
                 events.append(Report(*(float(v) for v in values.groups())))
-        if not self._polling:
-            return
-        self._polling = False
-        if self._waiting:
-            if self._probed == self._base + self._cursor and self._wanted < 0:
-                self._repeat(self._cursor, now_s, events)
-            else:
-                self._due_s = now_s + self._patience_s()
-        else:
-            self._tries = 0
-            self._go(now_s)
+        if self._asked and self._wanted < 0:
+            self._landed(now_s)
+
+    @property
+    def _asked(self) -> bool:
+        """Whether an M105 is in flight."""
+        return self._waiting and self._base + self._cursor in self._polls
 
     def _hear_ok(self, now_s: float, events: list[Event]) -> None:
         if self._wanted >= 0:
-            wanted, self._wanted = self._wanted, -1
-            at = wanted - self._base
+            at, self._wanted = self._wanted - self._base, -1
             if at == self._cursor + 1:  # the line had arrived: this is its ok
                 self._landed(now_s)
+            elif at == self._cursor and 0 < self._base + at - self._doubled <= 2 and self._doubled >= 0:
+                self._due_s = now_s + max(HINT_S, self._floor_s / 4)
             else:
                 self._repeat(at, now_s, events)
         elif self._waiting:
             self._landed(now_s)
-        elif self._polling:  # a garbled M105 is answered like this
-            self._polling = False
-            self._poll_s = now_s
-            self._go(now_s)
 
     def _landed(self, now_s: float) -> None:
         self._waiting = False
         self._tries = 0
-        self._patience.pop(self._base + self._cursor, None)
         self._go(now_s)
 
     def _hear_resend(self, number: int, now_s: float, events: list[Event]) -> None:
@@ -371,6 +366,7 @@ class Link:
             self._far = number
             return
         self._wanted = number
+        self._waiting = True
         self._due_s = now_s + max(HINT_S, self._floor_s / 2)
 
     # --- time ---
@@ -384,12 +380,16 @@ class Link:
             self._greet(now_s, events)
         elif self._wanted >= 0:
             self._hear_ok(now_s, events)  # its ok was lost
-        elif self._polling or self._waiting or self.phase is Phase.OPENING:
+        elif self._waiting or self.phase is Phase.OPENING:
             self._tries += 1
             if self._tries > TRIES:
                 self._give_up(Fault.NO_ANSWER, "the board does not answer", events)
-            else:
-                self._probe(now_s)
+            elif self._waiting:
+                self._doubled = self._base + self._cursor
+                self._repeat(self._cursor, now_s, events)
+            else:  # it did not restart, and nobody knows its line number
+                self._out += b"M105\n"
+                self._due_s = now_s + max(START_S / 2, self._floor_s)
         else:
             self._go(now_s)
         return events
@@ -406,11 +406,11 @@ class Link:
 
     def _go(self, now_s: float) -> None:
         """Send the next thing, where nothing is in flight."""
-        if self._waiting or self._polling or self.phase is not Phase.LIVE:
+        if self._waiting or self.phase is not Phase.LIVE:
             return
         if now_s >= self._poll_s:
-            self._probe(now_s)
-            return
+            self._insert_poll()
+            self._poll_s = now_s + self.poll_every_s
         if self._cursor + 1 >= len(self._frames):
             self._encode_ahead()
         if self._cursor + 1 < len(self._frames):
@@ -423,14 +423,24 @@ class Link:
         self._due_s = now_s + self._patience_s()
 
     def _patience_s(self) -> float:
-        return max(self._patience.get(self._base + self._cursor, LINE_S), self._floor_s)
+        number = self._base + self._cursor
+        return max(POLL_S if number in self._polls else self._patience.get(number, LINE_S), self._floor_s)
 
-    def _probe(self, now_s: float) -> None:
-        self._polling = True
-        self._probed = self._base + self._cursor if self._waiting else -1
-        self._out += b"M105\n"
-        self._due_s = now_s + max(POLL_S if self.phase is Phase.LIVE else START_S / 2, self._floor_s)
-        self._poll_s = now_s + self.poll_every_s
+    def _insert_poll(self) -> None:
+        """Put an M105 before all that is encoded ahead, which gets new numbers."""
+        sent = self._cursor + 1
+        number = self._base + sent
+        ahead = self._frames[sent:]
+        del self._frames[sent:]
+        self._frames.append(frame(number, b"M105"))
+        self._polls = {n for n in self._polls if n >= self._base}
+        self._polls = {n + (n >= number) for n in self._polls} | {number}
+        self._patience = {n + (n >= number): s for n, s in self._patience.items()}
+        if self._source_number + self._source_stop - self._source_start > number:
+            self._source_number += 1  # the program, or the rest of it, comes behind
+        for at, old in enumerate(ahead, number + 1):
+            self._frames.append(frame(at, old[old.index(b" ") + 1 : old.rindex(b"*")]))
+        self._careful = max(self._careful + 1, self._base + sent)
 
     def _repeat(self, at: int, now_s: float, events: list[Event]) -> None:
         self.repeated += 1
@@ -439,6 +449,7 @@ class Link:
         if len(self._repeats) == NOISE_RESENDS and number - self._repeats[0] < NOISE_LINES:
             self._give_up(Fault.NOISY_LINE, f"{NOISE_RESENDS} lines of {NOISE_LINES} sent again", events)
             return
+        self._careful = max(self._careful, self._base + self._cursor)
         self._cursor = at
         self._launch(now_s)
 
@@ -449,6 +460,7 @@ class Link:
             del self._frames[:spare]
             self._base += spare
             self._cursor -= spare
+            self._patience = {n: s for n, s in self._patience.items() if n >= self._base}
         number = self._base + len(self._frames)
         commands: list[bytes] = []
         if self._queue:
@@ -463,6 +475,7 @@ class Link:
                 patience_s = _PATIENCE_S.get(command.split(b" ", 1)[0])
                 if patience_s is not None:
                     self._patience[number] = patience_s
+                    self._careful = number
             self._frames.append(frame(number, command))
             number += 1
 
@@ -474,6 +487,6 @@ class Link:
             return
         self.halt()
         self.phase = Phase.DEAD
-        self._waiting = self._polling = False
+        self._waiting = False
         self._wanted = -1
         self._due_s = math.inf
