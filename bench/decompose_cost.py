@@ -17,15 +17,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from decompose.cost import CostModel, PrinterRoom, Recipe, pose_costs
+from decompose.cost import CostModel, PrinterRoom, pose_costs
 from decompose.mesh import load_model
 from decompose.partition import decompose
 from decompose.report import Options, Part, write
 from drivers.profiles import PROFILES, part_room
+from farm.services.planning import recipe
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.resources import find_engine, find_resources
-from slicing.settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings import SettingsRequest, resolve_settings
 
 TERMS = (
     "fixed_s",
@@ -38,26 +39,6 @@ TERMS = (
 )
 MODEL = "ultimaker2_plus"
 ANYWHERE = ((-500.0, -500.0, 500.0, 500.0, 500.0),)  # parts are not placed here, only timed
-
-
-def recipe_of(settings: Settings) -> Recipe:
-    """The slicer's settings that decide print time."""
-    return Recipe(
-        layer_height_mm=settings.layer_height_mm,
-        line_width_mm=settings.line_width_mm,
-        wall_count=settings.wall_count,
-        skin_layers=(settings.top_layers + settings.bottom_layers) / 2.0,
-        infill_line_distance_mm=settings.infill_line_distance_mm,
-        support_line_distance_mm=settings.support_line_distance_mm,
-        outer_wall_mm_s=settings.speed_wall_0_mm_s,
-        inner_wall_mm_s=settings.speed_wall_x_mm_s,
-        infill_mm_s=settings.speed_infill_mm_s,
-        skin_mm_s=settings.speed_topbottom_mm_s,
-        support_mm_s=settings.speed_support_mm_s,
-        support_angle_deg=settings.support_angle_deg,
-        brim_mm=settings.brim_width_mm,
-        brim_mm_s=settings.speed_layer_0_mm_s,
-    )
 
 
 def features(part: Part, cost: CostModel) -> list[float]:
@@ -77,7 +58,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     settings = resolve_settings(SettingsRequest(MODEL, args.quality), find_resources())
-    cost = CostModel.from_recipe(recipe_of(settings))
+    cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
     room = part_room(PROFILES[MODEL], settings.brim_width_mm)
     printers = [PrinterRoom(str(i), tuple(b.size_mm for b in room)) for i in range(args.printers)]
     engine = find_engine()
