@@ -51,6 +51,8 @@ class SerialPort:
             fd = port.fileno()
             attributes = termios.tcgetattr(fd)
             attributes[2] &= ~termios.HUPCL
+            # pyserial's VMIN of 0 would make an empty port look like one that hung up.
+            attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
             os.set_blocking(fd, False)
             termios.tcflush(fd, termios.TCIFLUSH)

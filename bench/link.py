@@ -1,0 +1,106 @@
+"""Lines a second through agents and emulators on ptys, and what a line costs the agents.
+
+``python bench/link.py [--agents N] [--lines N] [--scale S] [--json]``. Real processes, and nothing is left out:
+every agent resets its board, heats, streams short moves and ends. The clock is so quick that the moves take next
+to no time, so the figure is what host and link can carry.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import hashlib
+import json
+import os
+import tempfile
+import time
+from pathlib import Path
+
+from drivers import messages as m
+from drivers.client import AgentClient, spawn
+from drivers.clock import Clock
+from drivers.emulator.launch import control
+
+MODEL = "ultimaker2_plus"
+HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
+TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
+
+
+def cpu_s(pid: int) -> float:
+    """CPU seconds of a process, user and system."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+async def one(folder: Path, clock: Clock, gcode: Path, sha256: str) -> tuple[float, float, float]:
+    """Print on one printer: wall time of the first and last line, the agent's CPU seconds between."""
+    process = spawn(folder.name, MODEL, f"sim://{MODEL}", folder, clock)
+    client = AgentClient(folder)
+    await client.connect()
+    start = m.StartPrint(
+        id=0, print_id="bench", gcode=str(gcode), sha256=sha256, print_time_s=1.0, filament=m.Filament.PARKED
+    )
+    began_s = ended_s = cpu_before_s = cpu_after_s = 0.0
+    asked = False
+    async for snapshot in client.snapshots():
+        if snapshot.link is m.LinkState.READY and not asked:
+            asked = True
+            reply = await client.request(start)
+            if reply.error:
+                raise SystemExit(reply.error)
+        phase = snapshot.print.phase if snapshot.print else None
+        if phase is m.PrintPhase.PRINTING and not began_s:
+            began_s, cpu_before_s = time.time(), cpu_s(process.pid)
+        if phase is not None and phase.ended:
+            ended_s, cpu_after_s = time.time(), cpu_s(process.pid)
+            if phase is not m.PrintPhase.DONE:
+                raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
+            break
+    await client.request(m.Shutdown(id=0))
+    await client.close()
+    await asyncio.to_thread(process.wait, 10.0)
+    control(folder / "emulator", "power_off")
+    return began_s, ended_s, cpu_after_s - cpu_before_s
+
+
+async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
+    """Run the prints at the same time."""
+    moves = "".join(
+        f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n" for i in range(lines)
+    )
+    text = (HEAD + "G0 F9000 X100 Y100 Z0.3\n" + moves + TAIL).encode()
+    with tempfile.TemporaryDirectory() as folder:
+        gcode = Path(folder) / "bench.gcode"
+        gcode.write_bytes(text)
+        sha256 = hashlib.sha256(text).hexdigest()
+        clock = Clock(scale, time.time())
+        runs = await asyncio.gather(
+            *(one(Path(folder) / f"p{number}", clock, gcode, sha256) for number in range(agents))
+        )
+    span_s = max(run[1] for run in runs) - min(run[0] for run in runs)
+    return {
+        "agents": agents,
+        "lines": agents * lines,
+        "wall_s": round(span_s, 2),
+        "lines_per_s": round(agents * lines / span_s),
+        "agent_cpu_us_per_line": round(1e6 * sum(run[2] for run in runs) / (agents * lines), 1),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--agents", type=int, default=8)
+    parser.add_argument("--lines", type=int, default=10_000, help="an agent")
+    parser.add_argument("--scale", type=float, default=300.0, help="farm seconds in a wall second")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    result = asyncio.run(measure(given.agents, given.lines, given.scale))
+    print(
+        json.dumps({"schema": 1, **result})
+        if given.json
+        else "\n".join(f"{k}: {v}" for k, v in result.items())
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,338 @@
+"""Real processes: an agent, the emulator on a pty, and a client as the daemon has it."""
+
+import asyncio
+import hashlib
+import os
+import signal
+import stat
+import subprocess
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers import messages as m
+from drivers.agent.journal import Journal
+from drivers.agent.spool import Spool
+from drivers.client import AgentClient, alive, spawn
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, read_status
+from drivers.errors import AgentError, BadGcode
+
+MODEL = "ultimaker2_plus"
+SCALE = 120.0
+DEADLINE_S = 30.0
+
+HEAD = """;FLAVOR:Marlin
+G21
+G90
+M82
+M107
+M140 S40
+G28
+G1 F12000 X5 Y10
+M190 S40
+M109 S180
+G1 F2400 Z20
+G92 E0
+G1 F47 E7.8
+G92 E0
+"""
+TAIL = (
+    ";TIME_ELAPSED:60\nG92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
+)
+
+
+def gcode(moves: int) -> str:
+    path = "".join(
+        f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{(i + 1) * 0.5:.2f}\n" for i in range(moves)
+    )
+    return HEAD + path + TAIL
+
+
+class Printer:
+    """One agent with its emulator, and a client."""
+
+    def __init__(self, folder: Path, url: str) -> None:
+        self.folder, self.url = folder, url
+        self.clock = Clock(SCALE, time.time())
+        self.process: subprocess.Popen[bytes] | None = None
+        self.client = AgentClient(folder)
+        self.last: m.Snapshot | None = None
+        self._following: asyncio.Task[None] | None = None
+
+    def spawn(self) -> None:
+        self.process = spawn("um2-01", MODEL, self.url, self.folder, self.clock)
+
+    async def connect(self) -> None:
+        self.last = None
+        await self.client.connect()
+        self._following = asyncio.create_task(self._follow())
+
+    async def _follow(self) -> None:
+        async for snapshot in self.client.snapshots():
+            self.last = snapshot
+
+    async def until(self, seen: Callable[[m.Snapshot], bool]) -> m.Snapshot:
+        async with asyncio.timeout(DEADLINE_S):
+            while self.last is None or not seen(self.last):
+                await asyncio.sleep(0.01)
+            return self.last
+
+    async def ready(self) -> m.Snapshot:
+        return await self.until(lambda s: s.link is m.LinkState.READY)
+
+    async def phase(self, phase: m.PrintPhase) -> m.PrintSnapshot:
+        snapshot = await self.until(lambda s: s.print is not None and s.print.phase is phase)
+        assert snapshot.print is not None
+        return snapshot.print
+
+    async def start(self, text: str, print_id: str = "p-1", sha256: str | None = None) -> m.Reply:
+        path = self.folder.parent / f"{print_id}.gcode"
+        path.write_text(text)
+        digest = sha256 or hashlib.sha256(text.encode()).hexdigest()
+        request = m.StartPrint(
+            id=0,
+            print_id=print_id,
+            gcode=str(path),
+            sha256=digest,
+            print_time_s=60.0,
+            filament=m.Filament.PARKED,
+        )
+        return await self.client.request(request)
+
+    def targets(self) -> tuple[float, float]:
+        status = read_status(self.folder / "emulator")
+        return status.nozzle_target_c, status.bed_target_c
+
+    async def close(self) -> None:
+        await self.client.close()
+        if self._following is not None:
+            await self._following
+        if self.process is not None and self.process.poll() is None:
+            self.process.kill()
+        if self.process is not None:
+            self.process.wait(10.0)
+        if emulator_alive(self.folder / "emulator"):
+            control(self.folder / "emulator", "power_off")
+
+
+@asynccontextmanager
+async def printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
+    one = Printer(folder / "agent", f"sim://{MODEL}{faults}")
+    one.spawn()
+    try:
+        await one.connect()
+        await one.ready()
+        yield one
+    finally:
+        await one.close()
+
+
+def run(story: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(story)
+
+
+@pytest.mark.system
+def test_a_print_is_printed_once_and_the_bed_is_not_clear_after_it(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            assert one.last is not None
+            assert (one.last.bed_clear, one.last.filament) == (True, m.Filament.PARKED)
+            text = gcode(200)
+            assert (await one.start(text)).error is None
+            assert (await one.start(text)).error is None  # told again: nothing changes
+            done = await one.phase(m.PrintPhase.DONE)
+            assert (done.line, done.progress_s, done.fault) == (done.lines, 60.0, None)
+            assert done.extruded and done.started_s is not None and done.ended_s is not None
+            last = await one.until(lambda s: s.bed_clear is False)
+            assert last.heaters_off and last.filament is m.Filament.PARKED
+            assert one.targets() == (0.0, 0.0)
+            moves = read_status(one.folder / "emulator").moves
+            assert (await one.start(text)).error is None  # ended: never printed twice
+            assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
+            await one.until(lambda s: s.print is None)
+            assert (await one.client.request(m.BedCleared(id=0))).error is None
+            await one.until(lambda s: s.bed_clear is True)
+            assert read_status(one.folder / "emulator").moves == moves
+            assert (await one.client.request(m.Shutdown(id=0))).error is None
+            assert one.process is not None
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
+            assert not alive(one.folder)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_when_an_agent_is_killed_the_next_one_shows_heaters_off_and_fails_the_print(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(50_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            assert not alive(one.folder)
+            assert one.targets() != (0.0, 0.0)  # closing the port switches nothing off
+            one.spawn()
+            await one.connect()
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "agent_died"
+            assert failed.extruded
+            last = await one.ready()
+            assert last.heaters_off
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_print_goes_on_without_a_daemon_and_in_spite_of_a_signal(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(3000))
+            first = await one.phase(m.PrintPhase.PRINTING)
+            await one.client.close()
+            assert one.process is not None
+            one.process.send_signal(signal.SIGTERM)
+            await one.connect()
+            last = await one.until(lambda s: s.print is not None and s.print.line > first.line)
+            assert last.agent_pid == one.process.pid
+            refused = await one.client.request(m.Shutdown(id=0))
+            assert refused.error is not None and "now" in refused.error
+            await one.client.request(m.CancelPrint(id=0, print_id="another"))
+            assert (await one.client.request(m.Hello(id=0))).snapshot.link is m.LinkState.BUSY  # type: ignore[union-attr]
+            await one.client.request(m.CancelPrint(id=0, print_id="p-1", reason="enough"))
+            cancelled = await one.phase(m.PrintPhase.CANCELLED)
+            assert cancelled.reason == "enough"
+            last = await one.ready()
+            assert last.heaters_off and last.filament is m.Filament.PARKED
+            assert one.targets() == (0.0, 0.0)
+            one.process.send_signal(signal.SIGTERM)  # idle now
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_file_that_is_not_the_one_that_was_meant_heats_nothing(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(10), sha256="0" * 64)
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "bad_file" and not failed.extruded
+            await one.start(gcode(10) + "M0\n", print_id="p-2")
+            failed = (await one.until(lambda s: s.print is not None and s.print.print_id == "p-2")).print  # type: ignore[assignment]
+            assert failed.fault == "bad_file" and "M0" in str(failed.reason)
+            reply = await one.start(gcode(10), print_id="../p")
+            assert reply.error is not None
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_checksum_errors_and_lost_oks_are_made_good(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as one:
+            await one.start(gcode(1000))
+            done = await one.phase(m.PrintPhase.DONE)
+            assert done.line == done.lines
+            assert read_status(one.folder / "emulator").errors > 0
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_printer_that_is_switched_off_is_absent_and_comes_back(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            control(one.folder / "emulator", "power_off")
+            gone = await one.until(lambda s: s.link is m.LinkState.ABSENT)
+            assert gone.reason is not None
+            refused = await one.start(gcode(10))
+            assert refused.error is not None and "absent" in refused.error
+            await one.ready()  # a simulated printer is switched on again by opening its port
+
+    run(story())
+
+
+@pytest.mark.system
+def test_two_agents_of_one_printer_cannot_be_and_its_socket_is_private(tmp_path: Path):
+    async def story() -> None:
+        deep = tmp_path / ("x" * 60) / ("y" * 60)
+        async with printer(deep) as one:
+            assert len(str(one.folder / "agent.sock")) > 107
+            assert stat.S_IMODE((one.folder / "agent.sock").stat().st_mode) == 0o600
+            assert alive(one.folder)
+            second = spawn("um2-01", MODEL, one.url, one.folder, one.clock)
+            assert await asyncio.to_thread(second.wait, 20.0) == 1
+            assert (await one.client.request(m.Hello(id=0))).snapshot is not None
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_port_that_is_not_there_is_said_to_be_absent_and_the_agent_lives(tmp_path: Path):
+    async def story() -> None:
+        one = Printer(tmp_path / "agent", str(tmp_path / "no-such-tty"))
+        one.spawn()
+        try:
+            await one.connect()
+            said = await one.until(lambda s: s.link is m.LinkState.ABSENT)
+            assert "plugged in" in str(said.reason)
+            assert alive(one.folder)
+        finally:
+            await one.close()
+
+    run(story())
+
+
+def test_nobody_there_is_an_agent_error(tmp_path: Path):
+    async def story() -> None:
+        client = AgentClient(tmp_path)
+        with pytest.raises(AgentError):
+            await client.connect(timeout_s=0.1)
+        with pytest.raises(AgentError):
+            await client.request(m.Hello(id=0))
+
+    assert not alive(tmp_path)
+    run(story())
+
+
+def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
+    path = tmp_path / "journal.jsonl"
+    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    opened = m.PrintSnapshot(print_id="p-2", phase=m.PrintPhase.HEATING)
+    journal = Journal(path)
+    journal.write(1.0, print=ended.model_dump(mode="json"), filament="parked")
+    journal.write(2.0, print=opened.model_dump(mode="json"), look="smoke")
+    with path.open("ab") as end:
+        end.write(b'{"at_s": 3.0, "print": nu')
+    memory = Journal(path).memory
+    assert memory.print == opened
+    assert (memory.ended, memory.filament, memory.look) == ({"p-1"}, m.Filament.PARKED, "smoke")
+    Journal(path).write(4.0, look=None)
+    assert Journal(path).memory.look is None
+
+
+def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    spool = Spool(tmp_path / "spool")
+    program = spool.take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
+    assert program.count == 1
+    assert (tmp_path / "spool" / "p-1.gcode").read_bytes() == b"G28\n"
+    spool.drop("p-1")
+    spool.drop("p-1")
+    assert os.listdir(tmp_path / "spool") == []  # noqa: PTH208
+    with pytest.raises(BadGcode, match="sha256"):
+        spool.take("p-1", source, "0" * 64)
+    with pytest.raises(BadGcode, match="cannot be read"):
+        spool.take("p-1", tmp_path / "none", "0" * 64)
+    with pytest.raises(AgentError):
+        spool.check("../p-1")

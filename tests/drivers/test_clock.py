@@ -1,0 +1,19 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.clock import Clock
+
+moments = st.floats(0, 4e9)
+
+
+@given(scale=st.floats(1, 1000), anchor_s=moments, wall_s=moments)
+def test_wall_and_farm_time_are_each_other_s_inverse(scale: float, anchor_s: float, wall_s: float):
+    clock = Clock(scale, anchor_s)
+    assert clock.wall(clock.farm(wall_s)) == pytest.approx(wall_s, abs=1e-2)
+    assert clock.farm(anchor_s) == anchor_s
+
+
+def test_a_clock_of_scale_one_is_the_wall_s():
+    assert Clock().farm(12345.0) == 12345.0
+    assert Clock(60.0).wall_seconds(90.0) == 1.5

@@ -1,0 +1,74 @@
+import os
+import pty
+import termios
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.clock import Clock
+from drivers.errors import PortError
+from drivers.serialport import SerialPort, resolve
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[int, Path]]:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    path = Path(os.ttyname(slave))
+    os.close(slave)
+    yield master, path
+    os.close(master)
+
+
+def test_bytes_go_both_ways_and_an_empty_port_gives_none(ends: tuple[int, Path]):
+    master, path = ends
+    port = SerialPort(path)
+    try:
+        assert port.read() == b""
+        port.write(b"M105\n")
+        assert os.read(master, 100) == b"M105\n"
+        os.write(master, b"ok\n")
+        assert port.read() == b"ok\n"
+        assert not termios.tcgetattr(port.fileno())[2] & termios.HUPCL
+    finally:
+        port.close()
+
+
+def test_a_port_has_one_user(ends: tuple[int, Path]):
+    port = SerialPort(ends[1])
+    try:
+        with pytest.raises(PortError, match="another program"):
+            SerialPort(ends[1])
+        port.reset()
+        os.write(ends[0], b"start\n")
+        assert port.read() == b"start\n"
+    finally:
+        port.close()
+
+
+def test_a_port_whose_printer_went_away_says_so(ends: tuple[int, Path]):
+    port = SerialPort(ends[1])
+    try:
+        os.close(ends[0])
+        with pytest.raises(PortError, match="went away"):
+            port.read()
+    finally:
+        port.close()
+        os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
+
+
+@pytest.mark.parametrize("url", ["socket://printer:5000", "rfc2217://printer:5000", "sim://mendel"])
+def test_ports_that_cannot_be_printed_over_are_refused_in_one_line(url: str, tmp_path: Path):
+    with pytest.raises(PortError) as refused:
+        resolve(url, tmp_path, Clock())
+    assert "\n" not in str(refused.value)
+
+
+def test_a_path_that_is_no_port_is_refused(tmp_path: Path):
+    plain = tmp_path / "file"
+    plain.write_text("")
+    for path in (tmp_path / "none", plain):
+        with pytest.raises(PortError):
+            SerialPort(resolve(str(path), tmp_path, Clock()))
