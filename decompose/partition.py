@@ -25,6 +25,7 @@ from decompose.solid import Solid
 Floats = npt.NDArray[np.float64]
 
 AUTO_GRANULARITY = 15
+FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
@@ -63,13 +64,14 @@ def decompose(
     vertices, faces = model.solid.arrays()
     triangles = vertices[faces]
     keep = options.interior is Interior.KEEP
-    cells = granularity(options.granularity, len(printers))
+    room_mm = [min(max(box[axis] for box in p.boxes) for p in printers) for axis in range(3)]
+    cells = granularity(options.granularity, len(printers), max(model.extents_mm) / min(room_mm))
     grid = build_grid(triangles, cells, options.min_wall_mm, keep, cost.overhang_cos)
     watch.lap("grid")
     boxes = all_boxes(grid, list(printers), cost)
     watch.lap("boxes")
     bound = lower_bound_s(triangles, grid, len(printers), cost)
-    found, pieces = _search(model, grid, boxes, len(printers), bound)
+    found, pieces = _search(model, grid, boxes, len(printers), room_mm, bound)
     watch.lap("search")
     parts = _parts(pieces, printers, cost)
     serial = pose_costs(vertices, faces, cost)
@@ -94,11 +96,16 @@ def decompose(
     return replace(result, coverage=coverage, compute_s=watch.laps())
 
 
-def granularity(wanted: str | int, printers: int) -> int:
-    """The cube root of the number of cells, from a name, a number, or ``auto``."""
+def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
+    """The cube root of the number of cells, from a name, a number, or ``auto``.
+
+    `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
+    not much larger than half a room.
+    """
     if wanted == "auto":
         finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
-        return max(AUTO_GRANULARITY, finer)
+        for_room = min(FINEST_FOR_ROOM, math.ceil(2.0 * rooms_long))
+        return max(AUTO_GRANULARITY, finer, for_room)
     if wanted in GRANULARITY:
         return GRANULARITY[str(wanted)]
     try:
@@ -129,7 +136,7 @@ def lower_bound_s(triangles: Floats, grid: Grid, printers: int, cost: CostModel)
 
 
 def _search(
-    model: Model, grid: Grid, boxes: Boxes, printers: int, bound_s: float
+    model: Model, grid: Grid, boxes: Boxes, printers: int, room_mm: list[float], bound_s: float
 ) -> tuple[list[Box], list[Solid]]:
     """The boxes of the least makespan, and the pieces of solid in them.
 
@@ -143,7 +150,7 @@ def _search(
     while True:
         makespan = solver.least_makespan(printers, least_s)
         if makespan is None:
-            raise _no_fit(model, solver, printers)
+            raise _no_fit(model, grid, solver, printers, room_mm)
         chosen = solver.chosen()
         wrong = False
         for box in chosen:
@@ -158,13 +165,16 @@ def _search(
         least_s = max(bound_s, makespan - 1.0)
 
 
-def _no_fit(model: Model, solver: Partitioner, printers: int) -> NoFit:
+def _no_fit(model: Model, grid: Grid, solver: Partitioner, printers: int, room_mm: list[float]) -> NoFit:
     needed = solver.parts(sys.float_info.max)  # below inf, which stands for no fit
-    if needed >= UNREACHABLE:
-        return NoFit(
-            "a single cell of the grid fits no printer: give a finer --granularity or a larger volume"
-        )
     size = " x ".join(f"{v:.0f}" for v in model.extents_mm)
+    if needed >= UNREACHABLE:
+        least_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
+        room = " x ".join(f"{v:.0f}" for v in room_mm)
+        return NoFit(
+            f"{size} mm is cut into blocks of {least_mm:.0f} mm at least, and a part has room for {room} mm "
+            f"(clips and brim are off): printers with room for {math.ceil(least_mm)} mm each way would do"
+        )
     longest = float(model.extents_mm.max()) * (printers / needed) ** (1.0 / 3.0)
     return NoFit(
         f"{size} mm needs {needed} parts, each on a printer of its own, and there are {printers}: free more "

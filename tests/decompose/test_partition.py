@@ -78,7 +78,7 @@ def test_too_few_printers_are_told_how_many_would_do(
         decompose(ball, [], COARSE, cost)
     with pytest.raises(NoFit, match="no-bed has no room"):
         decompose(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE, cost)
-    with pytest.raises(NoFit, match="finer --granularity"):
+    with pytest.raises(NoFit, match="mm each way would do"):
         decompose(ball, [PrinterRoom("toy", ((5.0, 5.0, 5.0),))], COARSE, cost)
 
 
