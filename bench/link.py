@@ -1,8 +1,8 @@
 """Lines a second through agents and emulators on ptys, and what a line costs the agents.
 
-``python bench/link.py [--agents N] [--lines N] [--scale S] [--json]``. Real processes, and nothing is left out:
-every agent resets its board, heats, streams short moves and ends. The clock is so quick that the moves take next
-to no time, so the figure is what host and link can carry.
+``python bench/link.py [--agents N] [--lines N] [--scale S] [--json]``. Real processes, and nothing is left
+out: every agent resets its board, heats, streams short moves and ends. The clock is so quick that the moves
+take next to no time, so the figure is what host and link can carry.
 """
 
 from __future__ import annotations
