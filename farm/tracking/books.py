@@ -156,9 +156,11 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.JobCancelled, books: Books) -> Result:
-    return _end_job(
+    planning = books.job(event.job).state is JobState.PLANNING
+    books, instructions = _end_job(
         books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, "cancelled by a person"
     )
+    return books, (ev.StopPlanning(job=event.job), *instructions) if planning else instructions
 
 
 @apply.register
@@ -275,8 +277,6 @@ def _end_job(
     if job.state.ended:
         return books, ()
     instructions: list[ev.AnyInstruction] = []
-    if job.state is JobState.PLANNING:
-        instructions.append(ev.StopPlanning(job=job.id))
     stopped = []
     for attempt in books.open_prints(job.id):
         stopped.append(_set(attempt, cancel_asked=reason))

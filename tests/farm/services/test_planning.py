@@ -1,0 +1,119 @@
+"""From a submitted model to a plan: the real decomposition and CuraEngine, without processes around them."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose import partition
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.daemon.core import Core
+from farm.errors import ErrorCode, FarmError
+from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link
+from farm.services.models import inspect_model, read_inspected
+from farm.services.planning import (
+    DecomposeTask,
+    TooFewPrinters,
+    decompose_job,
+    make_plan,
+    slice_tasks,
+)
+from farm.services.plates import slice_part
+from farm.tracking.store import Store
+
+MODEL = "ultimaker2_plus"
+
+
+def fleet(count=2):
+    printers = [{"name": f"p{i}", "model": MODEL, "port": f"sim://{MODEL}"} for i in range(count)]
+    return Fleet.model_validate({"printers": printers})
+
+
+@pytest.fixture
+def files(tmp_path):
+    folder = tmp_path / "files"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def bar(tmp_path, files):
+    """A bar longer than a bed, as submitted."""
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
+    return inspect_model(path, "bar.stl", JobOptions(), files)
+
+
+def task(bar, files, tmp_path, printers=2, rounds=1):
+    return DecomposeTask(
+        job=1,
+        model=files / bar.file,
+        options=JobOptions(),
+        printers=fleet(printers).printers,
+        rounds=rounds,
+        folder=tmp_path / "work",
+    )
+
+
+def test_a_plan_is_whole(bar, files, tmp_path):
+    work = task(bar, files, tmp_path)
+    cut = decompose_job(work)
+    tasks = slice_tasks(work, cut, None)
+    plan = make_plan(work, cut, tasks, [slice_part(one) for one in tasks], files)
+    assert [p.printer for p in plan.plates] == ["p0", "p1"]
+    assert sum(p.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
+    assert plan.estimated_s == max(p.estimated_s for p in plan.plates)
+    assert all(p.estimated_s > p.print_time_s > 0 for p in plan.plates)
+    assert plan.serial_s > plan.estimated_s
+    for name in (*(p.file for p in plan.parts), *(p.gcode for p in plan.plates), plan.picture):
+        assert (files / name).is_file()
+
+
+def test_what_was_submitted_is_read_back_to_the_last_bit(tmp_path, files):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.icosphere(2, 0.1).export(path)
+    stored = inspect_model(path, "ball.stl", JobOptions(longest_side_mm=77.0), files)
+    model = read_inspected(files / stored.file)
+    assert model.scale == stored.scale == pytest.approx(385.0)
+    assert np.ptp(model.solid.arrays()[0], axis=0).max() == pytest.approx(77.0, rel=1e-12)
+    again = trimesh.creation.icosphere(2, 0.1)
+    assert model.solid.volume_mm3 == pytest.approx(again.volume * stored.scale**3, rel=1e-5)
+
+
+def test_too_few_printers_say_how_many_would_do_and_rounds_do(bar, files, tmp_path):
+    with pytest.raises(TooFewPrinters) as error:
+        decompose_job(task(bar, files, tmp_path, printers=1))
+    assert error.value.needed == 2
+    cut = decompose_job(task(bar, files, tmp_path, printers=1, rounds=2))
+    assert [p.printer for p in cut.parts] == ["p0", "p0"]
+
+
+class NoHands:
+    def perform(self, instruction):
+        raise AssertionError(f"nothing may be done: {instruction}")
+
+    def plan(self, job, printers, rounds):
+        pass
+
+
+def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
+    def too_large(solid, grid, box):
+        lo, hi = grid.bounds_mm(box)
+        return solid.clip(lo - 0.5, hi + 0.5).pieces()
+
+    monkeypatch.setattr(partition, "cut_box", too_large)
+    with pytest.raises(FarmError) as error:
+        decompose_job(task(bar, files, tmp_path))
+    assert error.value.code is ErrorCode.GEOMETRY
+    assert "overlap" in str(error.value)
+    core = Core(fleet(), Store(tmp_path / "farm.db"), Clock(), lambda _: 205.0, NoHands())
+    core.start()
+    for name in ("p0", "p1"):
+        core.heard(
+            AgentSnapshot(printer=name, link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+        )
+    core.submit("r" * 8, "bar.stl", bar, JobOptions())
+    core.planned(1, error.value)
+    job = core.books.jobs[1]
+    assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
+    assert job.reason == str(error.value)
