@@ -169,6 +169,10 @@ def part_room(
     return tuple(RoomBox(rect, height) for rect in largest)
 
 
+FIT_TOLERANCE_MM = 1e-3
+"""An STL is in single precision: a part cut to the very size of its room may read a little larger."""
+
+
 @dataclass(frozen=True, slots=True)
 class Placement:
     """Where a part's bounding-box centre goes on the bed, and whether it is turned by 90 degrees about Z."""
@@ -184,7 +188,10 @@ def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> 
     for box in room:
         for turned in (False, True):
             dx, dy = (extents_mm[1], extents_mm[0]) if turned else (extents_mm[0], extents_mm[1])
-            if dx > box.rect.width_mm or dy > box.rect.depth_mm or extents_mm[2] > box.height_mm:
+            slack = FIT_TOLERANCE_MM
+            if dx > box.rect.width_mm + slack or dy > box.rect.depth_mm + slack:
+                continue
+            if extents_mm[2] > box.height_mm + slack:
                 continue
             x = min(max(0.0, box.rect.min_x_mm + dx / 2), box.rect.max_x_mm - dx / 2)
             y = min(max(0.0, box.rect.min_y_mm + dy / 2), box.rect.max_y_mm - dy / 2)

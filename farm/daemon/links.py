@@ -53,7 +53,7 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
             extruded=said.print.extruded,
             started_s=said.print.started_s,
             ended_s=said.print.ended_s,
-            starved_s=said.starved_s,
+            starved_s=said.print.starved_s,
         )
     return AgentSnapshot(
         printer=said.printer,
