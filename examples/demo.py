@@ -1,8 +1,8 @@
 """`make demo`: the whole farm on eight simulated printers, from a model to its last part.
 
 Everything is real but the printers' hardware: the daemon, an agent for each printer, pyserial on
-pseudo-terminals, CuraEngine, SQLite. The printers are emulators that keep the firmware's rules and take the time
-that the moves take, on a clock that runs faster (`time_scale` in fleet.yaml).
+pseudo-terminals, CuraEngine, SQLite. The printers are emulators that keep the firmware's rules and take the
+time that the moves take, on a clock that runs faster (`time_scale` in fleet.yaml).
 """
 
 from __future__ import annotations

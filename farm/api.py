@@ -66,7 +66,7 @@ class JobView(_View):
     utilisation: float | None
     grams: float | None
     starved_share: float | None  # simulated printers that could not keep up; over 1 % the run is not valid
-    picture: str | None
+    folder: str | None  # its files by name: parts (STL), plates (G-code), the picture
     waits_for_person: bool
 
 

@@ -38,6 +38,10 @@ class StateFolder:
     def slices(self) -> Path:
         return self.root / "slices"
 
+    def job(self, number: int) -> Path:
+        """Where a person finds a job's files by name."""
+        return self.root / "jobs" / str(number)
+
     @property
     def lock(self) -> Path:
         return self.root / "lock"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from pathlib import Path
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -162,9 +161,8 @@ def _job(view: api.JobView) -> RenderableType:
                 f"{plate.grams:.0f}",
             )
         rows.append(parts)
-        rows.append(Text(f"files (STL, G-code): {Path(view.plates[0].gcode).parent}"))
-    if view.picture:
-        rows.append(Text(f"picture of the parts: {view.picture}"))
+    if view.folder:
+        rows.append(Text(f"parts (STL), plates (G-code) and a picture of them: {view.folder}"))
     rows += _waits(view)
     return Group(*rows)
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import uuid
 from collections.abc import Callable
-from pathlib import Path
 from typing import Protocol
 
 from drivers.clock import Clock
@@ -28,6 +27,7 @@ from farm.model import (
     Plate,
     PrintState,
 )
+from farm.paths import StateFolder
 from farm.scheduling.assign import Need, PlateView, PrinterView, assign
 from farm.scheduling.front import Begin, begin
 from farm.services.models import Inspected
@@ -269,6 +269,6 @@ class Core:
             failed_on=frozenset(failed),
         )
 
-    def scene(self, files: Path) -> Scene:
-        """All that a view is drawn from; `files` is the file store's folder."""
-        return Scene(self.fleet, self.books, self.snapshots, files, self.clock.now())
+    def scene(self, state: StateFolder) -> Scene:
+        """All that a view is drawn from."""
+        return Scene(self.fleet, self.books, self.snapshots, state, self.clock.now())

@@ -115,7 +115,7 @@ class Links:
             case ev.SendCleared():
                 filament = m.Filament(instruction.filament) if instruction.filament else None
                 request = m.BedCleared(id=0, filament=filament)
-            case ev.StopPlanning():
+            case ev.StopPlanning() | ev.NameFiles():
                 return
         link = self._links.get(instruction.printer)
         if link is not None:

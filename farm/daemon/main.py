@@ -27,6 +27,7 @@ from farm.daemon.workers import Workers
 from farm.errors import Refused
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
+from farm.services.files import name_files
 from farm.services.planning import warm
 from farm.services.rooms import printer_height_mm
 from farm.tracking import events as ev
@@ -58,11 +59,24 @@ class Daemon:
     def perform(self, instruction: ev.AnyInstruction) -> None:
         if isinstance(instruction, ev.StopPlanning):
             self._planner.stop(instruction.job)
+        elif isinstance(instruction, ev.NameFiles):
+            self._name_files(self._core.books.job(instruction.job))
         else:
             self._links.perform(instruction, self._core.books, self._state.files)
 
     def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
         self._planner.start(job, printers, rounds)
+
+    def _name_files(self, job: Job) -> None:
+        books = self._core.books
+        names = {f"{Path(part.id).name}.stl": part.file for part in map(books.parts.__getitem__, job.parts)}
+        names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in books.plates_of(job)}
+        if job.picture:
+            names["assembly.png"] = job.picture
+        try:
+            name_files(self._state.job(job.id), self._state.files, names)
+        except OSError as error:  # a convenience: no reason to stop a job
+            log.warning("job %d: its files could not be named: %s", job.id, error)
 
     # -- life -------------------------------------------------------------------------------------------
 

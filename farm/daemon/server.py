@@ -44,7 +44,7 @@ def make_app(
 
     @app.get("/status")
     async def status() -> api.Status:
-        scene = core.scene(state.files)
+        scene = core.scene(state)
         obstacles = {view.name: view.obstacle() for view in core.printer_views()}
         return api.Status(
             daemon=daemon(scene),
@@ -62,7 +62,7 @@ def make_app(
 
     @app.get("/jobs/{number}")
     async def job(number: int) -> api.JobStatus:
-        scene = core.scene(state.files)
+        scene = core.scene(state)
         return api.JobStatus(daemon=daemon(scene), job=job_view(scene, core.books.job(number)))
 
     @app.post("/jobs")

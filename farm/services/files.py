@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 
@@ -11,6 +12,15 @@ def sha256_of(path: Path) -> str:
     """The SHA-256 of a file's bytes, in hex."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
+    """Fill a folder with links into the store: name -> stored name. Made again, it is the same."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, stored in names.items():
+        link = folder / name
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.path.relpath(store / stored, folder))
 
 
 def store_file(folder: Path, source: Path) -> str:

@@ -146,7 +146,7 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         planned_s=event.at_s,
         hold=None,
     )
-    return _with(books, job, *event.parts, *event.plates), ()
+    return _with(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
 
 @apply.register

@@ -169,4 +169,10 @@ class StopPlanning(Instruction):
     job: int
 
 
-AnyInstruction = SendStart | SendCancel | SendForget | SendCleared | StopPlanning
+class NameFiles(Instruction):
+    """Show a planned job's files under names that a person can read."""
+
+    job: int
+
+
+AnyInstruction = SendStart | SendCancel | SendForget | SendCleared | StopPlanning | NameFiles

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path
 
 from farm import api
 from farm.config import Fleet, PrinterSection
@@ -22,6 +21,7 @@ from farm.model import (
     Print,
     PrintState,
 )
+from farm.paths import StateFolder
 from farm.tracking.books import Books
 
 _PERSON_HOLDS = {
@@ -39,7 +39,7 @@ class Scene:
     fleet: Fleet
     books: Books
     snapshots: Mapping[str, AgentSnapshot]
-    files: Path
+    state: StateFolder
     now_s: float
 
     def moment(self, at_s: float | None) -> str | None:
@@ -85,7 +85,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         utilisation=busy_s / (len(used) * makespan_s) if used and makespan_s else None,
         grams=sum(plate.grams for plate in plates) if plates else None,
         starved_share=sum(p.starved_s for p in prints) / busy_s if busy_s and prints else None,
-        picture=str(scene.files / job.picture) if job.picture else None,
+        folder=str(scene.state.job(job.id)) if job.plates else None,
         waits_for_person=_waits_for_person(books, job, plates),
     )
 
@@ -204,7 +204,7 @@ def _part_view(scene: Scene, name: str) -> api.PartView:
         id=part.id,
         verdict=part.verdict,
         plate=part.plate,
-        file=str(scene.files / part.file),
+        file=str(scene.state.files / part.file),
         prints=[
             api.PrintView(
                 printer=attempt.printer,
@@ -223,7 +223,7 @@ def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
         id=plate.id,
         parts=list(plate.parts),
         printer=_last(scene.books, plate).printer if plate.prints else plate.printer,
-        gcode=str(scene.files / plate.gcode),
+        gcode=str(scene.state.files / plate.gcode),
         estimated_s=plate.estimated_s,
         grams=plate.grams,
         hold=plate.hold,

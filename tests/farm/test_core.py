@@ -9,6 +9,7 @@ from farm.config import Fleet
 from farm.daemon.core import Core
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import AgentSnapshot, Bed, FilamentState, HoldCode, JobOptions, JobState, Link
+from farm.paths import StateFolder
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
@@ -16,7 +17,7 @@ from farm.tracking.store import Store
 from farm.tracking.view import job_view, printer_view, todo
 from make_books import plan as planned
 
-FILES = Path("/files")
+STATE = StateFolder(Path("/state"))
 MODEL = Inspected("m.npz", ("closed 3 holes",), 1000.0)
 
 
@@ -95,7 +96,7 @@ def test_a_plan_that_fails_fails_its_job_and_the_next_one_goes_on(farm):
     job = farm.core.books.jobs[1]
     assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
     assert farm.hands.plans[-1][0] == 2
-    assert job_view(farm.core.scene(FILES), job).exit_code == 5
+    assert job_view(farm.core.scene(STATE), job).exit_code == 5
 
 
 def test_a_plan_made_for_a_job_that_was_cancelled_is_thrown_away(farm, plan):
@@ -135,17 +136,17 @@ def test_a_full_bed_is_shown_with_what_to_do(farm, plan):
     farm.ready("a", "b", bed_clear=False)
     assert {p.bed for p in farm.core.books.printers.values()} == {Bed.NOT_CLEAR}
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    view = job_view(farm.core.scene(FILES), farm.core.books.jobs[1])
+    view = job_view(farm.core.scene(STATE), farm.core.books.jobs[1])
     assert view.waits_for_person
     assert view.hold.code is HoldCode.BED_NOT_CLEAR
-    assert todo(farm.core.scene(FILES))[0].printers == ["a", "b"]
+    assert todo(farm.core.scene(STATE))[0].printers == ["a", "b"]
     farm.core.cleared("a", "ann", None)
     assert farm.hands.plans == [(1, ["a"], 1)]
 
 
 def test_a_printer_in_fault_is_not_used_and_says_why(farm):
     farm.ready("a", link=Link.FAULT, reason="it does not get warm")
-    view = printer_view(farm.core.scene(FILES), farm.core.fleet.printer("a"), None)
+    view = printer_view(farm.core.scene(STATE), farm.core.fleet.printer("a"), None)
     assert (view.state, view.look) == ("fault", "it does not get warm")
     farm.ready("b")
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())

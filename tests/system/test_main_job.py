@@ -41,6 +41,9 @@ def test_from_a_model_to_its_last_part(farm, bar):
     assert 0.5 < job["utilisation"] <= 1.0
     for part in job["parts"]:
         assert Path(part["file"]).is_file()
+    assert {path.name for path in Path(job["folder"]).iterdir()} == {
+        *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode", "assembly.png")
+    }
     for name in ("one", "two"):
         printer = farm.printer(name)
         assert (printer["bed"], printer["filament"], printer["heaters_off"]) == ("not_clear", "parked", True)

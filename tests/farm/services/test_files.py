@@ -2,7 +2,7 @@
 
 import hashlib
 
-from farm.services.files import sha256_of, store_file
+from farm.services.files import name_files, sha256_of, store_file
 
 
 def test_a_stored_file_has_its_hash_for_a_name_and_cannot_be_written(tmp_path):
@@ -26,3 +26,13 @@ def test_the_same_bytes_are_stored_once(tmp_path):
     assert store_file(store, tmp_path / "a.stl") == store_file(store, tmp_path / "b.stl")
     assert len(list(store.iterdir())) == 1
     assert not (tmp_path / "b.stl").exists()
+
+
+def test_stored_files_are_found_by_name_and_naming_them_again_changes_nothing(tmp_path):
+    store = tmp_path / "files"
+    store.mkdir()
+    (tmp_path / "a.stl").write_bytes(b"solid")
+    name = store_file(store, tmp_path / "a.stl")
+    for _ in range(2):
+        name_files(tmp_path / "jobs" / "1", store, {"p01.stl": name})
+    assert (tmp_path / "jobs" / "1" / "p01.stl").read_bytes() == b"solid"
