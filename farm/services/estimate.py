@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from drivers.profiles import Profile
 
-START_S = 35.0
+START_S = 26.0
 """Homing, purging and the moves around them, beside the heat-up. Measured by bench/plate_time.py."""
-END_S = 12.0
+END_S = 10.0
 """Parking, homing and the last moves, until the head is still. Measured by bench/plate_time.py."""
 HOMING_S = 7.0
 """The bed heats while the head homes."""
