@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 import trimesh
-from make_stl import stl_bytes
 
+from make_stl import stl_bytes
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest
 from slicing.resources import find_engine, find_resources

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
-from make_stl import stl_bytes
 
+from make_stl import stl_bytes
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
 from slicing.plate import slice_plate
 

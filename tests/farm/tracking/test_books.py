@@ -9,18 +9,13 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from farm.errors import ErrorCode, NoSuchThing
 from farm.model import (
-    AgentPrint,
-    AgentSnapshot,
     Bed,
     FilamentState,
     JobState,
-    Link,
     PrintState,
 )
 from farm.tracking import events as ev
 from farm.tracking.books import ATTEMPTS, Books, apply
-from farm.tracking.reconcile import LOST_FAULT, observe, owed, reconcile
-from farm.tracking.store import Store, StoreError
 from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
 
@@ -101,73 +96,6 @@ def test_cancelling_a_job_ends_its_prints_and_nothing_is_tried_again():
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].look is None
     assert not list(books.waiting_plates())
-
-
-def test_a_board_reset_makes_bed_and_filament_unknown():
-    before = AgentSnapshot(printer="a", link=Link.READY, agent_pid=7, board_resets=0)
-    after = before.model_copy(update={"board_resets": 1})
-    books, _ = run(printing(), *observe(printing().printers["a"], before, after, 5.0))
-    assert books.printers["a"].bed is Bed.UNKNOWN
-    assert books.printers["a"].filament is FilamentState.UNKNOWN
-
-
-def test_an_emulator_is_asked_only_where_the_books_do_not_know():
-    said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
-    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    books, _ = run(books, *observe(books.printers["a"], None, said, 5.0))
-    assert books.printers["a"].bed is Bed.CLEAR
-    assert list(observe(books.printers["a"], said, said, 6.0)) == []
-
-
-def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
-    facts = {
-        "fault": None,
-        "reason": None,
-        "progress_s": 5.0,
-        "print_time_s": 90.0,
-        "extruded": True,
-        "started_s": 2.0,
-        "ended_s": None,
-    }
-    said = AgentPrint(print_id=print_id, state=state, **{**facts, **changes})
-    return AgentSnapshot(printer="a", link=link, filament=FilamentState.PARKED, print=said)
-
-
-def assigned():
-    return run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))[0]
-
-
-def test_reconciling_follows_an_agent_and_is_quiet_when_nothing_is_new():
-    books = assigned()
-    books, _ = run(books, *reconcile(books.prints["x"], word(), 3.0))
-    assert books.prints["x"].state is PrintState.PRINTING
-    assert books.prints["x"].started_s == 2.0
-    assert books.printers["a"].bed is Bed.NOT_CLEAR
-    assert list(reconcile(books.prints["x"], word(), 4.0)) == []
-    last = word(state=PrintState.DONE, link=Link.READY, ended_s=90.0)
-    books, _ = run(books, *reconcile(books.prints["x"], last, 100.0))
-    assert (books.prints["x"].state, books.prints["x"].ended_s) == (PrintState.DONE, 90.0)
-
-
-def test_an_agent_that_was_not_told_is_told_again_and_one_that_forgot_has_lost_the_print():
-    books = assigned()
-    empty = AgentSnapshot(printer="a", link=Link.READY)
-    assert list(reconcile(books.prints["x"], empty, 3.0)) == []
-    assert list(owed(books.prints["x"], empty)) == [ev.SendStart(print_id="x", printer="a")]
-    books, _ = run(books, *reconcile(books.prints["x"], word(), 3.0))
-    assert list(owed(books.prints["x"], empty)) == []
-    books, _ = run(books, *reconcile(books.prints["x"], empty, 9.0))
-    assert books.prints["x"].state is PrintState.FAILED
-    assert books.prints["x"].fault == LOST_FAULT
-
-
-def test_a_print_that_was_cancelled_before_its_agent_heard_of_it_never_starts():
-    books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
-    empty = AgentSnapshot(printer="a", link=Link.READY)
-    assert list(owed(books.prints["x"], empty)) == []
-    books, _ = run(books, *reconcile(books.prints["x"], empty, 4.0))
-    assert books.prints["x"].state is PrintState.CANCELLED
-    assert books.printers["a"].bed is Bed.CLEAR
 
 
 def test_what_is_not_known_is_named():
@@ -262,37 +190,3 @@ class AnyNight(RuleBasedStateMachine):
 
 AnyNight.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
 TestAnyNight = AnyNight.TestCase
-
-
-def test_the_store_gives_back_what_was_committed(tmp_path):
-    books = Books()
-    with Store(tmp_path / "farm.db") as store:
-        for event in (
-            *fleet(),
-            ev.JobSubmitted(at_s=0.0, job=job()),
-            ev.PlanningStarted(at_s=0.0, job=1),
-            plan(),
-        ):
-            after, _ = apply(event, books)
-            store.commit(event, books, after)
-            books = after
-    with Store(tmp_path / "farm.db") as store:
-        assert store.load() == books
-        assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
-
-
-def test_an_event_that_cannot_be_written_leaves_nothing(tmp_path):
-    store = Store(tmp_path / "farm.db")
-    before = Books()
-    after, _ = apply(fleet()[0], before)
-    store.close()
-    with pytest.raises(StoreError, match="cannot be written"):
-        store.commit(fleet()[0], before, after)
-    with Store(tmp_path / "farm.db") as again:
-        assert again.load() == before
-
-
-def test_books_that_are_no_database_are_named(tmp_path):
-    (tmp_path / "farm.db").write_text("these are not the books that you are looking for" * 50)
-    with pytest.raises(StoreError, match="cannot be opened"):
-        Store(tmp_path / "farm.db")

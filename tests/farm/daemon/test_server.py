@@ -1,0 +1,152 @@
+"""The HTTP interface, without a network: what a broken or hostile client gets."""
+
+import asyncio
+import io
+
+import httpx
+import pytest
+import trimesh
+
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.daemon.core import Core
+from farm.daemon.server import make_app
+from farm.model import AgentSnapshot, FilamentState, Link
+from farm.paths import StateFolder
+from farm.tracking.store import Store
+
+MODEL = "ultimaker2_plus"
+
+
+class Hands:
+    def perform(self, instruction):
+        pass
+
+    def plan(self, job, printers, rounds):
+        pass
+
+
+class SameProcess:
+    """Workers that work at once."""
+
+    async def run(self, work, *args):
+        return work(*args)
+
+
+@pytest.fixture
+def daemon(tmp_path):
+    """A core and its application, with one printer that is ready."""
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    core = Core(fleet, Store(state.books), Clock(), lambda _: 205.0, Hands())
+    core.start()
+    core.heard(AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED))
+    went_down = []
+
+    async def down(now):
+        went_down.append(now)
+
+    app = make_app(core, state, tmp_path / "fleet.yaml", 0.0, SameProcess(), down)
+    app.state.core, app.state.went_down, app.state.folder = core, went_down, state
+    return app
+
+
+def ask(app, method, path, **more):
+    async def call():
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
+            return await client.request(method, path, **more)
+
+    return asyncio.run(call())
+
+
+def stl():
+    file = io.BytesIO()
+    trimesh.creation.box((30.0, 20.0, 10.0)).export(file, "stl")
+    return file.getvalue()
+
+
+def submit(app, content, **params):
+    facts = {"request_id": "r" * 8, "name": "box.stl", "size": len(content)}
+    return ask(app, "POST", "/jobs", params={**facts, **params}, content=content)
+
+
+def test_a_submission_sent_twice_is_one_job(daemon):
+    assert submit(daemon, stl()).json() == {"job": 1, "again": False}
+    assert submit(daemon, stl()).json() == {"job": 1, "again": True}
+    assert len(daemon.state.core.books.jobs) == 1
+
+
+@pytest.mark.parametrize("size", [0, 10, 10_000_000])
+def test_a_cut_upload_is_no_job_and_leaves_no_file(daemon, size):
+    answer = submit(daemon, stl(), size=size)
+    assert answer.status_code == 409
+    assert answer.json()["exit_code"] == 5
+    assert "submit it again" in answer.json()["error"]
+    assert not daemon.state.core.books.jobs
+    assert not list(daemon.state.folder.work.iterdir())
+
+
+@pytest.mark.parametrize("name", ["../../evil.stl", "/etc/passwd.stl", "ein Würfel 立方体.stl", "a\nb.stl"])
+def test_a_name_is_only_a_name(daemon, name):
+    answer = submit(daemon, stl(), name=name)
+    assert answer.status_code == 200, answer.text
+    inside = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
+    assert inside <= {"state", "files"}
+
+
+@pytest.mark.parametrize(
+    "params", [{"options": "{"}, {"options": '{"printers": 0}'}, {"options": '{"x": 1}'}]
+)
+def test_options_that_are_not_ours_are_refused(daemon, params):
+    answer = submit(daemon, stl(), **params)
+    assert answer.status_code == 400
+    assert answer.json()["exit_code"] == 2
+
+
+def test_what_is_not_there_is_not_found(daemon):
+    for method, path in (("GET", "/jobs/9"), ("POST", "/jobs/9/cancel"), ("GET", "/nothing")):
+        answer = ask(daemon, method, path)
+        assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
+    answer = ask(daemon, "POST", "/printers/z/cleared", json={})
+    assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
+
+
+def test_status_has_the_fields_that_are_promised(daemon):
+    submit(daemon, stl())
+    status = ask(daemon, "GET", "/status").json()
+    assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs"]
+    assert status["schema"] == 1
+    promised = {
+        "name",
+        "model",
+        "state",
+        "bed",
+        "filament",
+        "reel",
+        "agent_pid",
+        "nozzle_c",
+        "bed_c",
+        "targets",
+    }
+    assert promised | {"print"} <= set(status["printers"][0])
+    job = ask(daemon, "GET", "/jobs/1").json()["job"]
+    promised = {
+        "id",
+        "state",
+        "parts",
+        "plates",
+        "repairs",
+        "scale",
+        "estimated_s",
+        "eta",
+        "elapsed_s",
+        "serial_s",
+    }
+    assert promised | {"speedup", "utilisation"} <= set(job)
+
+
+def test_down_goes_down(daemon):
+    assert ask(daemon, "POST", "/down", json={"now": True}).status_code == 200
+    assert daemon.state.went_down == [True]

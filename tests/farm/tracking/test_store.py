@@ -1,0 +1,42 @@
+"""The store: what was committed is there, what could not be committed is not."""
+
+import pytest
+
+from farm.tracking import events as ev
+from farm.tracking.books import Books, apply
+from farm.tracking.store import Store, StoreError
+from make_books import fleet, job, plan
+
+
+def test_the_store_gives_back_what_was_committed(tmp_path):
+    books = Books()
+    with Store(tmp_path / "farm.db") as store:
+        for event in (
+            *fleet(),
+            ev.JobSubmitted(at_s=0.0, job=job()),
+            ev.PlanningStarted(at_s=0.0, job=1),
+            plan(),
+        ):
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+    with Store(tmp_path / "farm.db") as store:
+        assert store.load() == books
+        assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
+
+
+def test_an_event_that_cannot_be_written_leaves_nothing(tmp_path):
+    store = Store(tmp_path / "farm.db")
+    before = Books()
+    after, _ = apply(fleet()[0], before)
+    store.close()
+    with pytest.raises(StoreError, match="cannot be written"):
+        store.commit(fleet()[0], before, after)
+    with Store(tmp_path / "farm.db") as again:
+        assert again.load() == before
+
+
+def test_books_that_are_no_database_are_named(tmp_path):
+    (tmp_path / "farm.db").write_text("these are not the books that you are looking for" * 50)
+    with pytest.raises(StoreError, match="cannot be opened"):
+        Store(tmp_path / "farm.db")
