@@ -73,6 +73,7 @@ def make_app(
         size: Annotated[int, Query(ge=0, le=_LARGEST_MODEL)],
         options: str = "{}",
     ) -> api.Submitted:
+        name = " ".join(Path(name).name.split()) or "model"  # what it is called, never where it lies
         try:
             wanted = JobOptions.model_validate_json(options)
         except ValidationError as error:

@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+from pathlib import Path
 
 import httpx
 import pytest
@@ -94,6 +95,7 @@ def test_a_name_is_only_a_name(daemon, name):
     assert answer.status_code == 200, answer.text
     inside = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
     assert inside <= {"state", "files"}
+    assert daemon.state.core.books.jobs[1].name == " ".join(Path(name).name.split())
 
 
 @pytest.mark.parametrize(
