@@ -35,13 +35,16 @@ NOISE_RESENDS, NOISE_LINES = 10, 200  # 10 repeats in 200 lines: 5 %
 TRIES = 4
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
-LINE_S = 10.0
+LINE_S = 10.0  # doubled each time that a line was only late: one ok a move, and a slow one takes longer
+LONGEST_LINE_S = 80.0
 POLL_S = 30.0  # it waits its turn behind up to 8 slow moves
 HINT_S = 1.0  # after something that could not be read and may have been an ok
 _BLOCK_LINES = 256
 _LONGEST_ANSWER = 512
 
-_PATIENCE_S = {b"G28": 120.0, b"G4": 600.0, b"M400": 600.0, b"M401": 60.0, b"G29": 120.0}
+_PATIENCE_S = {  # those that wait for all moves before them
+    b"G28": 300.0, b"G4": 600.0, b"M400": 600.0, b"M401": 60.0, b"M84": 600.0, b"M18": 600.0,
+}  # fmt: skip
 _REPORT = re.compile(rb"T:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)\s+B:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)")
 _LAST_LINE = re.compile(rb"Last Line: (\d+)\s*\Z")
 _RESEND = re.compile(rb"Resend: ?(\d+)\s*\Z")
@@ -53,6 +56,7 @@ _TROUBLES = (
     (b"Endstop", Fault.ENDSTOP),
     (b"cold extrusion", Fault.COLD_EXTRUSION),
     (b"too long extrusion", Fault.BAD_FILE),
+    (b"echo:Marlin", Fault.REBOOT),  # the banner: its ``start`` was lost or garbled
 )
 
 
@@ -155,6 +159,7 @@ class Link:
         self._wanted = -1  # a Resend, until its ok comes
         self._far = -1  # a Resend that is not believed yet
         self._tries = 0
+        self._line_s = LINE_S
         self._repeats: deque[int] = deque(maxlen=NOISE_RESENDS)
         self.repeated = 0
         # frames[i] is line number base + i; up to the cursor they were sent, those after it are encoded
@@ -266,7 +271,7 @@ class Link:
                 self._cursor = ahead
                 self._tries = 0
                 self._out = self._frames[ahead]
-                self._due_s = now_s + max(LINE_S, self._floor_s)
+                self._due_s = now_s + max(self._line_s, self._floor_s)
                 return None
         *lines, self._partial = (self._partial + data).split(b"\n")
         if len(self._partial) > _LONGEST_ANSWER:
@@ -281,7 +286,7 @@ class Link:
             self._hear_boot(line, now_s, events)
         elif self.phase is not Phase.LIVE:
             pass  # closed, or dead: what comes now is of no use
-        elif line == b"start":
+        elif line.endswith(b"start"):  # a reset puts noise before it
             self._give_up(Fault.REBOOT, "the board started again by itself", events)
         elif line.startswith(b"ok"):
             if line != b"ok" and (self._asked or b"T:" in line):
@@ -343,7 +348,8 @@ class Link:
             if at == self._cursor + 1:  # the line had arrived: this is its ok
                 self._landed(now_s)
             elif at == self._cursor and 0 < self._base + at - self._doubled <= 2 and self._doubled >= 0:
-                self._due_s = now_s + max(HINT_S, self._floor_s / 4)
+                self._line_s = min(2 * self._line_s, LONGEST_LINE_S)
+                self._due_s = now_s + self._patience_s()
             else:
                 self._repeat(at, now_s, events)
         elif self._waiting:
@@ -424,7 +430,8 @@ class Link:
 
     def _patience_s(self) -> float:
         number = self._base + self._cursor
-        return max(POLL_S if number in self._polls else self._patience.get(number, LINE_S), self._floor_s)
+        patience_s = POLL_S if number in self._polls else self._patience.get(number, self._line_s)
+        return max(patience_s, self._line_s, self._floor_s)
 
     def _insert_poll(self) -> None:
         """Put an M105 before all that is encoded ahead, which gets new numbers."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import termios
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import serial
@@ -107,13 +108,19 @@ class SerialPort:
         return bool(self._unwritten)
 
     def reset(self) -> None:
-        """Reset the board: a pulse of DTR, or on a pseudo-terminal, which has none, close and open."""
+        """Reset the board: a pulse of DTR, or on a pseudo-terminal, which has none, close and open.
+
+        Raises
+        ------
+        PortError
+            The port went away.
+        """
         self._unwritten = b""
-        if os.ttyname(self._fd).startswith("/dev/pts/"):
-            self.close()
-            self._open()
-            return
         try:
+            if os.ttyname(self._fd).startswith("/dev/pts/"):
+                self.close()
+                self._open()
+                return
             self._serial.dtr = False
             time.sleep(DTR_PULSE_S)
             self._serial.dtr = True
@@ -123,7 +130,8 @@ class SerialPort:
 
     def close(self) -> None:
         """Give the port up. The board goes on with what it has, heaters and all."""
-        self._serial.close()
+        with suppress(OSError):  # it went away
+            self._serial.close()
 
 
 def resolve(url: str, folder: Path, clock: Clock) -> Path:

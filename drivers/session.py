@@ -35,6 +35,7 @@ STALL_S = {HeaterName.NOZZLE: 60.0, HeaterName.BED: 150.0}
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 DEAD_MAN_S = 1200.0
 FEED_S = 300.0  # M105 does not feed the dead-man, a command does
+DEAF_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
 STOP_S = 30.0  # M401 waits for the move under way
 ABORT_S = 180.0
 OFF_S = 30.0
@@ -141,6 +142,7 @@ class Session:
         self._up: Up | None = None
         self._strange = 0  # reports in a row with targets that nobody here set
         self._fed_s = now_s
+        self._deaf_s = max(DEAF_S, 5 * pace.floor_s)
         self._dead_man_s = max(DEAD_MAN_S, 10 * pace.floor_s)
         self._carried_out = 0  # lines of the file up to the last heating line that was carried out here
         self._streamed: int | None = None  # once the stream is over
@@ -268,7 +270,8 @@ class Session:
             if heat is not None:
                 self._carried_out = at = stop + 1
                 yield from self._heat(heat)
-                if heat.heater is HeaterName.NOZZLE and self.filament is Filament.PARKED:
+                hot = heat.heater is HeaterName.NOZZLE and heat.target_c >= HOT_ENOUGH_C
+                if hot and self.filament is Filament.PARKED:
                     yield from self._unpark()
             elif stop == program.extrudes < program.count:
                 self.extruded = True
@@ -330,10 +333,12 @@ class Session:
         while True:
             seen = self.report
             self.link.poll_soon(self._now_s + self._pace.heating_s)
-            yield _Wait(lambda seen=seen: self.report is not seen)  # type: ignore[misc]
+            heard = yield _Wait(lambda seen=seen: self.report is not seen, self._now_s + self._deaf_s)  # type: ignore[misc]
             report = self.report
-            if report is None:
-                continue
+            if not heard or report is None:
+                raise _Ended(
+                    Fault.NO_ANSWER, f"the board answers, but tells no temperature of the {heat.heater}"
+                )
             now_c = report.nozzle_c if heat.heater is HeaterName.NOZZLE else report.bed_c
             away_c = heat.target_c - now_c
             if heat.heater is HeaterName.BED and away_c <= BED_BAND_C:
@@ -394,9 +399,9 @@ class Session:
         if self.filament is Filament.AT_NOZZLE:
             self.filament = Filament.UNKNOWN
         self.link.only_ask = True
-        self.heaters_off = False
         try:
             for _ in range(TRIES):
+                self.heaters_off = False
                 try:
                     yield from self._connect()
                     if (yield from self._shown_off()):

@@ -255,6 +255,8 @@ def test_a_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line(
     ("said", "fault"),
     [
         (b"start\n", Fault.REBOOT),
+        (b"\xfe\x00start\n", Fault.REBOOT),
+        (b"echo:Marlin 1.0.0\n", Fault.REBOOT),
         (b"Error:Printer stopped due to errors. Fix the error and use M999\n", Fault.STOPPED),
         (b"Printer stopped due to errors. Fix the error and use M999\nok\n", Fault.STOPPED),
         (b"Error:0\n: Extruder switched off. MAXTEMP triggered !\n", Fault.MAXTEMP),

@@ -72,3 +72,14 @@ def test_a_path_that_is_no_port_is_refused(tmp_path: Path):
     for path in (tmp_path / "none", plain):
         with pytest.raises(PortError):
             SerialPort(resolve(str(path), tmp_path, Clock()))
+
+
+def test_a_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Path]):
+    port = SerialPort(ends[1])
+    try:
+        os.close(ends[0])
+        with pytest.raises(PortError, match="cannot be reset"):
+            port.reset()
+    finally:
+        port.close()
+        os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])

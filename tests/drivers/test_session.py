@@ -272,3 +272,29 @@ def test_a_report_is_asked_for_by_a_numbered_line():
     rig = Rig().run()
     assert b"\nM105\n" not in rig.sent
     assert rig.sent.count(b" M105*") > 10
+
+
+def test_moves_that_take_longer_than_a_time_out_are_no_noise_and_no_silence():
+    """A brim at 10 mm/s along the longest side: each ok comes when a move is done."""
+    path = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
+    rig = Rig(text=GCODE.format(moves=path, end=60 - 6.5)).run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.firmware.errors <= 6
+
+
+def test_a_board_whose_reports_cannot_be_read_is_not_heated_for_ever():
+    rig = Rig()
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
+    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.fault is Fault.NO_ANSWER
+    rig.run()
+    assert rig.targets() == (0.0, 0.0)
+    assert not rig.session.heaters_off  # nobody could read that they are
+
+
+def test_a_first_stage_too_cold_to_extrude_leaves_the_filament_parked():
+    text = gcode().replace("M109 S210", "M109 S150\nM109 S210")
+    rig = Rig(text=text).run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.sent.count(b"G1 F300 E20") == 1
