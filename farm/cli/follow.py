@@ -47,7 +47,7 @@ def until_idle(client: Client) -> None:
         time.sleep(_EVERY_S)
 
 
-def job(client: Client, number: int, quiet: bool = False) -> api.JobView:
+def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
     """Follow a job until its last part is printed, or until it ends otherwise. Ctrl-C leaves it running."""
     console = Console(stderr=True)
     lines = _Lines(console, quiet)
@@ -55,12 +55,13 @@ def job(client: Client, number: int, quiet: bool = False) -> api.JobView:
     with Progress(*columns, console=console, disable=quiet or not sys.stderr.isatty()) as bar:
         task = bar.add_task(f"job {number}", total=1.0, text="")
         while True:
-            view = patiently(lambda: client.job(number)).job
+            answer = patiently(lambda: client.job(number))
+            view = answer.job
             lines.tell(view)
             share, text = _progress(view)
             bar.update(task, completed=share, text=text)
             if JobState(view.state).ended:
-                return view
+                return answer
             time.sleep(_EVERY_S)
 
 

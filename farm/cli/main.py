@@ -163,14 +163,15 @@ def submit(
         raise FarmError(f"{model}: there is no such file", ErrorCode.MODEL)
     client = Client(places.socket)
     number = client.submit(model, options).job
+    answer = client.job(number)
     if not json:
-        print(f"job {number}: {model.name} submitted")
-    job = follow.job(client, number, quiet=json) if wait else client.job(number).job
+        render.submitted(answer.job, wait)
+    if wait:
+        answer = follow.job(client, number, quiet=json)
+    job = answer.job
     if json:
-        print(client.job(number).model_dump_json(by_alias=True, indent=2))
-    elif not wait:
-        render.submitted(job)
-    else:
+        print(answer.model_dump_json(by_alias=True, indent=2))
+    elif wait:
         render.result(job)
     if job.exit_code:
         if job.reason:

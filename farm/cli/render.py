@@ -53,14 +53,22 @@ def watch(client: Client, number: int | None) -> None:
             live.update(patiently(draw), refresh=True)
 
 
-def submitted(view: api.JobView) -> None:
-    """What became of a model that nobody waits for."""
+def submitted(view: api.JobView, wait: bool) -> None:
+    """What was done to a model to make a job of it; how to follow it, where nobody waits for it."""
     console = _console()
-    for line in view.repairs:
+    console.print(f"job {view.id}: {view.name} submitted", markup=False)
+    for line in _changes(view):
         console.print(f"  {line}", markup=False)
-    if view.hold is not None:
-        console.print(f"  waits: {view.hold.text}", markup=False)
-    console.print(f"  `farm status {view.id}` shows how it goes")
+    if not wait:
+        if view.hold is not None:
+            console.print(f"  waits: {view.hold.text}", markup=False)
+        console.print(f"  `farm status {view.id}` shows how it goes", markup=False)
+
+
+def _changes(view: api.JobView) -> list[str]:
+    """What the farm did to the model."""
+    scaled = [f"Scaled by {view.scale:g}."] if view.scale is not None and view.scale != 1 else []
+    return [*view.repairs, *scaled]
 
 
 def result(view: api.JobView) -> None:
@@ -116,8 +124,7 @@ def _job(view: api.JobView) -> RenderableType:
     rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style="bold")]
     if view.reason:
         rows.append(Text(f"  {view.reason}", style="red"))
-    scaled = [f"scaled by {view.scale:g}"] if view.scale is not None and view.scale != 1 else []
-    rows += [Text(f"  {line}") for line in (*view.repairs, *scaled)]
+    rows += [Text(f"  {line}") for line in _changes(view)]
     facts = Table.grid(padding=(0, 2, 0, 0))
     facts.add_column(no_wrap=True)
     facts.add_column(overflow="fold")
