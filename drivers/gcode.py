@@ -7,6 +7,7 @@ So comments and blank lines go here, and what cannot be sent is refused with the
 
 from __future__ import annotations
 
+import math
 import re
 from array import array
 from bisect import bisect_right
@@ -21,9 +22,10 @@ COMMAND_BYTES = 80
 
 _BLOCK_LINES = 256
 _MOVE = re.compile(rb"G[01](?: [FXYZE]-?[0-9.]+)+\Z")  # nearly every line, and nothing can be wrong with it
-_CODE = re.compile(rb"[GMT]\d+")
-_HEAT = re.compile(rb"M(104|109|140|190)(?: .*)?")
-_TARGET = re.compile(rb" S(\d+(?:\.\d*)?)(?: |\Z)")
+_CODE = re.compile(rb"([GMT])0*(\d+)")
+_FEEDS = re.compile(rb"G0*[0-3](?!\d)[^E]*E")
+_HEATS = frozenset((b"M104", b"M109", b"M140", b"M190"))
+_TARGET = re.compile(rb"S(\d+(?:\.\d*)?)(?: |\Z)")
 _NEEDLESS = frozenset((b"M105", b"M117"))  # the link asks; a text is read as commands
 _NEVER = {
     b"M0": "waits for the knob for ever",
@@ -31,6 +33,7 @@ _NEVER = {
     b"M25": "belongs to the SD card",
     b"M28": "belongs to the SD card",
     b"M112": "does not exist in this firmware",
+    b"M303": "heats as it likes",
     b"M600": "does not exist in this firmware",
     b"M999": "restarts a board that stopped for a reason",
     b"M85": "is the farm's dead-man",
@@ -45,6 +48,9 @@ class HeaterName(StrEnum):
 
     NOZZLE = "nozzle"
     BED = "bed"
+
+
+MOST_C = {HeaterName.NOZZLE: 260.0, HeaterName.BED: 115.0}  # the firmware stops above 275 and 130
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +174,9 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
                 heats.append(heat)
             if homes < 0 and line.startswith(b"G28"):
                 homes = count
-        if extrudes < 0 and b"E" in line:
+        if extrudes < 0 and b"E" in line and _FEEDS.match(line):
+            if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in heats):
+                raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
             extrudes = count
         if not count % _BLOCK_LINES:
             offsets.append(len(text))
@@ -205,23 +213,31 @@ def _check(line: bytes, number: int, count: int) -> Heat | None:
     code = _CODE.match(line)
     if code is None:
         raise BadGcode(f"line {number}: no command that the printer knows: {_shown(line)}")
-    if (why := _NEVER.get(code[0])) is not None:
-        raise BadGcode(f"line {number}: {code[0].decode()} {why}: take it out")
-    heat = _HEAT.fullmatch(line)
-    if heat is None:
+    name = code[1] + code[2]
+    if (why := _NEVER.get(name)) is not None:
+        raise BadGcode(f"line {number}: {name.decode()} {why}: take it out")
+    if name not in _HEATS:
         return None
     target = _TARGET.search(line)
     if target is None:
         raise BadGcode(f"line {number}: {_shown(line)} names no temperature with S")
-    heater = HeaterName.NOZZLE if heat[1] in (b"104", b"109") else HeaterName.BED
-    return Heat(count, heater, float(target[1]), waits=heat[1] in (b"109", b"190"))
+    heater = HeaterName.NOZZLE if name in (b"M104", b"M109") else HeaterName.BED
+    target_c = float(target[1])
+    if target_c > MOST_C[heater]:
+        raise BadGcode(
+            f"line {number}: {target_c:g} degrees are too many for the {heater}: at most {MOST_C[heater]:g}"
+        )
+    return Heat(count, heater, target_c, waits=name in (b"M109", b"M190"))
 
 
 def _seconds(text: bytes, number: int) -> float:
     try:
-        return float(text)
+        seconds = float(text)
     except ValueError:
-        raise BadGcode(f"line {number}: {_shown(text)} is no number") from None
+        seconds = math.nan
+    if not math.isfinite(seconds):
+        raise BadGcode(f"line {number}: {_shown(text)} is no number")
+    return seconds
 
 
 def _shown(text: bytes) -> str:

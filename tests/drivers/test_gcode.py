@@ -74,7 +74,14 @@ def test_progress_is_by_time_and_linear_in_a_layer():
         ("M109 R200", "no temperature"),
         ("hello", "no command"),
         ("M118 \x01", "plain text"),
+        ("M00", "knob"),
+        ("M303 S210", "heats"),
+        ("M109 S500", "degrees"),
+        ("M140 S130", "degrees"),
+        ("G1 E1", "M109"),
         (";FLAVOR:UltiGCode", "UltiGCode"),
+        (";LAYER:nan", "no number"),
+        (";TIME_ELAPSED:inf", "no number"),
         (";TIME_ELAPSED:soon", "no number"),
     ],
 )
@@ -112,3 +119,15 @@ def test_any_bytes_are_stripped_or_refused(data: bytes):
     except BadGcode:
         return
     assert all(0 < len(line) <= COMMAND_BYTES for line in p.lines(0, p.count))
+
+
+def test_heats_are_found_however_they_are_written():
+    p = program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
+    found = [(h.heater, h.target_c, h.waits) for h in p.heats]
+    nozzle, bed = HeaterName.NOZZLE, HeaterName.BED
+    assert found == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
+
+
+def test_setting_the_place_of_the_extruder_extrudes_nothing():
+    p = program("G92 E0\nM109 S210\nG1 X1 E1\n")
+    assert p.extrudes == 2
