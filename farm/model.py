@@ -83,6 +83,13 @@ class HoldCode(StrEnum):
     PRINTER_ABSENT = "printer_absent"
 
 
+class Engine(StrEnum):
+    """How a model is decomposed."""
+
+    BEST = "best"  # whichever of the engines gives the least parallel printing time
+    GUILLOTINE = "guillotine"
+
+
 class Hold(Entity):
     code: HoldCode
     text: str
@@ -94,7 +101,7 @@ class JobOptions(Entity):
     printers: int | None = Field(default=None, ge=1)  # None: all that are free
     longest_side_mm: float | None = Field(default=None, gt=0)
     scale: float | None = Field(default=None, gt=0)
-    engine: str = "best"
+    engine: Engine = Engine.BEST
     material: str | None = None  # None: whatever the printers have
     colour: str | None = None
     quality: str = "glue"

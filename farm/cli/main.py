@@ -16,7 +16,7 @@ from farm.cli import follow, local, render
 from farm.cli.client import Client
 from farm.config import Fleet, load_fleet
 from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError
-from farm.model import FilamentState, JobOptions
+from farm.model import Engine, FilamentState, JobOptions
 from farm.paths import Places, find_places
 
 app = typer.Typer(
@@ -138,7 +138,7 @@ def submit(
     printers: Annotated[str, typer.Option(help="How many printers it may use, or auto.")] = "auto",
     longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
     scale: Annotated[float | None, typer.Option(help="Scale it by this factor (1000: metres).")] = None,
-    engine: Annotated[str, typer.Option(help="How to decompose it: best or guillotine.")] = "best",
+    engine: Annotated[Engine, typer.Option(help="How to decompose it.")] = Engine.BEST,
     material: Annotated[str | None, typer.Option(help="Only printers with this material.")] = None,
     colour: Annotated[str | None, typer.Option(help="Only printers with this colour.")] = None,
     quality: Annotated[str, typer.Option(help="glue, paper, or one of Cura's.")] = "glue",

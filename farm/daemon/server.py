@@ -20,6 +20,7 @@ from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.services.models import inspect_model
+from farm.services.planning import check_settings
 from farm.tracking.view import Scene, job_view, printer_view, todo
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
@@ -96,6 +97,7 @@ def make_app(
                 raise Refused(
                     f"the upload of {name} was cut: {received} of {size} bytes came; submit it again"
                 )
+            await workers.run(check_settings, core.fleet.printers, wanted)
             model = await workers.run(inspect_model, upload, name, wanted, state.files)
         finally:
             upload.unlink(missing_ok=True)

@@ -105,6 +105,21 @@ def printer_settings(section: PrinterSection, quality: str, resources: Resources
         return resolve_settings(request, resources)
 
 
+def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> None:
+    """Whether a job's quality can be printed on every printer that it may go to; runs in a worker.
+
+    Raises
+    ------
+    FarmError
+        `settings` with what there is instead, `engine` where Cura's files are missing.
+    """
+    with in_farm_words():
+        resources = find_resources()
+    for section in printers:
+        if section.enabled and options.material in (None, section.material):
+            printer_settings(section, options.quality, resources)
+
+
 def recipe(settings: Settings, prelude_s: float) -> Recipe:
     """The numbers of the slicer's settings that decide print time, for the decomposition's cost.
 

@@ -98,11 +98,12 @@ def test_a_name_is_only_a_name(daemon, name):
     assert daemon.state.core.books.jobs[1].name == " ".join(Path(name).name.split())
 
 
-@pytest.mark.parametrize(
-    "params", [{"options": "{"}, {"options": '{"printers": 0}'}, {"options": '{"x": 1}'}]
-)
-def test_options_that_are_not_ours_are_refused(daemon, params):
-    answer = submit(daemon, stl(), **params)
+BAD_OPTIONS = ("{", '{"printers": 0}', '{"x": 1}', '{"quality": "nonsense"}', '{"engine": "nonsense"}')
+
+
+@pytest.mark.parametrize("options", BAD_OPTIONS)
+def test_options_that_are_not_ours_are_refused(daemon, options):
+    answer = submit(daemon, stl(), options=options)
     assert answer.status_code == 400
     assert answer.json()["exit_code"] == 2
 
