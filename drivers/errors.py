@@ -17,6 +17,10 @@ class AgentError(DriverError):
     """An agent refused a request or cannot be reached."""
 
 
+class JournalError(AgentError):
+    """The disk does not take what an agent must remember."""
+
+
 class MessageError(DriverError):
     """A message on an agent's socket that is not one of ours."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from drivers.clock import Clock
@@ -103,7 +104,10 @@ class Board:
             self.absent = str(error)
             self._retry_wall_s = time.time() + RETRY_S
             return
-        self._opened()
+        if self.simulated or (self.session is None and self.look is None):
+            self._opened()
+        else:
+            self._reset()  # opening alone resets no board whose last host left DTR up, as ours do
 
     def begin(self, session: Session) -> None:
         """Let a session have the board, from a reset on."""
@@ -124,6 +128,12 @@ class Board:
         self.look = None
         if self.session is None and self._port is not None:
             self._reset()
+
+    def cut(self) -> None:
+        """Switch everything off by a reset, where a print is open: the agent is about to end."""
+        if self.session is not None and self._port is not None:
+            with suppress(PortError):
+                self._port.reset()
 
     def close(self) -> None:
         """Give the port up."""

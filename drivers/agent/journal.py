@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import logging
 import os
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from drivers.errors import JournalError
 from drivers.messages import Filament, PrintSnapshot
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -48,20 +54,41 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.memory = Memory()
-        good = 0
+        self._path = path
+        self._good = 0  # bytes of whole records
         if path.exists():
-            for line in path.read_bytes().splitlines(keepends=True):
-                if not line.endswith(b"\n"):
-                    break  # cut short by a crash: it was never acted on
-                self.memory.take(json.loads(line))
-                good += len(line)
+            for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the rest was cut short
+                self._good += len(line) + 1
+                try:
+                    self.memory.take(json.loads(line))
+                except ValueError:
+                    log.warning("%s:%d: cannot be read: %.80r", path, number, line)
+                    self.memory.look = f"its journal is damaged: see line {number} of {path}"
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        os.ftruncate(self._fd, good)
-        os.lseek(self._fd, 0, os.SEEK_END)
+        os.ftruncate(self._fd, self._good)
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(folder)  # else a power cut may take a new file with all its records
+        finally:
+            os.close(folder)
 
     def write(self, at_s: float, **record: Any) -> None:
-        """Put one record on the disk, and take it into `memory`."""
-        line = json.dumps({"at_s": round(at_s, 3), **record}) + "\n"
-        os.write(self._fd, line.encode())
-        os.fsync(self._fd)
+        """Put one record on the disk, and take it into `memory`.
+
+        Raises
+        ------
+        JournalError
+            The disk did not take it: neither the file nor `memory` has changed.
+        """
+        line = (json.dumps({"at_s": round(at_s, 3), **record}) + "\n").encode()
+        try:
+            os.lseek(self._fd, self._good, os.SEEK_SET)
+            if os.write(self._fd, line) < len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(self._fd)
+        except OSError as error:
+            with suppress(OSError):
+                os.ftruncate(self._fd, self._good)
+            raise JournalError(f"{self._path}: the disk does not take it ({error.strerror})") from error
+        self._good += len(line)
         self.memory.take(record)

@@ -15,7 +15,7 @@ from drivers.agent.journal import Journal
 from drivers.agent.server import Server
 from drivers.agent.spool import Spool
 from drivers.clock import Clock
-from drivers.errors import AgentError, BadGcode, DriverError, Fault
+from drivers.errors import AgentError, BadGcode, DriverError, Fault, JournalError
 from drivers.gcode import Program
 from drivers.marlin import Phase
 from drivers.messages import (
@@ -85,17 +85,36 @@ class Agent:
         self._starved_before_s = 0.0
         self._pushed: tuple[object, ...] = ()
         self._push_wall_s = 0.0
-        self._server = Server(folder, self._selector, self._answer, self._snapshot)
+        self._folder = folder
+        self._server: Server | None = None
+        self._unsaid: str | None = None  # why the journal is behind
         self._signals = self._listen_to_signals()
 
     def run(self) -> None:
-        """Until it is told to end."""
+        """Until it is told to end. Whatever else ends it, the board is reset: nobody will watch its heat."""
+        try:
+            self._serve()
+        except BaseException:
+            log.exception("the agent ends by a fault of its own: resetting the board")
+            self._board.cut()
+            raise
+        finally:
+            self._board.close()
+            if self._server is not None:
+                self._server.close()
+            signal.set_wakeup_fd(-1)
+            for end in self._signals:
+                end.close()
+            self._selector.close()
+
+    def _serve(self) -> None:
         left = self._journal.memory.print
         if left is not None and not left.phase.ended:
             log.warning("print %s was open when the last agent died: resetting the board", left.print_id)
             self._begin(None, self._journal.memory.filament, left.extruded)
         self._board.open()
         self._board.tick()
+        self._server = Server(self._folder, self._selector, self._answer, self._snapshot)
         wake_wall_s = 0.0
         while not self._over:
             wait_s = wake_wall_s - time.time()
@@ -108,8 +127,6 @@ class Agent:
                 self._board.stirred = False
                 self._push()
                 wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s)
-        self._server.close()
-        self._board.close()
 
     # --- the open print ---
 
@@ -123,7 +140,20 @@ class Agent:
         self._board.begin(session)
 
     def _remember(self) -> None:
-        """Write down what changed, before the board is told to go on."""
+        """Write down what changed, before the board is told to go on.
+
+        A full disk stops no print: it is tried again at every step, and until then no print is over.
+        """
+        try:
+            self._write_down()
+        except JournalError as error:
+            if self._unsaid is None:
+                log.error("%s", error)
+            self._unsaid = str(error)
+        else:
+            self._unsaid = None
+
+    def _write_down(self) -> None:
         session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
         if self._board.look != memory.look:
             self._journal.write(now_s, look=self._board.look)
@@ -171,7 +201,7 @@ class Agent:
     def _link_state(self) -> tuple[LinkState, str | None]:
         board = self._board
         if board.session is not None:
-            return LinkState.BUSY, board.absent
+            return LinkState.BUSY, board.absent or self._unsaid
         if board.absent is not None:
             return LinkState.ABSENT, board.absent
         if board.look is not None:
@@ -221,14 +251,15 @@ class Agent:
         report = self._board.report
         warm = report is not None and max(report.nozzle_c, report.bed_c) > WARM_C
         self._push_wall_s = wall_s + (PUSH_S if warm or session is not None else IDLE_PUSH_S)
-        self._server.push(self._snapshot())
+        if self._server is not None:
+            self._server.push(self._snapshot())
 
     # --- requests ---
 
     def _answer(self, request: Request) -> Reply:
         try:
             self._obey(request)
-        except DriverError as error:
+        except (DriverError, OSError) as error:
             log.warning("%s refused: %s", request.do, error)
             return Reply(id=request.id, error=str(error), snapshot=self._snapshot())
         return Reply(id=request.id, snapshot=self._snapshot())
@@ -304,7 +335,7 @@ class Agent:
         if fd is not None:
             self._selector.register(fd, selectors.EVENT_READ, self._board.readable)
 
-    def _listen_to_signals(self) -> socket.socket:
+    def _listen_to_signals(self) -> tuple[socket.socket, socket.socket]:
         """SIGTERM and SIGINT wake the loop through a socket, so that they are handled between two steps."""
         ours, theirs = socket.socketpair()
         for end in (ours, theirs):
@@ -313,11 +344,10 @@ class Agent:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: None)
         self._selector.register(ours, selectors.EVENT_READ, self._signalled)
-        self._theirs = theirs
-        return ours
+        return ours, theirs
 
     def _signalled(self, _: int) -> None:
-        self._signals.recv(64)
+        self._signals[0].recv(64)
         if self._board.session is None:
             self._over = True
         else:

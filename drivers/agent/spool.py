@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from pathlib import Path
 
@@ -36,6 +37,8 @@ class Spool:
         ------
         BadGcode
             It cannot be read, is not the file of this hash, or must not go to a printer.
+        AgentError
+            The copy cannot be written.
         """
         path = self._path(print_id)
         digest = hashlib.sha256()
@@ -51,6 +54,10 @@ class Spool:
             with path.open("rb") as lines:
                 return strip(lines)
         except OSError as error:
+            if source.is_file() and os.access(source, os.R_OK):
+                raise AgentError(
+                    f"{path}: cannot be written ({error.strerror}); make room on its disk"
+                ) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error
 
     def drop(self, print_id: str) -> None:

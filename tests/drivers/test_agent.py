@@ -3,11 +3,12 @@
 import asyncio
 import hashlib
 import os
+import select
 import signal
 import stat
 import subprocess
 import time
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -16,12 +17,15 @@ import pytest
 
 from drivers import messages as m
 from drivers.agent.journal import Journal
+from drivers.agent.loop import Agent
 from drivers.agent.spool import Spool
 from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
-from drivers.errors import AgentError, BadGcode
+from drivers.emulator.status import EmulatorStatus
+from drivers.errors import AgentError, BadGcode, JournalError
+from drivers.profiles import PROFILES
 
 MODEL = "ultimaker2_plus"
 SCALE = 120.0
@@ -318,6 +322,146 @@ def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
     assert (memory.ended, memory.filament, memory.look) == ({"p-1"}, m.Filament.PARKED, "smoke")
     Journal(path).write(4.0, look=None)
     assert Journal(path).memory.look is None
+
+
+def test_a_journal_on_a_full_disk_says_so_and_keeps_its_lines_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path)
+    journal.write(1.0, filament="parked")
+    write = os.write
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as the last free bytes take it
+        with pytest.raises(JournalError, match="disk"):
+            journal.write(2.0, filament="at_nozzle")
+    assert journal.memory.filament is m.Filament.PARKED
+    journal.write(3.0, look="smoke")
+    memory = Journal(path).memory
+    assert (memory.filament, memory.look) == (m.Filament.PARKED, "smoke")
+
+
+def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tmp_path: Path):
+    path = tmp_path / "journal.jsonl"
+    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    Journal(path).write(1.0, filament="parked")
+    with path.open("ab") as end:
+        end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n')
+    Journal(path).write(4.0, print=ended.model_dump(mode="json"))
+    memory = Journal(path).memory
+    assert memory.ended == {"p-1"}
+    assert memory.look is not None and "journal" in memory.look
+    Journal(path).write(5.0, look=None)  # a person did
+    assert Journal(path).memory.look is None
+
+
+class Driven(Agent):
+    """An agent in this process, with something done at each step of its loop."""
+
+    do: Callable[["Driven"], None]
+
+    def _push(self) -> None:
+        super()._push()
+        self.do(self)
+
+    def start(self, gcode_path: Path, text: str) -> m.Reply:
+        gcode_path.write_text(text)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        request = m.StartPrint(
+            id=1,
+            print_id="p-1",
+            gcode=str(gcode_path),
+            sha256=digest,
+            print_time_s=60.0,
+            filament=m.Filament.PARKED,
+        )
+        return self._answer(request)
+
+    @property
+    def told(self) -> m.Snapshot:
+        return self._snapshot()
+
+
+@pytest.fixture
+def driven(tmp_path: Path) -> Iterator[Driven]:
+    clock = Clock(SCALE, time.time())
+    handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
+    agent = Driven("um2-01", PROFILES[MODEL], f"sim://{MODEL}", tmp_path, clock)
+    try:
+        yield agent
+    finally:
+        signal.set_wakeup_fd(-1)
+        for number, handler in handlers:
+            signal.signal(number, handler)
+        if emulator_alive(tmp_path / "emulator"):
+            control(tmp_path / "emulator", "power_off")
+
+
+@pytest.mark.system
+def test_an_agent_that_fails_by_a_fault_of_its_own_switches_the_heaters_off_first(
+    driven: Driven, tmp_path: Path
+):
+    def do(agent: Driven) -> None:
+        told = agent.told
+        if told.link is m.LinkState.READY:
+            assert agent.start(tmp_path / "a.gcode", gcode(50_000)).error is None
+        elif told.print is not None and told.print.phase is m.PrintPhase.PRINTING:
+            status = read_status(tmp_path / "emulator")
+            assert status.nozzle_target_c > 0
+            raise ZeroDivisionError("a fault of ours")
+
+    driven.do = do
+    with pytest.raises(ZeroDivisionError):
+        driven.run()
+    assert settled(tmp_path / "emulator", lambda s: (s.nozzle_target_c, s.bed_target_c) == (0.0, 0.0))
+
+
+@pytest.mark.system
+def test_a_full_disk_stops_no_print_and_starts_none(
+    driven: Driven, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    full = False
+    tell = Journal.write
+    seen: list[m.PrintPhase] = []
+
+    def write(journal: Journal, at_s: float, **record: object) -> None:
+        if full:
+            raise JournalError("the disk is full")
+        tell(journal, at_s, **record)
+
+    monkeypatch.setattr(Journal, "write", write)
+
+    def do(agent: Driven) -> None:
+        nonlocal full
+        told = agent.told
+        if told.link is m.LinkState.READY and told.print is None:
+            full = True
+            assert "full" in str(agent.start(tmp_path / "a.gcode", gcode(300)).error)
+            assert agent.told.print is None
+            full = False
+            assert agent.start(tmp_path / "a.gcode", gcode(300)).error is None
+            full = True
+        elif told.print is not None:
+            seen.append(told.print.phase)
+            if told.print.phase is m.PrintPhase.DONE:
+                if full:
+                    assert told.link is m.LinkState.BUSY  # it is not over before it is written down
+                    full = False
+                elif told.link is m.LinkState.READY:
+                    assert agent._answer(m.Shutdown(id=2)).error is None
+
+    driven.do = do
+    driven.run()
+    assert m.PrintPhase.PRINTING in seen
+    memory = Journal(tmp_path / "journal.jsonl").memory
+    assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
+
+
+def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
+    until_s = time.monotonic() + DEADLINE_S
+    while not seen(read_status(folder)) and time.monotonic() < until_s:
+        select.select([], [], [], 0.02)
+    return seen(read_status(folder))
 
 
 def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
