@@ -86,6 +86,7 @@ class Emulator:
             if board.changes != self._shown or time.monotonic() >= self._show_at:
                 self.show(now_s)
         firmware.machine.power_down(now_s)
+        port.unlink()
         self.show(now_s)
 
     def switch_off(self) -> None:

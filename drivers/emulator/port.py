@@ -13,6 +13,7 @@ import pty
 import struct
 import termios
 import tty
+from contextlib import suppress
 from pathlib import Path
 
 _OPEN, _CLOSE_WRITE, _CLOSE_NOWRITE = 0x20, 0x08, 0x10
@@ -43,6 +44,7 @@ class Port:
         self.watch = _watch(self.name)
         self.is_open = False
         self._hosts = 0
+        self._link = link
         spare = link.with_name(f".{link.name}.new")
         spare.unlink(missing_ok=True)
         spare.symlink_to(self.name)
@@ -84,6 +86,12 @@ class Port:
                 os.write(self.master, data)
             except OSError:
                 return
+
+    def unlink(self) -> None:
+        """The printer goes: a link left behind would soon lead to somebody else's pseudo-terminal."""
+        with suppress(OSError):
+            if str(self._link.readlink()) == self.name:
+                self._link.unlink()
 
     def discard(self) -> None:
         """Forget all that is under way in both directions: a host opened the port anew."""

@@ -158,6 +158,7 @@ def test_the_power_goes_and_comes_again(printer: Printer) -> None:
     control(printer.folder, Command.POWER_OFF)
     assert not alive(printer.folder)
     assert printer.status().nozzle_target_c == 0.0
+    assert not (printer.folder / "tty").is_symlink()  # its number is soon somebody else's
     link.close()
     with pytest.raises(PortError, match="no emulator answers"):
         control(printer.folder, Command.RESET)
