@@ -21,14 +21,27 @@ bytes):
 from __future__ import annotations
 
 import math
-import re
 from collections import deque
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable
 from enum import StrEnum
 
+from drivers import replies
 from drivers.errors import Fault
+from drivers.replies import Event, Events, Report, Said, Trouble, Up, checksum, frame
+
+__all__ = [
+    "Event",
+    "Events",
+    "Link",
+    "Phase",
+    "Report",
+    "Said",
+    "Source",
+    "Trouble",
+    "Up",
+    "checksum",
+    "frame",
+]
 
 HISTORY_LINES = 32
 NOISE_RESENDS, NOISE_LINES = 10, 200  # 10 repeats in 200 lines: 5 %
@@ -45,56 +58,7 @@ _LONGEST_ANSWER = 512
 _PATIENCE_S = {  # those that wait for all moves before them
     b"G28": 300.0, b"G4": 600.0, b"M400": 600.0, b"M401": 60.0, b"M84": 600.0, b"M18": 600.0,
 }  # fmt: skip
-_REPORT = re.compile(rb"T:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)\s+B:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)")
-_LAST_LINE = re.compile(rb"Last Line: (\d+)\s*\Z")
-_RESEND = re.compile(rb"Resend: ?(\d+)\s*\Z")
-_TROUBLES = (
-    (b"MAXTEMP", Fault.MAXTEMP),
-    (b"MINTEMP", Fault.MINTEMP),
-    (b"kill() called", Fault.KILL),
-    (b"Printer stopped", Fault.STOPPED),
-    (b"Endstop", Fault.ENDSTOP),
-    (b"cold extrusion", Fault.COLD_EXTRUSION),
-    (b"too long extrusion", Fault.BAD_FILE),
-    (b"echo:Marlin", Fault.REBOOT),  # the banner: its ``start`` was lost or garbled
-)
 
-
-@dataclass(frozen=True, slots=True)
-class Up:
-    """The board answers. `restarted`: it said ``start`` first; `banner` is what it said then."""
-
-    restarted: bool
-    banner: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
-    """An answer to M105, in degrees Celsius."""
-
-    nozzle_c: float
-    nozzle_target_c: float
-    bed_c: float
-    bed_target_c: float
-
-
-@dataclass(frozen=True, slots=True)
-class Said:
-    """A line that is neither an answer of the protocol nor trouble."""
-
-    text: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Trouble:
-    """The link has stopped sending. `text` is what the board said, or what it did not."""
-
-    fault: Fault
-    text: str
-
-
-Event = Up | Report | Said | Trouble
-Events = Sequence[Event]
 Source = Callable[[int, int], list[bytes]]
 """Lines `start` to `stop` of a program."""
 
@@ -107,24 +71,6 @@ class Phase(StrEnum):
     BANNER = "banner"  # waits for the end of it
     LIVE = "live"
     DEAD = "dead"  # trouble: nothing is sent, and nothing heard
-
-
-def checksum(line: bytes) -> int:
-    """XOR of all bytes (at most 128 of them), by folding one long number onto itself."""
-    n = int.from_bytes(line, "little")
-    n ^= n >> 512
-    n ^= n >> 256
-    n ^= n >> 128
-    n ^= n >> 64
-    n ^= n >> 32
-    n ^= n >> 16
-    return (n ^ n >> 8) & 0xFF
-
-
-def frame(number: int, command: bytes) -> bytes:
-    """One numbered and checksummed line with its newline."""
-    line = b"N%d %b" % (number, command)
-    return b"%b*%d\n" % (line, checksum(line))
 
 
 class Link:
@@ -173,10 +119,8 @@ class Link:
         self._queue: deque[bytes] = deque()
         self._source: Source | None = None
         self._source_at = self._source_stop = 0  # next line of the program to encode
-        self._source_number = (
-            1  # the line number of the program's first line of this run, and its place there
-        )
-        self._source_start = 0
+        self._source_number = 1  # the line number of the program's first line of this run,
+        self._source_start = 0  # and its place there
 
     # --- what the caller wants ---
 
@@ -242,10 +186,8 @@ class Link:
     @property
     def streamed(self) -> int:
         """Lines of the program that were acknowledged, counted from its first line."""
-        number = (
-            self._base + self._cursor
-        )  # in flight, or the last acknowledged; an M105 is no line of a program
-        number -= self._waiting and number not in self._polls
+        number = self._base + self._cursor  # in flight, or the last acknowledged
+        number -= self._waiting and number not in self._polls  # an M105 is no line of a program
         done = self._source_start + number - self._source_number + 1
         return min(max(done, self._source_start), self._source_stop)
 
@@ -293,14 +235,14 @@ class Link:
                 self._hear_report(line, now_s, events)
             elif self._wanted >= 0 or not self._asked:
                 self._hear_ok(now_s, events)
-        elif (resend := _RESEND.search(line)) is not None:
-            self._hear_resend(int(resend[1]), now_s, events)
-        elif line.startswith(b"Error:No Line Number") and (last := _LAST_LINE.search(line)) is not None:
-            self._hear_resend(int(last[1]) + 1, now_s, events)
+        elif (number := replies.wanted(line)) is not None:
+            self._hear_resend(number, now_s, events)
+        elif (number := replies.unnumbered(line)) is not None:
+            self._hear_resend(number + 1, now_s, events)
             if self._wanted >= 0:
                 self._hear_ok(now_s, events)
-        elif (trouble := next((fault for mark, fault in _TROUBLES if mark in line), None)) is not None:
-            self._give_up(trouble, line.decode("ascii", "replace").strip(), events)
+        elif (trouble := replies.trouble(line)) is not None:
+            self._give_up(trouble.fault, trouble.text, events)
         elif line.endswith(b"ok") and self._waiting:  # M119 leaves out a newline
             events.append(Said(line[:-2]))
             self._hear_ok(now_s, events)
@@ -331,9 +273,8 @@ class Link:
         self._go(now_s)
 
     def _hear_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
-        if (values := _REPORT.search(line)) is not None:
-            with suppress(ValueError):  # garbled: the next one comes soon
-                events.append(Report(*(float(v) for v in values.groups())))
+        if (report := replies.report(line)) is not None:
+            events.append(report)  # else it is garbled: the next one comes soon
         if self._asked and self._wanted < 0:
             self._landed(now_s)
 

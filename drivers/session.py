@@ -16,15 +16,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 
-from drivers.clock import Clock
 from drivers.errors import Fault
 from drivers.gcode import Heat, HeaterName, Program
 from drivers.marlin import Event, Events, Link, Report, Trouble, Up
 from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
 from drivers.profiles import Profile
+from drivers.steps import TRIES, Ended, Pace, Script, Steps, Wait
+
+__all__ = ["PARKED_MM", "Pace", "Session"]
 
 PARKED_MM = 20.0  # how far back the end code and the printer's own menu leave the filament
 HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
@@ -37,11 +38,6 @@ DEAD_MAN_S = 1200.0
 FEED_S = 300.0  # M105 does not feed the dead-man, a command does
 DEAF_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
 STOP_S = 30.0  # M401 waits for the move under way
-ABORT_S = 180.0
-OFF_S = 30.0
-RESET_S = 30.0  # for a port that went away to come back
-UP_S = 30.0  # the link itself asks before
-TRIES = 3
 _BARRIERS = (b"M400",) * 3  # the ok of a garbled last line may be believed; that of three is not
 
 _RESET_AFTER = frozenset(
@@ -53,50 +49,7 @@ _RESET_AFTER = frozenset(
 _SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 
 
-@dataclass(frozen=True, slots=True)
-class Pace:
-    """How often to ask, and the least patience; in seconds of the farm's clock.
-
-    An accelerated clock must neither flood the link with M105 nor take the host's scheduling for a silent
-    board, so each of them has a bound in wall time.
-    """
-
-    floor_s: float = 2.0
-    heating_s: float = 1.0
-    printing_s: float = 3.0
-    idle_s: float = 5.0
-
-    @classmethod
-    def of(cls, clock: Clock) -> Pace:
-        """2 wall seconds of patience; at most 10 reports a wall second when heating, 2 in a print, 1 idle."""
-        scale = clock.scale
-        return cls(
-            floor_s=2.0 * scale,
-            heating_s=max(1.0, 0.1 * scale),
-            printing_s=max(3.0, 0.5 * scale),
-            idle_s=max(5.0, 1.0 * scale),
-        )
-
-
-class _Ended(Exception):
-    """Leaves the normal way of a print: a fault, or a cancel where `fault` is None."""
-
-    def __init__(self, fault: Fault | None, reason: str) -> None:
-        super().__init__(reason)
-        self.fault = fault
-        self.reason = reason
-
-
-@dataclass(frozen=True, slots=True)
-class _Wait:
-    until: Callable[[], bool]
-    deadline_s: float = math.inf
-
-
-_Script = Generator[_Wait, bool, None]
-
-
-class Session:
+class Session(Steps):
     """One print, or the recovery of one that an agent left behind.
 
     Parameters
@@ -124,7 +77,7 @@ class Session:
         pace: Pace,
         now_s: float,
     ) -> None:
-        self.link = link
+        super().__init__(link, pace, now_s)
         self.program = program
         self.profile = profile
         self.filament = filament
@@ -134,14 +87,7 @@ class Session:
         self.extruded = False
         self.started_s = now_s
         self.ended_s: float | None = None
-        self.report: Report | None = None
-        self.heaters_off = False
-        self.wants_reset = False
-        self._pace = pace
-        self._now_s = now_s
-        self._up: Up | None = None
         self._strange = 0  # reports in a row with targets that nobody here set
-        self._fed_s = now_s
         self._deaf_s = max(DEAF_S, 5 * pace.floor_s)
         self._dead_man_s = max(DEAD_MAN_S, 10 * pace.floor_s)
         self._carried_out = 0  # lines of the file up to the last heating line that was carried out here
@@ -170,7 +116,7 @@ class Session:
     def advance(self, events: Events, now_s: float) -> None:
         """Take what the link heard, and go as far as that allows."""
         self._now_s = now_s
-        ended: _Ended | None = None
+        ended: Ended | None = None
         for event in events:
             ended = ended or self._notice(event)
         if ended is not None:
@@ -187,19 +133,19 @@ class Session:
         """End the print safely; nothing where it is ending already."""
         self._now_s = now_s
         if self.phase is not PrintPhase.ENDING and not self.ended:
-            self._leave(_Ended(None, reason))
+            self._leave(Ended(None, reason))
             self.advance((), now_s)
 
     def fail(self, fault: Fault, reason: str, now_s: float) -> None:
         """The caller has seen something that ends the print (the port went)."""
         self._now_s = now_s
         if not self.ended:
-            self._leave(_Ended(fault, reason))
+            self._leave(Ended(fault, reason))
             self.advance((), now_s)
 
     # --- what was heard ---
 
-    def _notice(self, event: Event) -> _Ended | None:
+    def _notice(self, event: Event) -> Ended | None:
         if isinstance(event, Report):
             self.report = event
             return self._watch_targets(event)
@@ -208,10 +154,10 @@ class Session:
         elif isinstance(event, Trouble) and not (
             self.link.only_ask and self.link.phase is not LinkPhase.DEAD
         ):
-            return _Ended(event.fault, event.text)
+            return Ended(event.fault, event.text)
         return None
 
-    def _watch_targets(self, report: Report) -> _Ended | None:
+    def _watch_targets(self, report: Report) -> Ended | None:
         """Tinker firmware and people at the knob change targets behind a host's back."""
         program = self.program
         if program is None or self.phase not in (PrintPhase.HEATING, PrintPhase.PRINTING):
@@ -224,11 +170,11 @@ class Session:
         if self._strange < 3:  # one may be garbled
             return None
         found = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"
-        return _Ended(Fault.TARGET_CHANGED, f"somebody set {found}, not {nozzle_c:g} and {bed_c:g}")
+        return Ended(Fault.TARGET_CHANGED, f"somebody set {found}, not {nozzle_c:g} and {bed_c:g}")
 
     # --- the script ---
 
-    def _resume(self, step: Callable[[], _Wait]) -> None:
+    def _resume(self, step: Callable[[], Wait]) -> None:
         try:
             self._wait = step()
         except StopIteration:
@@ -237,24 +183,24 @@ class Session:
             self.link.poll_every_s = self._pace.idle_s
             self.link.poll(self._now_s)
 
-    def _leave(self, ended: _Ended) -> None:
+    def _leave(self, ended: Ended) -> None:
         self._resume(lambda: self._script.throw(ended))
 
-    def _run(self) -> _Script:
+    def _run(self) -> Script:
         outcome = PrintPhase.DONE
         try:
             yield from self._print()
-        except _Ended as ended:
+        except Ended as ended:
             self.fault, self.reason = ended.fault, ended.reason
             outcome = PrintPhase.CANCELLED if ended.fault is None else PrintPhase.FAILED
             self.phase = PrintPhase.ENDING
             yield from self._make_safe()
         self.phase = outcome
 
-    def _print(self) -> _Script:
+    def _print(self) -> Script:
         program = self.program
         if program is None:
-            raise _Ended(Fault.AGENT_DIED, "the agent's process ended in the middle of the print")
+            raise Ended(Fault.AGENT_DIED, "the agent's process ended in the middle of the print")
         yield from self._connect()
         self._check_printer()
         self.phase = PrintPhase.HEATING
@@ -280,23 +226,9 @@ class Session:
         self._streamed = program.count
         yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, b"M85 S0", limit_s=math.inf)
         if not (yield from self._shown_off()):
-            raise _Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
+            raise Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
         if self.extruded:
             self.filament = Filament.PARKED  # by the file's end code
-
-    def _connect(self) -> _Script:
-        """Reset the board and wait until it answers; a new board has heaters off and counts lines from 1."""
-        for _ in range(TRIES):
-            self._up = None
-            self.wants_reset = True
-            self.link.poll_every_s = self._pace.heating_s
-            if not (yield self._until(lambda: not self.wants_reset, RESET_S)):
-                raise _Ended(Fault.PORT_LOST, "the port is not there")
-            heard = self._until(lambda: self._up is not None or self.link.phase is LinkPhase.DEAD, UP_S)
-            yield heard
-            if self._up is not None and self._up.restarted:
-                return
-        raise _Ended(Fault.NO_ANSWER, "the board did not start again when its port was opened")
 
     def _check_printer(self) -> None:
         banner = self._up.banner if self._up is not None else b""
@@ -305,24 +237,15 @@ class Session:
             return  # lost on the way; a noisy line is the link's matter
         if version.rstrip().endswith(b"ex") != (self.profile.banner_suffix == "ex"):
             said = version.decode("ascii", "replace")
-            raise _Ended(Fault.WRONG_PRINTER, f"not the board of an {self.profile.title}: {said!r}")
+            raise Ended(Fault.WRONG_PRINTER, f"not the board of an {self.profile.title}: {said!r}")
 
-    def _until(self, met: Callable[[], bool], limit_s: float) -> _Wait:
-        return _Wait(met, self._now_s + max(limit_s, 2 * self._pace.floor_s))
-
-    def _commands(self, *commands: bytes, limit_s: float = ABORT_S) -> Generator[_Wait, bool, bool]:
-        """Send commands and wait until the last of them was carried out."""
-        self.link.send(self._now_s, *commands)
-        self._fed_s = self._now_s
-        return (yield self._until(lambda: self.link.drained, limit_s))
-
-    def _stream(self, program: Program, start: int, stop: int) -> _Script:
+    def _stream(self, program: Program, start: int, stop: int) -> Script:
         if start < stop:
             self.link.poll_every_s = self._pace.printing_s
             self.link.stream(self._now_s, program.lines, start, stop)
-            yield _Wait(lambda: self.link.drained)
+            yield Wait(lambda: self.link.drained)
 
-    def _heat(self, heat: Heat) -> _Script:
+    def _heat(self, heat: Heat) -> Script:
         """What M109 and M190 do, in steps that can be left at any time."""
         yield from self._commands(_SETS[heat.heater] % heat.target_c)
         if heat.target_c == 0:
@@ -333,10 +256,10 @@ class Session:
         while True:
             seen = self.report
             self.link.poll_soon(self._now_s + self._pace.heating_s)
-            heard = yield _Wait(lambda seen=seen: self.report is not seen, self._now_s + self._deaf_s)  # type: ignore[misc]
+            heard = yield Wait(lambda seen=seen: self.report is not seen, self._now_s + self._deaf_s)  # type: ignore[misc]
             report = self.report
             if not heard or report is None:
-                raise _Ended(
+                raise Ended(
                     Fault.NO_ANSWER, f"the board answers, but tells no temperature of the {heat.heater}"
                 )
             now_c = report.nozzle_c if heat.heater is HeaterName.NOZZLE else report.bed_c
@@ -354,18 +277,18 @@ class Session:
             stalled = self._now_s - nearer_s > max(STALL_S[heat.heater], 2 * self._pace.floor_s)
             if stalled or self._now_s > limit_s:
                 reached = f"{now_c:g} of {heat.target_c:g} C"
-                raise _Ended(Fault.HEATER_TIMEOUT, f"the {heat.heater} got to {reached} and no further")
+                raise Ended(Fault.HEATER_TIMEOUT, f"the {heat.heater} got to {reached} and no further")
             if self._now_s - self._fed_s > FEED_S:
                 yield from self._commands(b"M85 S%d" % self._dead_man_s)
 
-    def _unpark(self) -> _Script:
+    def _unpark(self) -> Script:
         self.filament = Filament.UNKNOWN
         yield from self._commands(b"M82", b"G92 E0", b"G1 F300 E%g" % PARKED_MM, b"G92 E0", b"M400")
         self.filament = Filament.AT_NOZZLE
 
     # --- ways out ---
 
-    def _make_safe(self) -> _Script:
+    def _make_safe(self) -> Script:
         self._streamed = self.streamed
         homed = self.program is not None and self._streamed > self.program.homes
         listens = self._up is not None and self.link.phase is LinkPhase.LIVE
@@ -373,11 +296,11 @@ class Session:
             try:
                 if (yield from self._abort(homed)):
                     return
-            except _Ended:
+            except Ended:
                 pass  # it stopped listening on the way
         yield from self._cut(homed)
 
-    def _abort(self, homed: bool) -> Generator[_Wait, bool, bool]:
+    def _abort(self, homed: bool) -> Generator[Wait, bool, bool]:
         """The safe sequence of um2-serial section 5, with the filament parked. False where it got stuck."""
         self.link.halt()
         hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
@@ -394,7 +317,7 @@ class Session:
         yield from self._commands(b"M85 S0")
         return (yield from self._shown_off())
 
-    def _cut(self, homed: bool) -> _Script:
+    def _cut(self, homed: bool) -> Script:
         """Heaters off by a reset: the only emergency stop that this firmware has."""
         if self.filament is Filament.AT_NOZZLE:
             self.filament = Filament.UNKNOWN
@@ -408,25 +331,9 @@ class Session:
                         if homed and self.fault is None:
                             yield from self._commands(b"G28 X0 Y0", b"M84", b"M400")
                         return
-                except _Ended as ended:
+                except Ended as ended:
                     if ended.fault is Fault.PORT_LOST:
                         break
             self.reason = f"{self.reason}; heaters were not shown off: switch the printer off"
         finally:
             self.link.only_ask = False
-
-    def _shown_off(self) -> Generator[_Wait, bool, bool]:
-        """Ask until a report shows both targets 0."""
-        limit = self._until(lambda: False, OFF_S).deadline_s
-        self.link.poll_every_s = self._pace.heating_s
-        self.link.poll(self._now_s)
-        while self._now_s < limit:
-            seen = self.report
-            yield _Wait(lambda seen=seen: self.report is not seen, limit)  # type: ignore[misc]
-            report = self.report
-            if report is None or report is seen:
-                continue
-            if report.nozzle_target_c == 0 and report.bed_target_c == 0:
-                self.heaters_off = True
-                return True
-        return False

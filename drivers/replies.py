@@ -1,0 +1,109 @@
+"""What is said on the wire: our numbered lines, and the board's answers sorted into events. Pure.
+
+The wording is that of um2-serial sections 1 and 3.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from drivers.errors import Fault
+
+_REPORT = re.compile(rb"T:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)\s+B:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)")
+_LAST_LINE = re.compile(rb"Last Line: (\d+)\s*\Z")
+_RESEND = re.compile(rb"Resend: ?(\d+)\s*\Z")
+_TROUBLES = (
+    (b"MAXTEMP", Fault.MAXTEMP),
+    (b"MINTEMP", Fault.MINTEMP),
+    (b"kill() called", Fault.KILL),
+    (b"Printer stopped", Fault.STOPPED),
+    (b"Endstop", Fault.ENDSTOP),
+    (b"cold extrusion", Fault.COLD_EXTRUSION),
+    (b"too long extrusion", Fault.BAD_FILE),
+    (b"echo:Marlin", Fault.REBOOT),  # the banner: its ``start`` was lost or garbled
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Up:
+    """The board answers. `restarted`: it said ``start`` first; `banner` is what it said then."""
+
+    restarted: bool
+    banner: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """An answer to M105, in degrees Celsius."""
+
+    nozzle_c: float
+    nozzle_target_c: float
+    bed_c: float
+    bed_target_c: float
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A line that is neither an answer of the protocol nor trouble."""
+
+    text: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """The link has stopped sending. `text` is what the board said, or what it did not."""
+
+    fault: Fault
+    text: str
+
+
+Event = Up | Report | Said | Trouble
+Events = Sequence[Event]
+
+
+def checksum(line: bytes) -> int:
+    """XOR of all bytes (at most 128 of them), by folding one long number onto itself."""
+    n = int.from_bytes(line, "little")
+    n ^= n >> 512
+    n ^= n >> 256
+    n ^= n >> 128
+    n ^= n >> 64
+    n ^= n >> 32
+    n ^= n >> 16
+    return (n ^ n >> 8) & 0xFF
+
+
+def frame(number: int, command: bytes) -> bytes:
+    """One numbered and checksummed line with its newline."""
+    line = b"N%d %b" % (number, command)
+    return b"%b*%d\n" % (line, checksum(line))
+
+
+def report(line: bytes) -> Report | None:
+    """The temperatures of an answer to M105; None where it is garbled."""
+    values = _REPORT.search(line)
+    if values is not None:
+        with suppress(ValueError):  # as "2.1.5" is
+            return Report(*(float(value) for value in values.groups()))
+    return None
+
+
+def wanted(line: bytes) -> int | None:
+    """The number that a ``Resend`` asks for."""
+    found = _RESEND.search(line)
+    return None if found is None else int(found[1])
+
+
+def unnumbered(line: bytes) -> int | None:
+    """The last good line's number, where a checksum came without one: the board asks for nothing then."""
+    found = _LAST_LINE.search(line) if line.startswith(b"Error:No Line Number") else None
+    return None if found is None else int(found[1])
+
+
+def trouble(line: bytes) -> Trouble | None:
+    """What a line says of the board's troubles."""
+    fault = next((fault for mark, fault in _TROUBLES if mark in line), None)
+    return None if fault is None else Trouble(fault, line.decode("ascii", "replace").strip())
