@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 import uuid
+from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
 
@@ -40,6 +41,10 @@ from farm.tracking.view import Scene
 
 log = logging.getLogger(__name__)
 
+REFUSALS = 5
+"""How often an agent may refuse to start a print; a port that is just opening refuses too."""
+REFUSED_FAULT = "refused"
+
 
 class Hands(Protocol):
     """What carries out instructions: it starts things and returns at once."""
@@ -63,6 +68,7 @@ class Core:
         self._height_mm = rooms
         self._hands = hands
         self._least: dict[int, int] = {}  # parts that a job was seen to need
+        self._refusals: Counter[str] = Counter()
         self.books = store.load()
 
     # -- events -----------------------------------------------------------------------------------------
@@ -98,10 +104,6 @@ class Core:
         attempt = self.books.open_print_on(snapshot.printer)
         if attempt is not None:
             self.happened(*reconcile(attempt, snapshot, now_s))
-            attempt = self.books.prints[attempt.id]
-            if not attempt.state.ended:
-                for instruction in owed(attempt, snapshot):
-                    self._hands.perform(instruction)
         else:
             self.happened(*observe(self.books.printer(snapshot.printer), before, snapshot, now_s))
             said = snapshot.print
@@ -114,6 +116,7 @@ class Core:
 
     def settle(self) -> None:
         """Give plates to printers, and begin the job in front, as far as both can be done now."""
+        self._remind()
         if self.stopping:
             return
         waiting = [self._plate_view(plate) for plate in self.books.waiting_plates()]
@@ -129,6 +132,36 @@ class Core:
         if news:
             self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
         self._settle_front(holds)
+
+    def _remind(self) -> None:
+        """Tell agents again what they were told while they were away."""
+        for attempt in list(self.books.open_prints()):
+            snapshot = self.snapshots.get(attempt.printer)
+            if snapshot is not None:
+                for instruction in owed(attempt, snapshot):
+                    self._hands.perform(instruction)
+
+    def refused(self, print_id: str, reason: str) -> None:
+        """An agent would not start a print; where it still will not after several times, the print failed."""
+        attempt = self.books.prints[print_id]
+        self._refusals[print_id] += 1
+        if attempt.state is not PrintState.ASSIGNED or self._refusals[print_id] < REFUSALS:
+            return
+        now_s = self.clock.now()
+        self.happened(
+            ev.PrintEnded(
+                at_s=now_s,
+                print_id=print_id,
+                state=PrintState.FAILED,
+                fault=REFUSED_FAULT,
+                reason=f"its agent would not start it: {reason}",
+                started_s=None,
+                ended_s=now_s,
+                extruded=False,
+                filament=self.books.printer(attempt.printer).filament,
+            )
+        )
+        self.settle()
 
     def _settle_front(self, held: dict[str, Hold]) -> None:
         job = self.books.front_job()

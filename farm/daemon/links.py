@@ -7,9 +7,9 @@ import logging
 import subprocess
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Coroutine
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from drivers import messages as m
 from drivers.client import AgentClient, alive, spawn
@@ -18,6 +18,7 @@ from drivers.emulator.launch import Command, control
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import DriverError
 from farm.config import Fleet, PrinterSection
+from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
 from farm.paths import StateFolder
 from farm.tracking import events as ev
@@ -72,14 +73,20 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
     )
 
 
-class Links:
-    """All agents of the fleet. `heard` is called with every snapshot."""
+class Ears(Protocol):
+    """Who is told what the agents say."""
 
-    def __init__(
-        self, fleet: Fleet, state: StateFolder, clock: Clock, heard: Callable[[AgentSnapshot], None]
-    ) -> None:
+    def heard(self, snapshot: AgentSnapshot) -> None: ...
+
+    def refused(self, print_id: str, reason: str) -> None: ...
+
+
+class Links:
+    """All agents of the fleet."""
+
+    def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, ears: Ears) -> None:
         self._links = {
-            section.name: AgentLink(section, state, clock, heard)
+            section.name: AgentLink(section, state, clock, ears)
             for section in fleet.printers
             if section.enabled
         }
@@ -133,17 +140,11 @@ class Links:
 class AgentLink:
     """One agent: its process, its connection, and what it is told."""
 
-    def __init__(
-        self,
-        section: PrinterSection,
-        state: StateFolder,
-        clock: Clock,
-        heard: Callable[[AgentSnapshot], None],
-    ) -> None:
+    def __init__(self, section: PrinterSection, state: StateFolder, clock: Clock, ears: Ears) -> None:
         self._section = section
         self._folder = state.agent(section.name)
         self._clock = clock
-        self._heard = heard
+        self._ears = ears
         self._client = AgentClient(self._folder)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
@@ -171,18 +172,25 @@ class AgentLink:
             self._process = spawn(section.name, section.model, section.port, self._folder, self._clock)
             log.info("%s: agent started, pid %d", section.name, self._process.pid)
         except DriverError as error:
-            self._heard(AgentSnapshot(printer=self._section.name, link=Link.ABSENT, reason=str(error)))
+            self._hear(AgentSnapshot(printer=self._section.name, link=Link.ABSENT, reason=str(error)))
 
     async def _listen(self) -> None:
         while not self._stopping:
             try:
                 await self._client.connect()
                 async for said in self._client.snapshots():
-                    self._heard(translate(said))
+                    self._hear(translate(said))
                 log.info("%s: the connection to its agent is gone", self._section.name)
             except DriverError as error:
                 log.warning("%s: %s", self._section.name, error)
-            self._heard(AgentSnapshot(printer=self._section.name, link=Link.STARTING))
+            self._hear(AgentSnapshot(printer=self._section.name, link=Link.STARTING))
+
+    def _hear(self, snapshot: AgentSnapshot) -> None:
+        try:
+            self._ears.heard(snapshot)
+        except FarmError as error:
+            # The books could not be written: nothing was changed, and the next word is taken afresh.
+            log.error("%s: %s", self._section.name, error)
 
     def tell(self, request: m.Request) -> None:
         """Send a request; its refusal or loss is logged, and the next snapshot shows what is still owed."""
@@ -196,7 +204,9 @@ class AgentLink:
             reply = await self._client.request(request)
             if reply.error:
                 log.warning("%s: %s refused: %s", self._section.name, request.do, reply.error)
-        except DriverError as error:
+                if isinstance(request, m.StartPrint):
+                    self._ears.refused(request.print_id, reply.error)
+        except (DriverError, FarmError) as error:
             log.warning("%s: %s", self._section.name, error)
         finally:
             self._asked.discard(key)

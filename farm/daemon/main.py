@@ -50,7 +50,7 @@ class Daemon:
         self._clock = farm_clock(fleet, self._state)
         self._store = Store(self._state.books)
         self._core = Core(fleet, self._store, self._clock, printer_height_mm, self)
-        self._links = Links(fleet, self._state, self._clock, self._core.heard)
+        self._links = Links(fleet, self._state, self._clock, self._core)
         self._planner = Planner(self._state, self._workers, self._core.planned)
         self._server: uvicorn.Server | None = None
 

@@ -17,6 +17,7 @@ from farm.services.plates import slice_part
 
 log = logging.getLogger(__name__)
 
+_RETRY_S = 5.0  # wall seconds
 Done = Callable[[int, "Plan | FarmError"], None]
 
 
@@ -57,7 +58,18 @@ class Planner:
             result = FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-        self._done(job.id, result)
+        await self._tell(job.id, result)
+
+    async def _tell(self, job: int, result: Plan | FarmError) -> None:
+        """Hand the plan over; where the books cannot be written (a full disk), until they can."""
+        while True:
+            try:
+                self._done(job, result)
+            except FarmError as error:
+                log.error("job %d: %s; its plan is kept", job, error)
+                await asyncio.sleep(_RETRY_S)
+            else:
+                return
 
     async def _plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> Plan:
         folder = self._state.work / f"job-{job.id}"
