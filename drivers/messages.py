@@ -91,6 +91,7 @@ class Snapshot(_Message):
     bed_clear: bool | None = None  # an emulator's own word; a real board cannot tell
     starved_s: float = 0.0  # emulator only: farm seconds in which it waited for the host
     board_resets: int = 0  # resets since the agent started that it did not cause itself
+    doubt: str | None = None  # why bed and filament are not known, until `BedCleared`
     print: PrintSnapshot | None = None
 
 

@@ -73,7 +73,6 @@ class HoldCode(StrEnum):
     """Why a plate, or a job that has no plates yet, waits."""
 
     NOT_FRONT = "not_front"
-    BEING_PLANNED = "being_planned"
     NO_SUCH_PRINTER = "no_such_printer"
     TOO_FEW_PRINTERS = "too_few_printers"
     PRINTER_BUSY = "printer_busy"
@@ -152,8 +151,8 @@ class Plate(Entity):
     grams: float
     filament_mm: float
     layers: int
-    model: str  # the printer model that it was sliced for
-    height_mm: float
+    min_mm: tuple[float, float, float]  # of all that it extrudes, from the bed's centre
+    max_mm: tuple[float, float, float]
     material: str
     nozzle_mm: float
     printer: str  # as planned
@@ -216,6 +215,6 @@ class AgentSnapshot(Entity):
     bed_target_c: float | None = None
     heaters_off: bool = False
     filament: FilamentState = FilamentState.UNKNOWN
-    bed_clear: bool | None = None
-    board_resets: int = 0
+    bed_clear: bool | None = None  # an emulator's own word
+    doubt: str | None = None  # why bed and filament are not known, until a person has cleared the bed
     print: AgentPrint | None = None

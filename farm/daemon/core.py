@@ -29,13 +29,13 @@ from farm.model import (
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.scheduling.assign import Need, PlateView, PrinterView, assign
+from farm.scheduling.assign import Box, Need, PlateView, PrinterView, assign
 from farm.scheduling.front import Begin, begin
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.books import apply
-from farm.tracking.reconcile import observe, owed, reconcile
+from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.store import Store
 from farm.tracking.view import Scene
 
@@ -58,14 +58,19 @@ class Core:
     """The farm's state and its rules, without any I/O but the store's."""
 
     def __init__(
-        self, fleet: Fleet, store: Store, clock: Clock, rooms: Callable[[PrinterSection], float], hands: Hands
+        self,
+        fleet: Fleet,
+        store: Store,
+        clock: Clock,
+        rooms: Callable[[PrinterSection], tuple[Box, ...]],
+        hands: Hands,
     ) -> None:
         self.fleet = fleet
         self.clock = clock
         self.snapshots: dict[str, AgentSnapshot] = {}
         self.stopping = False
         self._store = store
-        self._height_mm = rooms
+        self._room = rooms
         self._hands = hands
         self._least: dict[int, int] = {}  # parts that a job was seen to need
         self._refusals: Counter[str] = Counter()
@@ -98,18 +103,23 @@ class Core:
 
     def heard(self, snapshot: AgentSnapshot) -> None:
         """An agent said how things are."""
-        before = self.snapshots.get(snapshot.printer)
-        self.snapshots[snapshot.printer] = snapshot
         now_s = self.clock.now()
         attempt = self.books.open_print_on(snapshot.printer)
         if attempt is not None:
             self.happened(*reconcile(attempt, snapshot, now_s))
         else:
-            self.happened(*observe(self.books.printer(snapshot.printer), before, snapshot, now_s))
-            said = snapshot.print
-            known = self.books.prints.get(said.print_id) if said is not None else None
-            if said is not None and known is not None and said.state.ended:
-                self._hands.perform(ev.SendForget(print_id=known.id, printer=snapshot.printer))
+            self.happened(*observe(self.books.printer(snapshot.printer), snapshot, now_s))
+        said = snapshot.print
+        if said is not None and (attempt is None or said.print_id != attempt.id):
+            printer = self.books.printer(snapshot.printer)
+            known = self.books.prints.get(said.print_id)
+            for follows in unexpected(printer, known, snapshot, now_s):
+                if isinstance(follows, ev.Event):
+                    self.happened(follows)
+                else:
+                    self._hands.perform(follows)
+        # Only now: where the books could not be written, the same word is news again.
+        self.snapshots[snapshot.printer] = snapshot
         self.settle()
 
     # -- decisions --------------------------------------------------------------------------------------
@@ -274,8 +284,7 @@ class Core:
             look = snapshot.reason or "its agent reports a fault"
         return PrinterView(
             name=section.name,
-            model=section.model,
-            height_mm=self._height_mm(section),
+            room=self._room(section),
             material=section.material,
             colour=section.colour,
             nozzle_mm=section.nozzle_mm,
@@ -292,10 +301,11 @@ class Core:
             material=plate.material,
             colour=self.books.job(plate.job).options.colour,
             nozzle_mm=plate.nozzle_mm,
-            height_mm=plate.height_mm,
+            box=(*plate.min_mm[:2], *plate.max_mm),
         )
         return PlateView(
             id=plate.id,
+            job=plate.job,
             need=need,
             planned=plate.printer,
             estimated_s=plate.estimated_s,

@@ -68,7 +68,7 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
         heaters_off=said.heaters_off,
         filament=FilamentState(said.filament),
         bed_clear=said.bed_clear,
-        board_resets=said.board_resets,
+        doubt=said.doubt,
         print=attempt,
     )
 

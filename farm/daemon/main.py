@@ -29,7 +29,7 @@ from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.services.files import name_files
 from farm.services.planning import warm
-from farm.services.rooms import printer_height_mm
+from farm.services.rooms import bed_boxes
 from farm.tracking import events as ev
 from farm.tracking.store import Store
 
@@ -37,6 +37,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _SETTLE_S = 1.0
+_GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
 
 class Daemon:
@@ -49,7 +50,7 @@ class Daemon:
         self._workers = Workers()
         self._clock = farm_clock(fleet, self._state)
         self._store = Store(self._state.books)
-        self._core = Core(fleet, self._store, self._clock, printer_height_mm, self)
+        self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
         self._links = Links(fleet, self._state, self._clock, self._core)
         self._planner = Planner(self._state, self._workers, self._core.planned)
         self._server: uvicorn.Server | None = None
@@ -85,7 +86,9 @@ class Daemon:
         app = make_app(
             self._core, self._state, self._places.fleet, self._clock.now(), self._workers, self._down
         )
-        config = uvicorn.Config(app, log_config=None, access_log=False, lifespan="off")
+        config = uvicorn.Config(
+            app, log_config=None, access_log=False, lifespan="off", timeout_graceful_shutdown=_GRACE_S
+        )
         self._server = uvicorn.Server(config)
         self._core.start()
         self._links.start()

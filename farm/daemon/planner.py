@@ -92,4 +92,5 @@ class Planner:
             for future in slicing.values():
                 future.cancel()
         slices = [slicing[i].result() for i in range(len(tasks))]
-        return make_plan(task, decomposed, tasks, slices, self._state.files)
+        # It writes files to the disk: not on the event loop.
+        return await asyncio.to_thread(make_plan, task, decomposed, tasks, slices, self._state.files)

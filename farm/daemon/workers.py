@@ -16,6 +16,7 @@ from farm.errors import FarmError
 
 T = TypeVar("T")
 _PR_SET_PDEATHSIG = 1
+_TRIES = 2
 
 
 def _prepare_worker() -> None:
@@ -43,22 +44,22 @@ class Workers:
             self._pool.submit(work)
 
     async def run(self, work: Callable[..., T], *args: object) -> T:
-        """Run a function in a worker.
+        """Run a function, which may be run more than once, in a worker.
 
         Raises
         ------
         FarmError
             What the work raised, or that its worker died (out of memory, most often).
         """
-        pool = self._pool
-        try:
-            return await asyncio.get_running_loop().run_in_executor(pool, work, *args)
-        except BrokenProcessPool as error:
-            if self._pool is pool:
-                self._pool = self._new_pool()
-            raise FarmError(
-                "a worker process died while it planned this job (is there enough memory?); submit it again"
-            ) from error
+        for _ in range(_TRIES):
+            pool = self._pool
+            try:
+                return await asyncio.get_running_loop().run_in_executor(pool, work, *args)
+            except BrokenProcessPool:
+                # A pool breaks as a whole: whoever had work in it tries again, and only who broke it fails.
+                if self._pool is pool:
+                    self._pool = self._new_pool()
+        raise FarmError(f"the worker processes died {_TRIES} times over this job: is there enough memory?")
 
     def close(self) -> None:
         """Give up whatever is being worked on."""

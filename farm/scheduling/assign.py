@@ -7,14 +7,19 @@ from dataclasses import dataclass
 
 from farm.model import Bed, FilamentState, Hold, HoldCode, Link
 
+Box = tuple[float, float, float, float, float]
+"""min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
+
+SLACK_MM = 0.05
+"""Rounding of what a slice says of itself."""
+
 
 @dataclass(frozen=True, slots=True)
 class PrinterView:
     """All that decides whether a printer can take a plate."""
 
     name: str
-    model: str
-    height_mm: float  # of its part room
+    room: tuple[Box, ...]  # one of them must hold all that a plate extrudes
     material: str
     colour: str | None
     nozzle_mm: float
@@ -23,6 +28,20 @@ class PrinterView:
     link: Link
     booked: bool  # an open print is booked on it
     look: str | None
+
+    @property
+    def height_mm(self) -> float:
+        return max((height for *_, height in self.room), default=0.0)
+
+    def holds(self, box: Box) -> bool:
+        """Whether all of a plate lies in its room."""
+        x0, y0, x1, y1, height = box
+        slack = SLACK_MM
+        return any(
+            left <= x0 + slack and front <= y0 + slack and x1 <= right + slack and y1 <= back + slack
+            for left, front, right, back, top in self.room
+            if height <= top + slack
+        )
 
     def obstacle(self) -> Hold | None:
         """Why nothing can start on it now; None where it is idle and clear."""
@@ -56,14 +75,14 @@ class Need:
     material: str | None
     colour: str | None
     nozzle_mm: float | None
-    height_mm: float = 0.0
+    box: Box | None = None  # what its plate extrudes; not known before it is planned
 
     def matches(self, printer: PrinterView) -> bool:
         return (
             self.material in (None, printer.material)
             and self.colour in (None, printer.colour)
             and self.nozzle_mm in (None, printer.nozzle_mm)
-            and self.height_mm <= printer.height_mm
+            and (self.box is None or printer.holds(self.box))
         )
 
 
@@ -73,6 +92,7 @@ class PlateView:
 
     id: str
     need: Need
+    job: int
     planned: str  # the printer that the plan gave it
     estimated_s: float
     failed_on: frozenset[str] = frozenset()
@@ -90,8 +110,8 @@ def assign(
     """Give each waiting plate a printer, or a reason.
 
     A plate keeps the printer of its plan while that one can take it now; otherwise it goes to any matching
-    printer that is idle and clear and that no other waiting plate was planned for. A plate does not go back
-    to a printer on which it failed while another one matches.
+    printer that is idle and clear and that no other waiting plate was planned for. A plate goes back to
+    a printer on which it failed only where no other that matches is free.
 
     Parameters
     ----------
@@ -117,8 +137,8 @@ def assign(
             free.discard(plate.planned)
         else:
             left.append(plate)
-    # Longest first: what is left of the job ends when its longest plate does.
-    for plate in sorted(left, key=lambda p: -p.estimated_s):
+    # Within a job the longest first: what is left of it ends when its longest plate does.
+    for plate in sorted(left, key=lambda p: (p.job, -p.estimated_s)):
         matching = [name for name in sorted(free) if plate.need.matches(fleet[name])]
         choice = min(matching, key=lambda n: (n in plate.failed_on, fleet[n].height_mm, n), default=None)
         if choice is not None:
@@ -149,6 +169,7 @@ def _words(need: Need) -> str:
     asked = [str(value) for value in (need.material, need.colour) if value]
     if need.nozzle_mm:
         asked.append(f"nozzle {need.nozzle_mm} mm")
-    if need.height_mm:
-        asked.append(f"{need.height_mm:.0f} mm of height")
+    if need.box is not None:
+        x0, y0, x1, y1, height = need.box
+        asked.append(f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth and {height:.0f} mm of height")
     return ", ".join(asked) or "nothing asked"

@@ -5,7 +5,6 @@ The order is decompose, then slice every part, then price every plate. A plan is
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,9 @@ from typing import Any
 from decompose import partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
+from decompose.mesh import Model
 from decompose.report import Options, write
+from decompose.solid import Solid
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
@@ -92,8 +93,10 @@ class Plan:
 
 
 def warm() -> None:
-    """Import and compile what planning needs, before somebody waits for it."""
-    logging.getLogger("numba").setLevel(logging.WARNING)
+    """Import and compile what planning needs, before somebody waits for it: cut a small box in two."""
+    box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
+    rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
+    partition.decompose(box, rooms, Options(), CostModel.from_recipe(Recipe()))
 
 
 def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> Settings:
@@ -279,8 +282,8 @@ def make_plan(
                 grams=sliced.grams,
                 filament_mm=sliced.filament_mm,
                 layers=sliced.layers,
-                model=section.model,
-                height_mm=sliced.height_mm,
+                min_mm=sliced.min_mm,
+                max_mm=sliced.max_mm,
                 material=section.material,
                 nozzle_mm=section.nozzle_mm,
                 printer=section.name,

@@ -11,7 +11,9 @@ def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]
     return part_room(PROFILES[section.model], brim_mm, section.volume_mm)
 
 
-def printer_height_mm(section: PrinterSection) -> float:
-    """The height of its part room."""
-    height_mm = PROFILES[section.model].height_mm
-    return min(height_mm, section.volume_mm[2]) if section.volume_mm else height_mm
+def bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
+    """What all that is extruded must lie in one of: min_x, min_y, max_x, max_y, height, bed-centred mm."""
+    return tuple(
+        (box.rect.min_x_mm, box.rect.min_y_mm, box.rect.max_x_mm, box.rect.max_y_mm, box.height_mm)
+        for box in printer_room(section, brim_mm=0.0)
+    )

@@ -202,7 +202,8 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     if attempt.state.ended:
         return books, (forget,)
     state = event.state
-    if state is PrintState.CANCELLED and attempt.cancel_asked is None:
+    begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
+    if state is PrintState.CANCELLED and attempt.cancel_asked is None and begun:
         state = PrintState.FAILED  # nobody here asked for it
     attempt = _set(
         attempt,

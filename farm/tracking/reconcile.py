@@ -27,15 +27,17 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
     if said is None or said.print_id != attempt.id:
         if snapshot.link is Link.STARTING:
             return
-        if attempt.state is PrintState.ASSIGNED and attempt.cancel_asked is None:
+        begun = attempt.state is not PrintState.ASSIGNED
+        able = snapshot.link not in (Link.FAULT, Link.ABSENT)
+        if not begun and able and attempt.cancel_asked is None:
             return  # it has not been told yet: `owed` tells it again
-        known = attempt.state is not PrintState.ASSIGNED
+        reason = attempt.cancel_asked or snapshot.reason or f"its printer is {snapshot.link}"
         yield ev.PrintEnded(
             at_s=now_s,
             print_id=attempt.id,
-            state=PrintState.FAILED if known else PrintState.CANCELLED,
-            fault=LOST_FAULT if known else None,
-            reason="its agent has no record of this print" if known else attempt.cancel_asked,
+            state=PrintState.FAILED if begun else PrintState.CANCELLED,
+            fault=LOST_FAULT if begun else None,
+            reason="its agent has no record of this print" if begun else f"never begun: {reason}",
             started_s=None,
             ended_s=now_s,
             extruded=False,
@@ -77,31 +79,44 @@ def owed(attempt: Print, snapshot: AgentSnapshot) -> Iterator[ev.AnyInstruction]
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
 
 
-def observe(
-    printer: Printer, before: AgentSnapshot | None, snapshot: AgentSnapshot, now_s: float
-) -> Iterator[ev.AnyEvent]:
+def observe(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
     """What an idle printer's snapshot says of its bed and filament.
 
-    An emulator is asked where the books do not know. A board reset that the agent did not cause makes both
-    unknown: somebody was at the printer, or its power went.
+    An agent that saw something happen which it did not cause (a reset, a lost port, a heater that somebody
+    switched on) says so until a person has cleared the bed. An emulator, and nothing else, is asked where the
+    books do not know.
     """
-    reset = (
-        before is not None
-        and before.agent_pid == snapshot.agent_pid
-        and snapshot.board_resets > before.board_resets
-    )
-    if reset:
-        reason = "its board was reset, and not by the farm: look whether its bed is clear"
-        yield ev.PrinterDoubted(at_s=now_s, printer=printer.name, reason=reason)
-        return
-    if snapshot.link is not Link.READY:
-        return
-    asks_bed = printer.bed is Bed.UNKNOWN and snapshot.bed_clear is not None
-    asks_filament = (
-        printer.filament is FilamentState.UNKNOWN and snapshot.filament is not FilamentState.UNKNOWN
-    )
-    if asks_bed or asks_filament:
-        bed = printer.bed
-        if snapshot.bed_clear is not None:
+    if snapshot.doubt is not None:
+        if printer.bed is not Bed.UNKNOWN or printer.look is None:
+            yield ev.PrinterDoubted(at_s=now_s, printer=printer.name, reason=snapshot.doubt)
+    elif snapshot.link is Link.READY and snapshot.bed_clear is not None:
+        unknown = printer.bed is Bed.UNKNOWN or printer.filament is FilamentState.UNKNOWN
+        if unknown and printer.look is None:
             bed = Bed.CLEAR if snapshot.bed_clear else Bed.NOT_CLEAR
-        yield ev.PrinterSeen(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
+            yield ev.PrinterSeen(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
+
+
+def unexpected(
+    printer: Printer, known: Print | None, snapshot: AgentSnapshot, now_s: float
+) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
+    """What to do about a print that an agent has and the books do not have open.
+
+    Parameters
+    ----------
+    known
+        That print in the books, where it has ended; None where they never had it (they were put back from a
+        backup, say).
+    """
+    said = snapshot.print
+    if said is None:
+        return
+    name = printer.name
+    if known is not None and not said.state.ended:
+        reason = "the farm has booked this print as ended"
+        yield ev.SendCancel(print_id=said.print_id, printer=name, reason=reason)
+        return
+    if known is None and printer.bed is not Bed.UNKNOWN:
+        reason = "it made a print that the books do not know: look whether its bed is clear"
+        yield ev.PrinterDoubted(at_s=now_s, printer=name, reason=reason)
+    if said.state.ended:
+        yield ev.SendForget(print_id=said.print_id, printer=name)

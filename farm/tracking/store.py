@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Self, TypeVar
+
+from pydantic import ValidationError
 
 from farm.errors import FarmError
 from farm.model import Entity, Job, Part, Plate, Print, Printer
@@ -71,12 +72,23 @@ class Store:
             printers={printer.name: printer for printer in self._rows(Printer)},
         )
 
-    def _rows(self, kind: type[E]) -> Iterable[E]:
+    def _rows(self, kind: type[E]) -> list[E]:
         try:
-            rows = self._db.execute(f"SELECT body FROM {_TABLES[kind]}").fetchall()
+            rows = self._db.execute(f"SELECT id, body FROM {_TABLES[kind]}").fetchall()
         except sqlite3.Error as error:
             raise StoreError(f"the books cannot be read: {error}") from error
-        return (kind.model_validate_json(body) for (body,) in rows)
+        entities = []
+        for key, body in rows:
+            try:
+                entities.append(kind.model_validate_json(body))
+            except ValidationError as error:
+                first = error.errors()[0]
+                place = ".".join(map(str, first["loc"]))
+                raise StoreError(
+                    f"the books cannot be read: {_TABLES[kind]} {key}, {place}: {first['msg']}; "
+                    "were they written by another version of farm?"
+                ) from error
+        return entities
 
     def commit(self, event: Event, before: Books, after: Books) -> None:
         """Write an event and all that it changed, in one transaction, to the disk itself."""

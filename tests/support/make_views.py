@@ -3,11 +3,13 @@
 from farm.model import Bed, FilamentState, Link
 from farm.scheduling.assign import Need, PlateView, PrinterView
 
+LOW = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
+TALL = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
+
 
 def printer(name, **changes):
     facts = {
-        "model": "ultimaker2_plus",
-        "height_mm": 205.0,
+        "room": LOW,
         "material": "generic_pla",
         "colour": None,
         "nozzle_mm": 0.4,
@@ -20,6 +22,15 @@ def printer(name, **changes):
     return PrinterView(name=name, **{**facts, **changes})
 
 
+def box(height_mm, half_mm=50.0):
+    return (-half_mm, -half_mm, half_mm, half_mm, height_mm)
+
+
 def plate(name, planned, **changes):
-    facts = {"need": Need("generic_pla", None, 0.4, 100.0), "estimated_s": 3600.0, "failed_on": frozenset()}
+    facts = {
+        "need": Need("generic_pla", None, 0.4, box(100.0)),
+        "job": 1,
+        "estimated_s": 3600.0,
+        "failed_on": frozenset(),
+    }
     return PlateView(id=name, planned=planned, **{**facts, **changes})

@@ -12,6 +12,7 @@ from farm.model import AgentSnapshot, Bed, FilamentState, HoldCode, JobOptions, 
 from farm.paths import StateFolder
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
+from farm.services.rooms import bed_boxes
 from farm.tracking import events as ev
 from farm.tracking.store import Store
 from farm.tracking.view import job_view, printer_view, todo
@@ -44,7 +45,7 @@ class Farm:
     def __init__(self, folder):
         self.hands = Hands()
         self.store = Store(folder / "farm.db")
-        self.core = Core(fleet(), self.store, Clock(), lambda _: 205.0, self.hands)
+        self.core = Core(fleet(), self.store, Clock(), bed_boxes, self.hands)
         self.core.start()
 
     def ready(self, *names, **changes):

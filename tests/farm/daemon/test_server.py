@@ -14,6 +14,7 @@ from farm.daemon.core import Core
 from farm.daemon.server import make_app
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
+from farm.services.rooms import bed_boxes
 from farm.tracking.store import Store
 
 MODEL = "ultimaker2_plus"
@@ -40,7 +41,7 @@ def daemon(tmp_path):
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
     state = StateFolder(tmp_path / "state")
     state.make()
-    core = Core(fleet, Store(state.books), Clock(), lambda _: 205.0, Hands())
+    core = Core(fleet, Store(state.books), Clock(), bed_boxes, Hands())
     core.start()
     core.heard(AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED))
     went_down = []

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.assign import Need, assign
-from make_views import plate, printer
+from make_views import LOW, TALL, box, plate, printer
 
 printers = st.lists(
     st.builds(
@@ -16,7 +16,7 @@ printers = st.lists(
         link=st.sampled_from(Link),
         booked=st.booleans(),
         look=st.sampled_from([None, "its nozzle is cold"]),
-        height_mm=st.sampled_from([205.0, 305.0]),
+        room=st.sampled_from([LOW, TALL]),
     ),
     unique_by=lambda p: p.name,
 )
@@ -30,7 +30,7 @@ plates = st.lists(
             st.sampled_from(["generic_pla", "generic_abs", None]),
             st.none(),
             st.sampled_from([0.4, 0.8]),
-            st.sampled_from([100.0, 250.0]),
+            st.sampled_from([None, box(100.0), box(250.0), box(10.0, 110.0)]),
         ),
         estimated_s=st.floats(60, 1e5),
         failed_on=st.frozensets(st.sampled_from("abc")),
@@ -84,7 +84,23 @@ def test_a_hold_says_what_the_plate_waits_for():
     _, holds = assign([plate("1/01", "a")], [printer("a", bed=Bed.NOT_CLEAR)])
     assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
     assert "farm cleared a" in holds["1/01"].text
-    tall = Need("generic_pla", None, 0.4, 231.0)
+    tall = Need("generic_pla", None, 0.4, box(231.0))
     _, holds = assign([plate("1/01", "a", need=tall)], [printer("a")])
     assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
     assert "231 mm of height" in holds["1/01"].text
+
+
+def test_a_plate_moves_only_to_a_printer_whose_room_holds_all_of_it():
+    small = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
+    aside = Need("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
+    given_, holds = assign([plate("1/01", "a", need=aside)], [printer("a", booked=True), small])
+    assert given_ == []
+    assert holds["1/01"].code is HoldCode.PRINTER_BUSY
+    given_, _ = assign([plate("1/01", "a", need=aside)], [printer("a", booked=True), printer("b")])
+    assert given_[0].printer == "b"
+
+
+def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
+    waiting = [plate("1/01", "x", job=1, estimated_s=60.0), plate("2/01", "x", job=2, estimated_s=6000.0)]
+    given_, _ = assign(waiting, [printer("a")])
+    assert given_[0].plate == "1/01"

@@ -3,7 +3,7 @@
 from farm.model import Bed, Hold, HoldCode, Link
 from farm.scheduling.assign import Need
 from farm.scheduling.front import Begin, begin
-from make_views import printer
+from make_views import TALL, printer
 
 ANY = Need(None, None, None)
 
@@ -16,7 +16,7 @@ def test_the_front_job_takes_all_that_are_idle_and_clear():
 
 
 def test_given_fewer_printers_it_takes_the_roomiest():
-    fleet = [printer("a"), printer("b", height_mm=305.0)]
+    fleet = [printer("a"), printer("b", room=TALL)]
     assert begin(ANY, 1, 0, fleet, frozenset()) == Begin(("b",))
 
 

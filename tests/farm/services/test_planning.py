@@ -19,6 +19,7 @@ from farm.services.planning import (
     slice_tasks,
 )
 from farm.services.plates import slice_part
+from farm.services.rooms import bed_boxes
 from farm.tracking.store import Store
 
 MODEL = "ultimaker2_plus"
@@ -106,7 +107,7 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
         decompose_job(task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
     assert "overlap" in str(error.value)
-    core = Core(fleet(), Store(tmp_path / "farm.db"), Clock(), lambda _: 205.0, NoHands())
+    core = Core(fleet(), Store(tmp_path / "farm.db"), Clock(), bed_boxes, NoHands())
     core.start()
     for name in ("p0", "p1"):
         core.heard(

@@ -1,26 +1,43 @@
 """Bringing the books in line with the agents' words."""
 
+import pytest
+
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, Link, PrintState
 from farm.tracking import events as ev
 from farm.tracking.books import Books
-from farm.tracking.reconcile import LOST_FAULT, observe, owed, reconcile
+from farm.tracking.reconcile import LOST_FAULT, observe, owed, reconcile, unexpected
 from make_books import fleet, printing, run
 
 
-def test_a_board_reset_makes_bed_and_filament_unknown():
-    before = AgentSnapshot(printer="a", link=Link.READY, agent_pid=7, board_resets=0)
-    after = before.model_copy(update={"board_resets": 1})
-    books, _ = run(printing(), *observe(printing().printers["a"], before, after, 5.0))
-    assert books.printers["a"].bed is Bed.UNKNOWN
-    assert books.printers["a"].filament is FilamentState.UNKNOWN
+def test_what_happened_at_a_printer_makes_bed_and_filament_unknown_until_a_person_has_looked():
+    said = AgentSnapshot(
+        printer="a",
+        link=Link.READY,
+        bed_clear=True,
+        filament=FilamentState.PARKED,
+        doubt="its board was reset, and not by the farm",
+    )
+    books, _ = run(printing(), *observe(printing().printers["a"], said, 5.0))
+    printer = books.printers["a"]
+    assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
+    assert "reset" in printer.look
+    assert list(observe(printer, said, 6.0)) == []
+    # Not even an emulator's word makes up for the look.
+    assert list(observe(printer, said.model_copy(update={"doubt": None}), 7.0)) == []
 
 
 def test_an_emulator_is_asked_only_where_the_books_do_not_know():
     said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    books, _ = run(books, *observe(books.printers["a"], None, said, 5.0))
+    books, _ = run(books, *observe(books.printers["a"], said, 5.0))
     assert books.printers["a"].bed is Bed.CLEAR
-    assert list(observe(books.printers["a"], said, said, 6.0)) == []
+    assert list(observe(books.printers["a"], said, 6.0)) == []
+
+
+def test_a_real_printer_cannot_say_what_lies_on_its_bed():
+    said = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
+    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
+    assert list(observe(books.printers["a"], said, 5.0)) == []
 
 
 def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
@@ -72,3 +89,31 @@ def test_a_print_that_was_cancelled_before_its_agent_heard_of_it_never_starts():
     books, _ = run(books, *reconcile(books.prints["x"], empty, 4.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
+
+
+@pytest.mark.parametrize("link", [Link.FAULT, Link.ABSENT])
+def test_a_print_that_cannot_begin_gives_its_printer_back_and_soils_nothing(link):
+    books = assigned()
+    books, _ = run(books, *reconcile(books.prints["x"], AgentSnapshot(printer="a", link=link), 3.0))
+    assert books.prints["x"].state is PrintState.CANCELLED
+    assert books.printers["a"].bed is Bed.CLEAR
+    assert [plate.id for plate in books.waiting_plates()] == ["1/01", "1/02"]
+
+
+def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
+    books = assigned()
+    books, _ = run(books, *reconcile(books.prints["x"], AgentSnapshot(printer="a", link=Link.FAULT), 3.0))
+    told = list(unexpected(books.printers["a"], books.prints["x"], word(), 4.0))
+    assert [type(one) for one in told] == [ev.SendCancel]
+
+
+def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
+    books, _ = run(Books(), *fleet())
+    told = list(unexpected(books.printers["a"], None, word("stranger"), 4.0))
+    assert [type(one) for one in told] == [ev.PrinterDoubted]
+    books, _ = run(books, *told)
+    assert books.printers["a"].bed is Bed.UNKNOWN
+    last = word("stranger", state=PrintState.DONE, ended_s=9.0)
+    assert list(unexpected(books.printers["a"], None, last, 9.0)) == [
+        ev.SendForget(print_id="stranger", printer="a")
+    ]
