@@ -80,6 +80,7 @@ class HoldCode(StrEnum):
     FILAMENT_UNKNOWN = "filament_unknown"
     NEEDS_A_LOOK = "needs_a_look"
     PRINTER_ABSENT = "printer_absent"
+    PRINTER_CONNECTING = "printer_connecting"
 
 
 class Engine(StrEnum):
@@ -98,8 +99,8 @@ class JobOptions(Entity):
     """How a person wants a job printed."""
 
     printers: int | None = Field(default=None, ge=1)  # None: all that are free
-    longest_side_mm: float | None = Field(default=None, gt=0)
-    scale: float | None = Field(default=None, gt=0)
+    longest_side_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    scale: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     engine: Engine = Engine.BEST
     material: str | None = None  # None: whatever the printers have
     colour: str | None = None

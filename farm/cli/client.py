@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 import uuid
 from pathlib import Path
@@ -16,6 +17,7 @@ from farm.model import JobOptions
 
 _PATIENCE_S = 600.0  # a large broken model is repaired before its submission is answered
 _CHUNK = 1 << 20
+_LONGEST_NAME = 200
 
 
 class Client:
@@ -48,7 +50,7 @@ class Client:
         """Upload a model. Tried again with the same request id while the daemon is away, for `patience_s`."""
         params = {
             "request_id": uuid.uuid4().hex,
-            "name": model.name,
+            "name": os.fsencode(model.name).decode(errors="replace")[:_LONGEST_NAME],
             "size": str(model.stat().st_size),
             "options": options.model_dump_json(exclude_none=True),
         }

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from pydantic import ValidationError
 
 from drivers.profiles import PROFILES
 from farm.cli import follow, local, render
@@ -150,15 +151,20 @@ def submit(
 ) -> None:
     """Print a model on as many printers as make it soonest."""
     places = find_places(state, socket, fleet)
-    options = JobOptions(
-        printers=_count(printers),
-        longest_side_mm=longest_side,
-        scale=scale,
-        engine=engine,
-        material=material,
-        colour=colour,
-        quality=quality,
-    )
+    try:
+        options = JobOptions(
+            printers=_count(printers),
+            longest_side_mm=longest_side,
+            scale=scale,
+            engine=engine,
+            material=material,
+            colour=colour,
+            quality=quality,
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        flag = str(first["loc"][0]).removesuffix("_mm").replace("_", "-")
+        raise FarmError(f"--{flag} {first['input']}: {first['msg']}", ErrorCode.SETTINGS) from error
     if not model.is_file():
         raise FarmError(f"{model}: there is no such file", ErrorCode.MODEL)
     client = Client(places.socket)

@@ -41,6 +41,8 @@ from farm.tracking.view import Scene
 
 log = logging.getLogger(__name__)
 
+PATIENCE_S = 30.0
+"""Wall seconds in which printers are expected to connect after the farm has started."""
 REFUSALS = 5
 """How often an agent may refuse to start a print; a port that is just opening refuses too."""
 REFUSED_FAULT = "refused"
@@ -67,6 +69,7 @@ class Core:
     ) -> None:
         self.fleet = fleet
         self.clock = clock
+        self.since_s = clock.now()
         self.snapshots: dict[str, AgentSnapshot] = {}
         self.stopping = False
         self._store = store
@@ -184,7 +187,8 @@ class Core:
         need = Need(material=job.options.material, colour=job.options.colour, nozzle_mm=None)
         taken = frozenset(self.books.plates[name].printer for name in held)
         least = self._least.get(job.id, 0)
-        answer = begin(need, job.options.printers, least, self.printer_views(), taken)
+        views = self.printer_views()
+        answer = begin(need, job.options.printers, least, views, taken, patient=self._arriving())
         if isinstance(answer, Begin):
             self.happened(ev.PlanningStarted(at_s=now_s, job=job.id))
             sections = [self.fleet.printer(name) for name in answer.printers]
@@ -314,4 +318,10 @@ class Core:
 
     def scene(self, state: StateFolder) -> Scene:
         """All that a view is drawn from."""
-        return Scene(self.fleet, self.books, self.snapshots, state, self.clock.now())
+        return Scene(
+            self.fleet, self.books, self.snapshots, state, self.clock.now(), settled=not self._arriving()
+        )
+
+    def _arriving(self) -> bool:
+        """Whether the farm has just started: printers that do not answer yet are still expected."""
+        return self.clock.now() - self.since_s < PATIENCE_S * self.clock.scale

@@ -37,6 +37,7 @@ _PHASES = {
     m.PrintPhase.CANCELLED: PrintState.CANCELLED,
 }
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
+_SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
 
@@ -178,11 +179,20 @@ class AgentLink:
         while not self._stopping:
             try:
                 await self._client.connect()
-                async for said in self._client.snapshots():
+                words = self._client.snapshots()
+                while True:
+                    async with asyncio.timeout(_SILENCE_S):
+                        said = await anext(words, None)
+                    if said is None:
+                        break
                     self._hear(translate(said))
                 log.info("%s: the connection to its agent is gone", self._section.name)
+            except TimeoutError:
+                log.warning("%s: its agent has said nothing for %g s", self._section.name, _SILENCE_S)
             except DriverError as error:
                 log.warning("%s: %s", self._section.name, error)
+            except Exception:
+                log.exception("%s: listening to its agent", self._section.name)
             self._hear(AgentSnapshot(printer=self._section.name, link=Link.STARTING))
 
     def _hear(self, snapshot: AgentSnapshot) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated
 
 from fastapi import FastAPI, Query, Request, Response
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import ValidationError
 
@@ -26,6 +27,16 @@ from farm.tracking.view import Scene, job_view, printer_view, todo
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 _LARGEST_MODEL = 2 * 1024**3  # bytes
 
+_LONGEST_NAME = 60  # characters, so that it can be a file's name too
+
+
+def display_name(name: str) -> str:
+    """What a model is called, never where it lies: printable, on one line, fit for a file's name."""
+    last = name.replace("\\", "/").rpartition("/")[2]
+    plain = " ".join("".join(c if c.isprintable() else " " for c in last).split()).lstrip(".")
+    return plain[-_LONGEST_NAME:] or "model"
+
+
 Down = Callable[[bool], Awaitable[None]]
 
 
@@ -42,6 +53,13 @@ def make_app(
     async def refused(_: Request, error: FarmError) -> Response:
         problem = api.Problem(error=str(error), code=error.code, exit_code=int(error.exit_code))
         return JSONResponse(problem.model_dump(), status_code=_STATUS.get(error.code, 400))
+
+    @app.exception_handler(RequestValidationError)
+    async def misused(_: Request, error: RequestValidationError) -> Response:
+        first = error.errors()[0]
+        said = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        problem = api.Problem(error=said, code=ErrorCode.SETTINGS, exit_code=int(ExitCode.USAGE))
+        return JSONResponse(problem.model_dump(), status_code=400)
 
     @app.get("/status")
     async def status() -> api.Status:
@@ -74,7 +92,7 @@ def make_app(
         size: Annotated[int, Query(ge=0, le=_LARGEST_MODEL)],
         options: str = "{}",
     ) -> api.Submitted:
-        name = " ".join(Path(name).name.split()) or "model"  # what it is called, never where it lies
+        name = display_name(name)
         try:
             wanted = JobOptions.model_validate_json(options)
         except ValidationError as error:
@@ -84,7 +102,7 @@ def make_app(
             return api.Submitted(job=known, again=True)
         if core.stopping:
             raise Refused("the farm is going down: submit again when it is up")
-        upload = state.work / f"upload-{uuid.uuid4().hex}{Path(name).suffix.lower()}"
+        upload = state.work / f"upload-{uuid.uuid4().hex}"
         try:
             received = 0
             with upload.open("wb") as file:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from farm.model import Hold, HoldCode, Link
 from farm.scheduling.assign import Need, PrinterView
 
+_PASSING = (HoldCode.PRINTER_BUSY, HoldCode.BED_NOT_CLEAR, HoldCode.FILAMENT_UNKNOWN)
+
 
 @dataclass(frozen=True, slots=True)
 class Begin:
@@ -18,7 +20,12 @@ class Begin:
 
 
 def begin(
-    need: Need, wanted: int | None, least: int, printers: Iterable[PrinterView], taken: frozenset[str]
+    need: Need,
+    wanted: int | None,
+    least: int,
+    printers: Iterable[PrinterView],
+    taken: frozenset[str],
+    patient: bool,
 ) -> Begin | Hold:
     """The printers that the job in front takes.
 
@@ -37,13 +44,15 @@ def begin(
         The fleet.
     taken
         Printers that waiting plates of earlier jobs will get.
+    patient
+        Wait for printers that are still connecting: true while the farm has just started.
     """
     matching = sorted((p for p in printers if need.matches(p)), key=lambda p: p.name)
     if not matching:
         return Hold(code=HoldCode.NO_SUCH_PRINTER, text="no printer of the fleet matches this job")
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
-    if arriving:
-        return Hold(code=HoldCode.PRINTER_ABSENT, text=f"connecting to {' '.join(arriving)}")
+    if arriving and patient:
+        return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
     idle = [p for p in matching if p.obstacle() is None and p.name not in taken]
     if not idle:
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
@@ -53,7 +62,9 @@ def begin(
         obstacles.sort(key=lambda hold: hold.code is not HoldCode.PRINTER_BUSY)
         return obstacles[0]
     given = min(len(idle), wanted or len(idle))
-    ceiling = min(len(matching), wanted or len(matching))
+    # A printer that is away or broken may never come back: it is not waited for.
+    coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
+    ceiling = min(len(coming), wanted or len(coming))
     if least > given:
         if least <= ceiling:
             text = f"it needs {least} printers in one round, {given} of {ceiling} are idle and clear"

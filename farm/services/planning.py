@@ -18,7 +18,7 @@ from decompose.report import Options, write
 from decompose.solid import Solid
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
-from farm.errors import ErrorCode, FarmError
+from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import JobOptions, Part, Plate
 from farm.services.estimate import plate_seconds
 from farm.services.files import store_file
@@ -114,13 +114,25 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
     Raises
     ------
     FarmError
-        `settings` with what there is instead, `engine` where Cura's files are missing.
+        `refused` where no printer of the fleet matches, `settings` where its quality does not exist, `engine`
+        where Cura's files are missing; each with what there is instead.
     """
     with in_farm_words():
         resources = find_resources()
-    for section in printers:
-        if section.enabled and options.material in (None, section.material):
-            printer_settings(section, options.quality, resources)
+    enabled = [section for section in printers if section.enabled]
+    matching = [
+        section
+        for section in enabled
+        if options.material in (None, section.material) and options.colour in (None, section.colour)
+    ]
+    if not matching:
+        have = sorted({f"{s.material} {s.colour}" if s.colour else s.material for s in enabled})
+        asked = " ".join(filter(None, (options.material, options.colour))) or "a printer"
+        raise Refused(
+            f"no printer of the fleet has {asked}; there is {', '.join(have) or 'no printer at all'}"
+        )
+    for section in matching:
+        printer_settings(section, options.quality, resources)
 
 
 def recipe(settings: Settings, prelude_s: float) -> Recipe:

@@ -24,12 +24,7 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.tracking.books import Books
 
-_PERSON_HOLDS = {
-    HoldCode.BED_NOT_CLEAR,
-    HoldCode.FILAMENT_UNKNOWN,
-    HoldCode.NEEDS_A_LOOK,
-    HoldCode.PRINTER_ABSENT,
-}
+_PASSING_HOLDS = {HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.PRINTER_CONNECTING}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +36,7 @@ class Scene:
     snapshots: Mapping[str, AgentSnapshot]
     state: StateFolder
     now_s: float
+    settled: bool = True  # the farm has been up long enough for every printer to have connected
 
     def moment(self, at_s: float | None) -> str | None:
         """ISO 8601 in the fleet's zone."""
@@ -93,7 +89,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
 def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
     """Everything about a printer; `hold` is what keeps it from a plate, if anything."""
     entry = scene.books.printer(section.name)
-    snapshot = scene.snapshots.get(section.name) or AgentSnapshot(printer=section.name, link=Link.STARTING)
+    snapshot = _snapshot(scene, section.name)
     attempt = scene.books.open_print_on(section.name)
     return api.PrinterView(
         name=section.name,
@@ -121,11 +117,18 @@ def todo(scene: Scene) -> list[api.Todo]:
         for entry in entries
         if entry.look
     ]
-    absent = [
-        api.Todo(code="connect", printers=[name], text=f"connect {name}: {snapshot.reason or 'no answer'}")
-        for name in scene.fleet.names
-        if (snapshot := scene.snapshots.get(name)) is not None and snapshot.link is Link.ABSENT
-    ]
+    absent, faulty = [], []
+    for section in scene.fleet.printers:
+        snapshot = _snapshot(scene, section.name)
+        missing = snapshot.link is Link.ABSENT or (
+            snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
+        )
+        if section.enabled and missing:
+            text = f"connect {section.name}: {snapshot.reason or 'no answer from it'}"
+            absent.append(api.Todo(code="connect", printers=[section.name], text=text))
+        elif snapshot.link is Link.FAULT and not scene.books.printer(section.name).look:
+            text = f"look at {section.name}: {snapshot.reason}, then `farm cleared {section.name}`"
+            faulty.append(api.Todo(code="look", printers=[section.name], text=text))
     full = [
         entry.name
         for entry in entries
@@ -136,7 +139,11 @@ def todo(scene: Scene) -> list[api.Todo]:
         beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
-    return [*looks, *absent, *clear]
+    return [*looks, *faulty, *absent, *clear]
+
+
+def _snapshot(scene: Scene, name: str) -> AgentSnapshot:
+    return scene.snapshots.get(name) or AgentSnapshot(printer=name, link=Link.STARTING)
 
 
 def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
@@ -190,11 +197,16 @@ def _last(books: Books, plate: Plate) -> Print:
 
 
 def _waits_for_person(books: Books, job: Job, plates: list[Plate]) -> bool:
+    """Whether nothing will go on with this job before a person does something."""
     if job.state is JobState.QUEUED:
-        return job.hold is not None and job.hold.code in _PERSON_HOLDS
-    if job.state is not JobState.PRINTING or any(True for _ in books.open_prints(job.id)):
+        waiting = [job.hold]
+        printing = any(True for _ in books.open_prints())
+    elif job.state is JobState.PRINTING:
+        waiting = [plate.hold for plate in plates]
+        printing = any(True for _ in books.open_prints(job.id))
+    else:
         return False
-    return any(plate.hold is not None and plate.hold.code in _PERSON_HOLDS for plate in plates)
+    return not printing and any(hold is not None and hold.code not in _PASSING_HOLDS for hold in waiting)
 
 
 def _part_view(scene: Scene, name: str) -> api.PartView:

@@ -67,7 +67,7 @@ def farm(tmp_path):
 
 def test_a_job_waits_for_its_printers_then_takes_all_that_are_idle_and_clear(farm):
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    assert farm.core.books.jobs[1].hold.code is HoldCode.PRINTER_ABSENT
+    assert farm.core.books.jobs[1].hold.code is HoldCode.PRINTER_CONNECTING
     farm.ready("a")
     assert farm.hands.plans == []
     farm.ready("b")

@@ -10,28 +10,32 @@ ANY = Need(None, None, None)
 
 def test_the_front_job_takes_all_that_are_idle_and_clear():
     fleet = [printer("a"), printer("b", bed=Bed.NOT_CLEAR), printer("c", booked=True), printer("d")]
-    assert begin(ANY, None, 0, fleet, frozenset()) == Begin(("a", "d"))
-    assert begin(ANY, None, 0, fleet, frozenset("d")) == Begin(("a",))
-    assert begin(ANY, 1, 0, fleet, frozenset()) == Begin(("a",))
+    assert begin(ANY, None, 0, fleet, frozenset(), True) == Begin(("a", "d"))
+    assert begin(ANY, None, 0, fleet, frozenset("d"), True) == Begin(("a",))
+    assert begin(ANY, 1, 0, fleet, frozenset(), True) == Begin(("a",))
 
 
 def test_given_fewer_printers_it_takes_the_roomiest():
     fleet = [printer("a"), printer("b", room=TALL)]
-    assert begin(ANY, 1, 0, fleet, frozenset()) == Begin(("b",))
+    assert begin(ANY, 1, 0, fleet, frozenset(), True) == Begin(("b",))
 
 
 def test_it_waits_for_printers_that_are_still_connecting():
-    answer = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset())
+    answer = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), True)
     assert isinstance(answer, Hold) and "b" in answer.text
+    late = begin(ANY, None, 0, [printer("a"), printer("b", link=Link.STARTING)], frozenset(), False)
+    assert late == Begin(("a",))
 
 
 def test_it_waits_for_enough_printers_for_one_round_and_takes_rounds_where_the_fleet_is_too_small():
     fleet = [printer("a"), printer("b", booked=True), printer("c")]
-    held = begin(ANY, None, 3, fleet, frozenset())
+    held = begin(ANY, None, 3, fleet, frozenset(), True)
     assert isinstance(held, Hold) and held.code is HoldCode.TOO_FEW_PRINTERS
-    assert begin(ANY, None, 5, fleet, frozenset()) == Begin(("a", "c"), rounds=3)
+    away = [printer("a"), printer("b", link=Link.ABSENT), printer("c", look="it smokes")]
+    assert begin(ANY, None, 2, away, frozenset(), True) == Begin(("a",), rounds=2)
+    assert begin(ANY, None, 5, fleet, frozenset(), True) == Begin(("a", "c"), rounds=3)
 
 
 def test_a_job_that_no_printer_matches_is_held_with_the_reason():
-    answer = begin(Need("generic_abs", None, None), None, 0, [printer("a")], frozenset())
+    answer = begin(Need("generic_abs", None, None), None, 0, [printer("a")], frozenset(), True)
     assert isinstance(answer, Hold) and answer.code is HoldCode.NO_SUCH_PRINTER
