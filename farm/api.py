@@ -170,4 +170,7 @@ class ClearedRequest(_View):
 
 
 class DownRequest(_View):
+    """`now`: end every print safely first; `wait`: let them end, and begin nothing new."""
+
     now: bool = False
+    wait: bool = False

@@ -43,8 +43,8 @@ class Client:
     def cleared(self, printer: str, request: api.ClearedRequest) -> None:
         self._call("POST", f"/printers/{printer}/cleared", body=request)
 
-    def down(self, now: bool) -> None:
-        self._call("POST", "/down", body=api.DownRequest(now=now))
+    def down(self, now: bool, wait: bool) -> None:
+        self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 
     def submit(self, model: Path, options: JobOptions, patience_s: float = 60.0) -> api.Submitted:
         """Upload a model. Tried again with the same request id while the daemon is away, for `patience_s`."""

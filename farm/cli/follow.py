@@ -41,12 +41,6 @@ def patiently(ask: Callable[[], T]) -> T:
             time.sleep(_EVERY_S)
 
 
-def until_idle(client: Client) -> None:
-    """Return when nothing prints any more."""
-    while any(printer.print is not None for printer in patiently(client.status).printers):
-        time.sleep(_EVERY_S)
-
-
 def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
     """Follow a job until its last part is printed, or until it ends otherwise. Ctrl-C leaves it running."""
     console = Console(stderr=True)
@@ -77,7 +71,7 @@ class _Lines:
         if view.waits_for_person:
             holds = [view.hold, *(plate.hold for plate in view.plates)]
             for text in sorted({hold.text for hold in holds if hold is not None}):
-                self._say(f"waits for a person: {text}")
+                self._say(f"waits for a person: {text}", loud=True)
         elif view.hold is not None and view.state == JobState.QUEUED:
             self._say(f"waits: {view.hold.text}")
         if view.state == JobState.PLANNING:
@@ -94,8 +88,8 @@ class _Lines:
                 if attempt.state == "failed":
                     self._say(f"{part.id} failed on {attempt.printer}: {attempt.reason}")
 
-    def _say(self, line: str) -> None:
-        if line not in self._said and not self._quiet:
+    def _say(self, line: str, loud: bool = False) -> None:
+        if line not in self._said and (loud or not self._quiet):
             self._said.add(line)
             self._console.print(f"  {line}", highlight=False, markup=False, soft_wrap=True)
 

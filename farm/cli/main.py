@@ -33,6 +33,7 @@ FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 
 _START_PATIENCE_S = 60.0
+_END_PATIENCE_S = 180.0
 
 
 def _fleet(places: Places) -> Fleet:
@@ -112,17 +113,17 @@ def down(
     """Stop the farm: agents, then the daemon. Refused while something prints."""
     places = find_places(state, socket, fleet)
     client = Client(places.socket)
-    if wait:
-        follow.until_idle(client)
     pid = client.status().daemon.pid
-    client.down(now)
-    give_up = time.monotonic() + _START_PATIENCE_S * 5
-    while time.monotonic() < give_up:
+    client.down(now, wait)
+    give_up = time.monotonic() + _END_PATIENCE_S
+    while wait or time.monotonic() < give_up:
         if not _exists(pid):
             print("farm is down")
             return
         time.sleep(0.1)
-    raise FarmError(f"the daemon (pid {pid}) is still there; see its log {places.state.log}")
+    raise FarmError(
+        f"the daemon (pid {pid}) is still there; `farm status`, and its log {places.state.log}, say why"
+    )
 
 
 def _exists(pid: int) -> bool:

@@ -7,7 +7,7 @@ import logging
 import subprocess
 import time
 from collections import deque
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -86,14 +86,22 @@ class Links:
     """All agents of the fleet."""
 
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, ears: Ears) -> None:
+        self._state, self._clock, self._ears = state, clock, ears
         self._links = {
-            section.name: AgentLink(section, state, clock, ears)
+            section.name: AgentLink(section.name, section, state, clock, ears)
             for section in fleet.printers
             if section.enabled
         }
 
-    def start(self) -> None:
-        """Adopt the agents that are alive, start the others, and listen to all."""
+    def start(self, printing: Iterable[str]) -> None:
+        """Adopt the agents that are alive, start the others, and listen to all.
+
+        `printing` are the printers on which the books have an open print: their agents are listened to even
+        where a person has taken the printer out of `fleet.yaml`.
+        """
+        for name in printing:
+            if name not in self._links:
+                self._links[name] = AgentLink(name, None, self._state, self._clock, self._ears)
         for link in self._links.values():
             link.start()
 
@@ -139,11 +147,14 @@ class Links:
 
 
 class AgentLink:
-    """One agent: its process, its connection, and what it is told."""
+    """One agent: its process, its connection, and what it is told. Without a section it is only adopted."""
 
-    def __init__(self, section: PrinterSection, state: StateFolder, clock: Clock, ears: Ears) -> None:
+    def __init__(
+        self, name: str, section: PrinterSection | None, state: StateFolder, clock: Clock, ears: Ears
+    ) -> None:
+        self._name = name
         self._section = section
-        self._folder = state.agent(section.name)
+        self._folder = state.agent(name)
         self._clock = clock
         self._ears = ears
         self._client = AgentClient(self._folder)
@@ -160,9 +171,13 @@ class AgentLink:
     def keep_alive(self) -> None:
         """Start the agent where none is alive."""
         if self._process is not None and self._process.poll() is not None:
-            log.warning("%s: its agent ended with %s", self._section.name, self._process.returncode)
+            log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
             self._process = None
         if self._stopping or self._process is not None or alive(self._folder):
+            return
+        if self._section is None:
+            gone = "it was taken out of fleet.yaml, and its agent is gone"
+            self._hear(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=gone))
             return
         now = time.monotonic()
         if len(self._starts) == self._starts.maxlen and now - self._starts[0] < 60.0:
@@ -173,7 +188,7 @@ class AgentLink:
             self._process = spawn(section.name, section.model, section.port, self._folder, self._clock)
             log.info("%s: agent started, pid %d", section.name, self._process.pid)
         except DriverError as error:
-            self._hear(AgentSnapshot(printer=self._section.name, link=Link.ABSENT, reason=str(error)))
+            self._hear(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
 
     async def _listen(self) -> None:
         while not self._stopping:
@@ -186,21 +201,21 @@ class AgentLink:
                     if said is None:
                         break
                     self._hear(translate(said))
-                log.info("%s: the connection to its agent is gone", self._section.name)
+                log.info("%s: the connection to its agent is gone", self._name)
             except TimeoutError:
-                log.warning("%s: its agent has said nothing for %g s", self._section.name, _SILENCE_S)
+                log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
             except DriverError as error:
-                log.warning("%s: %s", self._section.name, error)
+                log.warning("%s: %s", self._name, error)
             except Exception:
-                log.exception("%s: listening to its agent", self._section.name)
-            self._hear(AgentSnapshot(printer=self._section.name, link=Link.STARTING))
+                log.exception("%s: listening to its agent", self._name)
+            self._hear(AgentSnapshot(printer=self._name, link=Link.STARTING))
 
     def _hear(self, snapshot: AgentSnapshot) -> None:
         try:
             self._ears.heard(snapshot)
         except FarmError as error:
             # The books could not be written: nothing was changed, and the next word is taken afresh.
-            log.error("%s: %s", self._section.name, error)
+            log.error("%s: %s", self._name, error)
 
     def tell(self, request: m.Request) -> None:
         """Send a request; its refusal or loss is logged, and the next snapshot shows what is still owed."""
@@ -213,11 +228,11 @@ class AgentLink:
         try:
             reply = await self._client.request(request)
             if reply.error:
-                log.warning("%s: %s refused: %s", self._section.name, request.do, reply.error)
+                log.warning("%s: %s refused: %s", self._name, request.do, reply.error)
                 if isinstance(request, m.StartPrint):
                     self._ears.refused(request.print_id, reply.error)
         except (DriverError, FarmError) as error:
-            log.warning("%s: %s", self._section.name, error)
+            log.warning("%s: %s", self._name, error)
         finally:
             self._asked.discard(key)
 
@@ -227,19 +242,19 @@ class AgentLink:
         try:
             reply = await self._client.request(m.Shutdown(id=0, now=True))
             if reply.error:
-                log.warning("%s: %s", self._section.name, reply.error)
+                log.warning("%s: %s", self._name, reply.error)
         except DriverError as error:
-            log.info("%s: %s", self._section.name, error)
+            log.info("%s: %s", self._name, error)
         if self._process is not None:
             try:
                 await asyncio.to_thread(self._process.wait, 30.0)
             except subprocess.TimeoutExpired:
-                log.warning("%s: its agent does not end", self._section.name)
-        if self._section.simulated and emulator_alive(self._folder / _EMULATOR):
+                log.warning("%s: its agent does not end", self._name)
+        if emulator_alive(self._folder / _EMULATOR):
             try:
                 await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)
             except DriverError as error:
-                log.warning("%s: %s", self._section.name, error)
+                log.warning("%s: %s", self._name, error)
 
     async def close(self) -> None:
         self._stopping = True

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import fcntl
 import logging
+import math
 import os
 import shutil
 import socket
@@ -37,6 +38,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _SETTLE_S = 1.0
+_ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
 
@@ -54,6 +56,7 @@ class Daemon:
         self._links = Links(fleet, self._state, self._clock, self._core)
         self._planner = Planner(self._state, self._workers, self._core.planned)
         self._server: uvicorn.Server | None = None
+        self._ending: asyncio.Task[None] | None = None
 
     # -- the core's hands -------------------------------------------------------------------------------
 
@@ -91,7 +94,7 @@ class Daemon:
         )
         self._server = uvicorn.Server(config)
         self._core.start()
-        self._links.start()
+        self._links.start({attempt.printer for attempt in self._core.books.open_prints()})
         self._workers.warm(warm)
         timers = Timers()
         timers.every(_WATCH_S, "watch agents", self._links.watch)
@@ -115,10 +118,16 @@ class Daemon:
         self._core.stopping = True
         if now:
             self._core.abort_all()
-        asyncio.get_running_loop().create_task(self._end())
+        give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
+        self._ending = asyncio.get_running_loop().create_task(self._end(give_up))
 
-    async def _end(self) -> None:
-        while any(True for _ in self._core.books.open_prints()):
+    async def _end(self, give_up: float) -> None:
+        """Wait for open prints, then end. Prints that do not end keep the farm up: somebody has to look."""
+        while open_prints := sorted({attempt.printer for attempt in self._core.books.open_prints()}):
+            if asyncio.get_running_loop().time() > give_up:
+                log.error("not going down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
+                self._core.stopping = False
+                return
             await asyncio.sleep(0.1)
         await self._links.shut_down_agents()
         if self._server is not None:

@@ -134,7 +134,7 @@ def make_app(
     @app.post("/down")
     async def go_down(request: api.DownRequest) -> None:
         busy = sorted({attempt.printer for attempt in core.books.open_prints()})
-        if busy and not request.now:
+        if busy and not (request.now or request.wait):
             raise Refused(f"printing: {' '.join(busy)}; use --wait, or --now to end everything safely")
         await down(request.now)
 

@@ -2,7 +2,6 @@
 
 import asyncio
 import io
-from pathlib import Path
 
 import httpx
 import pytest
@@ -90,13 +89,37 @@ def test_a_cut_upload_is_no_job_and_leaves_no_file(daemon, size):
     assert not list(daemon.state.folder.work.iterdir())
 
 
-@pytest.mark.parametrize("name", ["../../evil.stl", "/etc/passwd.stl", "ein Würfel 立方体.stl", "a\nb.stl"])
+NAMES = {
+    "../../evil.stl": "evil.stl",
+    "/etc/passwd.stl": "passwd.stl",
+    "ein Würfel 立方体.stl": "ein Würfel 立方体.stl",
+    "a\nb.stl": "a b.stl",
+    "a\0b.stl": "a b.stl",
+    "C:\\parts\\box.stl": "box.stl",
+    "\N{SNAKE}" * 80 + ".stl": "\N{SNAKE}" * 56 + ".stl",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_name_is_only_a_name(daemon, name):
     answer = submit(daemon, stl(), name=name)
     assert answer.status_code == 200, answer.text
     inside = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
     assert inside <= {"state", "files"}
-    assert daemon.state.core.books.jobs[1].name == " ".join(Path(name).name.split())
+    assert daemon.state.core.books.jobs[1].name == NAMES[name]
+
+
+@pytest.mark.parametrize("name", ["..", ".", "box", "box." + "\N{SNAKE}" * 150])
+def test_a_name_without_a_known_suffix_is_refused_in_words(daemon, name):
+    answer = submit(daemon, stl(), name=name)
+    assert answer.status_code == 400
+    assert "not a known kind of model" in answer.json()["error"]
+
+
+def test_a_printer_that_nobody_has_is_refused_at_once(daemon):
+    answer = submit(daemon, stl(), options='{"material": "generic_pal"}')
+    assert answer.status_code == 409
+    assert "no printer of the fleet has generic_pal; there is generic_pla" in answer.json()["error"]
 
 
 BAD_OPTIONS = ("{", '{"printers": 0}', '{"x": 1}', '{"quality": "nonsense"}', '{"engine": "nonsense"}')

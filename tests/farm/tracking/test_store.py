@@ -40,3 +40,16 @@ def test_books_that_are_no_database_are_named(tmp_path):
     (tmp_path / "farm.db").write_text("these are not the books that you are looking for" * 50)
     with pytest.raises(StoreError, match="cannot be opened"):
         Store(tmp_path / "farm.db")
+
+
+def test_a_row_that_cannot_be_read_is_named(tmp_path):
+    import sqlite3
+
+    with Store(tmp_path / "farm.db") as store:
+        event = fleet()[0]
+        store.commit(event, Books(), apply(event, Books())[0])
+    with sqlite3.connect(tmp_path / "farm.db") as db:
+        db.execute("""UPDATE printer SET body = '{"name": "a", "bed": "soft"}'""")
+    db.close()
+    with Store(tmp_path / "farm.db") as store, pytest.raises(StoreError, match="printer a, bed"):
+        store.load()
