@@ -18,8 +18,9 @@ import math
 from collections.abc import Callable, Generator
 
 from drivers.errors import Fault
+from drivers.filament import Point, place, retracted_mm
 from drivers.gcode import Heat, HeaterName, Program
-from drivers.marlin import Event, Events, Link, Report, Trouble, Up
+from drivers.marlin import Event, Events, Link, Report, Said, Trouble, Up
 from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
 from drivers.profiles import Profile
@@ -28,6 +29,7 @@ from drivers.steps import TRIES, Ended, Pace, Script, Steps, Wait
 __all__ = ["PARKED_MM", "Pace", "Session"]
 
 PARKED_MM = 20.0  # how far back the end code and the printer's own menu leave the filament
+PARKED_SLACK_MM = 0.25
 HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
 BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: residence near the target
@@ -87,6 +89,7 @@ class Session(Steps):
         self.extruded = False
         self.started_s = now_s
         self.ended_s: float | None = None
+        self._place: Point | None = None  # by the last M114
         self._strange = 0  # reports in a row with targets that nobody here set
         self._deaf_s = max(DEAF_S, 5 * pace.floor_s)
         self._dead_man_s = max(DEAD_MAN_S, 10 * pace.floor_s)
@@ -151,6 +154,8 @@ class Session(Steps):
             return self._watch_targets(event)
         if isinstance(event, Up):
             self._up = event
+        elif isinstance(event, Said):
+            self._place = place(event.text) or self._place
         elif isinstance(event, Trouble) and not (
             self.link.only_ask and self.link.phase is not LinkPhase.DEAD
         ):
@@ -224,11 +229,12 @@ class Session(Steps):
                 self.phase = PrintPhase.PRINTING
         self.phase = PrintPhase.ENDING
         self._streamed = program.count
-        yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, b"M85 S0", limit_s=math.inf)
+        yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, limit_s=math.inf)
+        if self.filament is Filament.AT_NOZZLE:  # or parked by the file's end code
+            yield from self._park(retracted_mm(program, program.count))
+        yield from self._commands(b"M85 S0")
         if not (yield from self._shown_off()):
             raise Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
-        if self.extruded:
-            self.filament = Filament.PARKED  # by the file's end code
 
     def _check_printer(self) -> None:
         banner = self._up.banner if self._up is not None else b""
@@ -286,6 +292,20 @@ class Session(Steps):
         yield from self._commands(b"M82", b"G92 E0", b"G1 F300 E%g" % PARKED_MM, b"G92 E0", b"M400")
         self.filament = Filament.AT_NOZZLE
 
+    def _park(self, back_mm: float) -> Script:
+        """Draw the filament, which is so far back already, to where a print ends with it."""
+        hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
+        if abs(PARKED_MM - back_mm) <= PARKED_SLACK_MM:
+            self.filament = Filament.PARKED
+        elif hot:
+            self.filament = Filament.UNKNOWN
+            if (
+                yield from self._commands(b"G91", b"G1 F1500 E%.3f" % (back_mm - PARKED_MM), b"G90", b"M400")
+            ):
+                self.filament = Filament.PARKED
+        elif back_mm > PARKED_SLACK_MM:
+            self.filament = Filament.UNKNOWN
+
     # --- ways out ---
 
     def _make_safe(self) -> Script:
@@ -303,14 +323,14 @@ class Session(Steps):
     def _abort(self, homed: bool) -> Generator[Wait, bool, bool]:
         """The safe sequence of um2-serial section 5, with the filament parked. False where it got stuck."""
         self.link.halt()
-        hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
         if not (yield from self._commands(b"M401", b"M104 S0", b"M140 S0", b"M107", limit_s=STOP_S)):
             return False
         if homed:  # else nobody knows how far the bed may go
-            if hot and self.filament is Filament.AT_NOZZLE:
-                self.filament = Filament.UNKNOWN
-                yield from self._commands(b"G91", b"G1 F1500 E-%g" % PARKED_MM, b"M400")
-                self.filament = Filament.PARKED
+            if self.filament is Filament.AT_NOZZLE and self.program is not None:
+                self._place = None
+                yield from self._commands(b"M114")
+                done = max(self._carried_out, self.link.streamed)
+                yield from self._park(retracted_mm(self.program, done, self._place))
             away = (b"G91", b"G1 F1200 Z10", b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)
             if not (yield from self._commands(*away)):
                 return False

@@ -43,7 +43,7 @@ EMULATOR = "emulator"
 PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
 IDLE_PUSH_S = 5.0
 WARM_C = 40.0
-_PARKED_SLACK_MM = 7.5  # the slicer's own retraction may be under way when a print is cancelled
+_PARKED_SLACK_MM = 1.0
 _NEEDS_A_LOOK = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,

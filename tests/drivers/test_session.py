@@ -162,7 +162,7 @@ def test_a_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert rig.session.filament is Filament.PARKED
-    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=1.0)
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.board.head_mm[0] == pytest.approx(0.0, abs=0.5)
     assert rig.now_s - end_s < 60.0
 
@@ -298,3 +298,35 @@ def test_a_first_stage_too_cold_to_extrude_leaves_the_filament_parked():
     rig = Rig(text=text).run()
     assert_ended_off(rig, PrintPhase.DONE, None)
     assert rig.sent.count(b"G1 F300 E20") == 1
+
+
+def hopping(moves: int) -> str:
+    """Every stroke is followed by a retraction, a way and an un-retraction."""
+    path = []
+    for i in range(moves):
+        e_mm, x = 0.7 * (i + 1), 50 + 40 * (i % 2)
+        path.append(f"G1 F1500 X{x} Y{50 + i * 0.2:.2f} E{e_mm:.5f}\nG1 F1500 E{e_mm - 6.5:.5f}")
+        path.append(f"G0 F9000 X{x} Y{52 + i * 0.2:.2f}\nG1 F1500 E{e_mm:.5f}")
+        if not i % 50:
+            path.append("G92 E0\nG1 F600 E-1\nG92 E%.5f" % (e_mm - 1))
+    return GCODE.format(moves="\n".join(path), end=0.7 * moves - 6.5)
+
+
+@pytest.mark.parametrize("after_s", [0.1 * i for i in range(30)])
+def test_whatever_the_feeder_was_doing_a_cancel_leaves_the_filament_parked(after_s: float):
+    rig = Rig(text=hopping(120)).printing(60 + int(130 * after_s))
+    until_s = rig.now_s + after_s
+    rig.run(until=lambda: rig.now_s >= until_s)
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert rig.session.filament is Filament.PARKED
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+
+
+def test_a_file_that_parks_nothing_ends_parked_all_the_same():
+    text = gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", "")
+    rig = Rig(text=text).run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.session.filament is Filament.PARKED
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)

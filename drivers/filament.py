@@ -1,0 +1,150 @@
+"""How far back the filament is in the middle of a file, by its lines and where the head stood. Pure.
+
+The firmware acknowledges moves long before it makes them, so the last line that it took does not tell where
+a quick stop (M401) found the feeder. But M114 then tells the real place (um2-serial section 3), and of the
+last moves only those that lead through it can have been under way.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Sequence
+
+from drivers.gcode import Program
+
+AHEAD_LINES = 64  # planner and line buffer hold 24 moves, and not every line is a move
+WINDOW_LINES = 4096  # the filament was surely at the nozzle somewhere in so many lines
+NEAR_MM = 1.0  # M114 rounds to 0.01
+
+_PLACE = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
+_WORD = re.compile(rb"([XYZE])(-?[\d.]+)")
+_AXES = {b"X": 0, b"Y": 1, b"Z": 2, b"E": 3}
+_MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
+
+Point = Sequence[float]
+"""X, Y, Z, E in mm, as the file counts them; NaN where nobody knows."""
+
+
+def place(said: bytes) -> Point | None:
+    """The answer to M114: the target of the last move, which after M401 is where the head stands."""
+    found = _PLACE.match(said)
+    if found is None:
+        return None
+    try:
+        return [float(value) for value in found.groups()]
+    except ValueError:
+        return None
+
+
+def retracted_mm(program: Program, done: int, stood: Point | None = None) -> float:
+    """How far behind the nozzle's tip the filament ends.
+
+    Parameters
+    ----------
+    program
+        What is printed; the filament was at the nozzle when it began to extrude.
+    done
+        Lines that were acknowledged.
+    stood
+        Where a quick stop found the head; None where all moves were made.
+
+    Returns
+    -------
+    float
+        In mm, 0 at the tip. Exact but for a G92 among the last moves, which shifts what the firmware counts.
+    """
+    walk = _Walk(program, max(0, done - WINDOW_LINES), done)
+    return walk.back_mm if stood is None else walk.back_at(stood)
+
+
+class _Walk:
+    """The last lines, followed as the firmware does."""
+
+    def __init__(self, program: Program, start: int, done: int) -> None:
+        self._relative = _last(program, start, b"G91", b"G90")
+        self._relative_e = _last(program, start, b"M83", b"M82")
+        if self._relative or self._relative_e:  # what E counts is the sum of all
+            self._relative = self._relative_e = False
+            start = 0
+        self._at = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
+        self.back_mm = 0.0
+        # from, to, and how far back the filament was before
+        self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=AHEAD_LINES)
+        for line in program.lines(start, done):
+            self._follow(line)
+
+    def _follow(self, line: bytes) -> None:
+        if line.startswith(_MOVES):
+            self._move(line)
+        elif line.startswith(b"G92"):
+            for letter, value in _WORD.findall(line):
+                self._count(_AXES[letter], float(value))
+        elif line.startswith(b"G28"):  # all moves before it were made
+            self._moves.clear()
+            self._at[:3] = [math.nan] * 3
+        elif line in (b"G90", b"G91"):
+            self._relative = line == b"G91"
+        elif line in (b"M82", b"M83"):
+            self._relative_e = line == b"M83"
+
+    def _move(self, line: bytes) -> None:
+        before = self._at
+        after = before.copy()
+        for letter, value in _WORD.findall(line):
+            axis = _AXES[letter]
+            relative = self._relative or (axis == 3 and self._relative_e)
+            after[axis] = float(value) + (before[axis] if relative else 0.0)
+        self._moves.append((before, after, self.back_mm))
+        self._at = after
+        fed_mm = after[3] - before[3]
+        if not math.isnan(fed_mm):
+            self.back_mm = max(0.0, self.back_mm - fed_mm)
+
+    def _count(self, axis: int, value: float) -> None:
+        """G92: the same place has another name from now on, in the moves under way as well."""
+        shift = value - self._at[axis]
+        self._at = self._at.copy()
+        self._at[axis] = value
+        self._moves = deque(
+            (
+                (_shifted(before, axis, shift), _shifted(after, axis, shift), back_mm)
+                for before, after, back_mm in self._moves
+            ),
+            AHEAD_LINES,
+        )
+
+    def back_at(self, stood: Point) -> float:
+        """How far back the filament was where the head stood; by the last line where no move leads there."""
+        nearest_mm, found_mm = NEAR_MM, self.back_mm
+        for before, after, back_mm in self._moves:
+            away_mm = _distance(stood, before, after)
+            if away_mm < nearest_mm:
+                fed_mm = stood[3] - before[3]
+                nearest_mm, found_mm = away_mm, max(0.0, back_mm - (0.0 if math.isnan(fed_mm) else fed_mm))
+        return found_mm
+
+
+def _last(program: Program, line: int, yes: bytes, no: bytes) -> bool:
+    """Whether of two lines the one was the last before `line`."""
+    end = program.offsets[line // 256] if line else 0
+    end += len(b"".join(part + b"\n" for part in program.lines(line - line % 256, line)))
+    return program.text.rfind(b"\n" + yes + b"\n", 0, end) > program.text.rfind(b"\n" + no + b"\n", 0, end)
+
+
+def _shifted(point: list[float], axis: int, by_mm: float) -> list[float]:
+    return [value + by_mm if at == axis else value for at, value in enumerate(point)]
+
+
+def _distance(point: Point, start: Point, end: Point) -> float:
+    """From a point to a stretch, over the axes that are known."""
+    known = [
+        (p, b if math.isnan(a) else a, b)
+        for p, a, b in zip(point, start, end, strict=True)
+        if not math.isnan(b)
+    ]
+    long2 = sum((b - a) ** 2 for _, a, b in known)
+    along = sum((p - a) * (b - a) for p, a, b in known) / long2 if long2 else 0.0
+    along = min(max(along, 0.0), 1.0)
+    return math.sqrt(sum((p - a - along * (b - a)) ** 2 for p, a, b in known))
