@@ -17,6 +17,12 @@ class _Message(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class _Said(_Message):
+    """What an agent says. It may be of another version than who reads it: an upgrade ends no print."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
 class LinkState(StrEnum):
     """What the agent knows of its board."""
 
@@ -52,14 +58,14 @@ class PrintPhase(StrEnum):
         return self in (PrintPhase.DONE, PrintPhase.FAILED, PrintPhase.CANCELLED)
 
 
-class Heater(_Message):
+class Heater(_Said):
     """A heater as last reported, in degrees Celsius."""
 
     now_c: float
     target_c: float
 
 
-class PrintSnapshot(_Message):
+class PrintSnapshot(_Said):
     """The print that is open, or the last one that ended and was not yet forgotten."""
 
     print_id: str
@@ -76,7 +82,7 @@ class PrintSnapshot(_Message):
     starved_s: float = 0.0  # emulator only: farm seconds of this print in which it waited for the host
 
 
-class Snapshot(_Message):
+class Snapshot(_Said):
     """Everything the daemon may know of an agent. Times on the farm's clock."""
 
     kind: Literal["snapshot"] = "snapshot"
@@ -150,7 +156,7 @@ class Shutdown(_Message):
 Request = Hello | StartPrint | CancelPrint | ForgetPrint | BedCleared | Shutdown
 
 
-class Reply(_Message):
+class Reply(_Said):
     """The answer to one request. `error` is one sentence where it was refused."""
 
     kind: Literal["reply"] = "reply"

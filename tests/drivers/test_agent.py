@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from drivers import messages as m
 from drivers.agent.journal import Journal
@@ -223,6 +224,30 @@ def test_a_print_goes_on_without_a_daemon_and_in_spite_of_a_signal(tmp_path: Pat
 
 
 @pytest.mark.system
+@pytest.mark.parametrize("lines", [40, 77, 114])
+def test_after_a_cancel_in_the_middle_the_filament_is_parked_whatever_was_drawn_back(
+    tmp_path: Path, lines: int
+):
+    strokes = (
+        f"G1 F1500 X{50 + 9 * (i % 2)} Y{50 + i % 100} Z0.3 E{i + 1}\nG1 F900 E{i - 5.5}\n"
+        f"G0 F9000 X{80 - 9 * (i % 2)}\nG1 F900 E{i + 1}\n"
+        for i in range(2000)
+    )
+
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(HEAD + "".join(strokes) + TAIL)
+            await one.until(lambda s: s.print is not None and s.print.line >= lines)
+            await one.client.request(m.CancelPrint(id=0, print_id="p-1"))
+            await one.phase(m.PrintPhase.CANCELLED)
+            last = await one.ready()
+            assert last.heaters_off and last.filament is m.Filament.PARKED
+            assert settled(one.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
+
+    run(story())
+
+
+@pytest.mark.system
 def test_a_file_that_is_not_the_one_that_was_meant_heats_nothing(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
@@ -306,6 +331,22 @@ def test_nobody_there_is_an_agent_error(tmp_path: Path):
 
     assert not alive(tmp_path)
     run(story())
+
+
+def test_what_an_agent_of_another_version_says_is_understood_and_what_it_is_told_is_not_guessed():
+    heater = {"now_c": 20.0, "target_c": 0.0, "power": 0.5}
+    said = {
+        "kind": "snapshot",
+        "printer": "a",
+        "agent_pid": 1,
+        "link": "ready",
+        "bed": heater,
+        "humidity": 40,
+    }
+    snapshot = m.from_agent_adapter.validate_python(said)
+    assert isinstance(snapshot, m.Snapshot) and snapshot.bed == m.Heater(now_c=20.0, target_c=0.0)
+    with pytest.raises(ValidationError):
+        m.request_adapter.validate_python({"do": "hello", "id": 1, "loudly": True})
 
 
 def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
