@@ -230,8 +230,10 @@ class Session(Steps):
         self.phase = PrintPhase.ENDING
         self._streamed = program.count
         yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, limit_s=math.inf)
-        if self.filament is Filament.AT_NOZZLE:  # or parked by the file's end code
-            yield from self._park(retracted_mm(program, program.count))
+        if (
+            self.filament is Filament.AT_NOZZLE
+        ):  # as far back as the file's end code left it: it cools already
+            yield from self._park(retracted_mm(program, program.count), hot=False)
         yield from self._commands(b"M85 S0")
         if not (yield from self._shown_off()):
             raise Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
@@ -292,9 +294,8 @@ class Session(Steps):
         yield from self._commands(b"M82", b"G92 E0", b"G1 F300 E%g" % PARKED_MM, b"G92 E0", b"M400")
         self.filament = Filament.AT_NOZZLE
 
-    def _park(self, back_mm: float) -> Script:
+    def _park(self, back_mm: float, hot: bool) -> Script:
         """Draw the filament, which is so far back already, to where a print ends with it."""
-        hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
         if abs(PARKED_MM - back_mm) <= PARKED_SLACK_MM:
             self.filament = Filament.PARKED
         elif hot:
@@ -330,7 +331,8 @@ class Session(Steps):
                 self._place = None
                 yield from self._commands(b"M114")
                 done = max(self._carried_out, self.link.streamed)
-                yield from self._park(retracted_mm(self.program, done, self._place))
+                hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
+                yield from self._park(retracted_mm(self.program, done, self._place), hot)
             away = (b"G91", b"G1 F1200 Z10", b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)
             if not (yield from self._commands(*away)):
                 return False

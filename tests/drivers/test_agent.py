@@ -236,7 +236,7 @@ def test_after_a_cancel_in_the_middle_the_filament_is_parked_whatever_was_drawn_
 
     async def story() -> None:
         async with printer(tmp_path) as one:
-            await one.start(HEAD + "".join(strokes) + TAIL)
+            await one.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
             await one.until(lambda s: s.print is not None and s.print.line >= lines)
             await one.client.request(m.CancelPrint(id=0, print_id="p-1"))
             await one.phase(m.PrintPhase.CANCELLED)

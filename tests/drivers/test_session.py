@@ -324,9 +324,14 @@ def test_whatever_the_feeder_was_doing_a_cancel_leaves_the_filament_parked(after
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
 
-def test_a_file_that_parks_nothing_ends_parked_all_the_same():
-    text = gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", "")
+@pytest.mark.parametrize(
+    ("end", "filament"),
+    [("", Filament.UNKNOWN), ("G1 E200\n", Filament.AT_NOZZLE), ("G1 E180\n", Filament.PARKED)],
+)
+def test_at_the_end_the_filament_is_where_the_file_left_it(end: str, filament: Filament):
+    text = gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end)
     rig = Rig(text=text).run()
     assert_ended_off(rig, PrintPhase.DONE, None)
-    assert rig.session.filament is Filament.PARKED
-    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+    assert rig.session.filament is filament
+    end_mm = {Filament.UNKNOWN: -6.5, Filament.AT_NOZZLE: 0.0, Filament.PARKED: -20.0}[filament]
+    assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=0.1)
