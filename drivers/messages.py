@@ -88,6 +88,8 @@ class Snapshot(_Said):
     kind: Literal["snapshot"] = "snapshot"
     printer: str
     agent_pid: int
+    model: str = ""  # what the agent was started with
+    port: str = ""
     link: LinkState
     reason: str | None = None  # why ABSENT or FAULT, one sentence
     nozzle: Heater | None = None

@@ -53,6 +53,7 @@ class Board:
         self.report: Report | None = None
         self.absent: str | None = "the port was not opened yet"
         self.look: str | None = None  # trouble while idle: a person has to see to it
+        self.doubt: str | None = None  # what happened here that we did not cause: is the bed still clear?
         self.resets = 0  # that the agent did not cause
         self.stirred = False  # something other than the next line of a program happened
         self._url, self._folder, self._clock = url, folder, clock
@@ -123,6 +124,7 @@ class Board:
 
     def looked_at(self) -> None:
         """A person saw to the printer: whatever was the matter is over."""
+        self.doubt = None
         if self.look is None and self.link.phase is not Phase.DEAD:
             return
         self.look = None
@@ -189,6 +191,8 @@ class Board:
     def _notice(self, event: Event, now_s: float) -> None:
         if isinstance(event, Report):
             self.report = event
+            if self.session is None and (event.nozzle_target_c > 0 or event.bed_target_c > 0):
+                self._doubt("somebody switched a heater on at the printer")
         elif isinstance(event, Up):
             log.info("the board answers%s", " after a reset" if event.restarted else "")
         elif isinstance(event, Said):
@@ -202,6 +206,7 @@ class Board:
 
     def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:
+            self._doubt("its board was reset, and not by the farm")
             self.link.restarted(now_s)
         elif trouble.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._gone(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
@@ -229,8 +234,16 @@ class Board:
             return
         self._opened()
 
+    def _doubt(self, reason: str) -> None:
+        """Bed and filament are not known any more; the first reason is kept."""
+        if self.doubt is None:
+            log.warning("not known to be clear any more: %s", reason)
+            self.doubt = reason
+
     def _gone(self, error: PortError) -> None:
         log.warning("%s", error)
+        if self.session is None and self.absent is None:
+            self._doubt("its port went away: it may have been used meanwhile")
         self._moved(None)
         self.close()
         self.absent = str(error)

@@ -29,11 +29,14 @@ class Memory:
         Prints that are over: none of them is ever started again.
     look
         Why a person has to look at the printer, until they did.
+    doubt
+        What happened at the printer that this farm did not cause, until a person has cleared its bed.
     """
 
     print: PrintSnapshot | None = None
     filament: Filament = Filament.UNKNOWN
     look: str | None = None
+    doubt: str | None = None
     ended: set[str] = field(default_factory=set)
 
     def take(self, record: dict[str, Any]) -> None:
@@ -47,6 +50,8 @@ class Memory:
             self.filament = Filament(record["filament"])
         if "look" in record:
             self.look = record["look"]
+        if "doubt" in record:
+            self.doubt = record["doubt"]
 
 
 class Journal:

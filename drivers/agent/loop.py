@@ -81,6 +81,10 @@ class Agent:
         self._spool = Spool(folder / "spool")
         self._board = Board(url, folder / EMULATOR, clock, self._remember, self._port_moved)
         self._board.look = self._journal.memory.look
+        self._board.doubt = self._journal.memory.doubt
+        if self._board.doubt is None and not self._board.simulated:
+            self._board.doubt = "nobody watched it before its agent was started"
+        self._url = url
         self._program: Program | None = None
         self._starved_before_s = 0.0
         self._pushed: tuple[object, ...] = ()
@@ -155,8 +159,8 @@ class Agent:
 
     def _write_down(self) -> None:
         session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
-        if self._board.look != memory.look:
-            self._journal.write(now_s, look=self._board.look)
+        if (self._board.look, self._board.doubt) != (memory.look, memory.doubt):
+            self._journal.write(now_s, look=self._board.look, doubt=self._board.doubt)
         if session is None or memory.print is None:
             return
         told = memory.print
@@ -222,6 +226,8 @@ class Agent:
         return Snapshot(
             printer=self._printer,
             agent_pid=os.getpid(),
+            model=self._profile.model,
+            port=self._url,
             link=link,
             reason=reason,
             nozzle=Heater(now_c=report.nozzle_c, target_c=report.nozzle_target_c) if report else None,
@@ -231,6 +237,7 @@ class Agent:
             bed_clear=status.bed_clear if status is not None else None,
             starved_s=status.starved_s if status is not None else 0.0,
             board_resets=board.resets,
+            doubt=board.doubt,
             print=told,
         )
 
@@ -240,6 +247,7 @@ class Agent:
         key = (
             self._link_state(),
             self._board.resets,
+            self._board.doubt,
             self._board.report is None,
             memory.print.print_id if memory.print is not None else None,
             (session.phase, session.extruded, session.filament, session.heaters_off) if session else None,
@@ -299,6 +307,8 @@ class Agent:
         link, reason = self._link_state()
         if link is not LinkState.READY:
             raise AgentError(f"{self._printer} is {link}{': ' + reason if reason else ''}")
+        if self._board.doubt is not None:
+            raise AgentError(f"{self._printer}: its bed is not known to be clear: {self._board.doubt}")
         if request.filament is Filament.UNKNOWN:
             raise AgentError(f"{self._printer}: nobody knows where its filament is: load it first")
         now_s = self._clock.now()

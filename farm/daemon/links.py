@@ -200,7 +200,8 @@ class AgentLink:
                         said = await anext(words, None)
                     if said is None:
                         break
-                    self._hear(translate(said))
+                    if self._is_ours(said):
+                        self._hear(translate(said))
                 log.info("%s: the connection to its agent is gone", self._name)
             except TimeoutError:
                 log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
@@ -216,6 +217,17 @@ class AgentLink:
         except FarmError as error:
             # The books could not be written: nothing was changed, and the next word is taken afresh.
             log.error("%s: %s", self._name, error)
+
+    def _is_ours(self, said: m.Snapshot) -> bool:
+        """Whether the agent was started for what `fleet.yaml` says; an idle one that was not is replaced."""
+        section = self._section
+        if section is None or (said.model, said.port) == (section.model, section.port):
+            return True
+        if said.print is not None:
+            return True  # what it prints is in the books: first that
+        log.warning("%s: its agent has %s at %s: replacing it", self._name, said.model, said.port)
+        self._spawn_task(self._end_agent())
+        return False
 
     def tell(self, request: m.Request) -> None:
         """Send a request; its refusal or loss is logged, and the next snapshot shows what is still owed."""
@@ -237,8 +249,11 @@ class AgentLink:
             self._asked.discard(key)
 
     async def shut_down(self) -> None:
-        """End the agent; a simulated printer is switched off."""
+        """End the agent for good; a simulated printer is switched off."""
         self._stopping = True
+        await self._end_agent()
+
+    async def _end_agent(self) -> None:
         try:
             reply = await self._client.request(m.Shutdown(id=0, now=True))
             if reply.error:
