@@ -40,7 +40,7 @@ def main() -> int:
     clean()
     STATE.mkdir()
     model = STATE / "aqueduct.stl"
-    print("A model that is larger than any one printer:", flush=True)
+    print("It takes about four minutes. A model that is larger than any one printer:", flush=True)
     subprocess.run([sys.executable, str(ROOT / "examples" / "make_aqueduct.py"), str(model)], check=True)
     farm("up", "--fleet", str(ROOT / "fleet.yaml"))
     try:
@@ -50,7 +50,10 @@ def main() -> int:
         code = 130
     finally:
         farm("down", "--now", check=False)
-    print(f"\nBooks, parts and G-code are in {STATE.relative_to(ROOT)}/; `make demo` starts afresh.")
+    print(
+        f"\nParts and G-code are in {STATE.relative_to(ROOT)}/jobs/1/. On a real farm, which stays up, a person "
+        "would now\nclear the beds and say so for each; `make demo` starts afresh."
+    )
     return code
 
 

@@ -41,6 +41,7 @@ class PlateStatus(_View):
     gcode: str
     estimated_s: float
     grams: float
+    printing: bool
     hold: Hold | None
 
 

@@ -148,32 +148,49 @@ def load_fleet(path: Path, models: frozenset[str]) -> Fleet:
     raw["printers"] = [
         {**defaults, **printer} if isinstance(printer, dict) else printer for printer in raw["printers"]
     ]
+    for index, printer in enumerate(raw["printers"]):
+        model = printer.get("model") if isinstance(printer, dict) else None
+        if isinstance(model, str) and model not in models:
+            place = _written(node, ("printers", index, "model"))
+            known = ", ".join(sorted(models))
+            field = ".".join(map(str, place))
+            raise FleetFileError(f"{path}:{_line(node, place)}: {field}: {model!r} is not one of {known}")
     try:
-        fleet = Fleet.model_validate(raw)
+        return Fleet.model_validate(raw)
     except ValidationError as error:
         raise FleetFileError(_first_mistake(path, node, error)) from error
-    for index, printer in enumerate(fleet.printers):
-        if printer.model not in models:
-            line = _line(node, ("printers", index, "model"))
-            known = ", ".join(sorted(models))
-            raise FleetFileError(
-                f"{path}:{line}: printers.{index}.model: {printer.model!r} is not one of {known}"
-            )
-    return fleet
 
 
 def _first_mistake(path: Path, node: yaml.Node | None, error: ValidationError) -> str:
     first = error.errors()[0]
-    place = first["loc"]
+    place = _written(node, first["loc"])
     line = _line(node, place)
     if first["type"] == "extra_forbidden":
-        owners: dict[str, type[BaseModel]] = {"fleet": FleetSection, "printers": PrinterSection}
+        owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
+        owners |= {"printers": PrinterSection, "defaults": PrinterSection}
         owner = owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
         message = f"unknown key; known are {', '.join(owner.model_fields)}"
     else:
         message = first["msg"].removeprefix("Value error, ")
     field = ".".join(map(str, place))
     return f"{path}:{line}: {field}: {message}" if field else f"{path}:{line}: {message}"
+
+
+def _written(node: yaml.Node | None, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
+    """Where a person wrote what is found at `place`: a printer's key may stand in `defaults`."""
+    if len(place) < 3 or place[0] != "printers":
+        return place
+    own = _find(node, place[:2])
+    shared = _find(node, ("defaults",))
+    if any(key == place[2] for key, _ in _children(own)):
+        return place
+    return ("defaults", *place[2:]) if any(key == place[2] for key, _ in _children(shared)) else place
+
+
+def _find(node: yaml.Node | None, place: tuple[str | int, ...]) -> yaml.Node | None:
+    for step in place:
+        node = next((child for key, child in _children(node) if key == step), None)
+    return node
 
 
 def _line(node: yaml.Node | None, place: tuple[str | int, ...]) -> int:

@@ -78,6 +78,8 @@ def slice_model(
     if json:
         print(jsonlib.dumps(report, indent=2))
         return
+    for line in report["repairs"]:
+        print(f"  {line}")
     print(
         f"{out}: {span(report['print_time_s'])}, {report['grams']:.0f} g, {report['layers']} layers"
         f"{' (from the cache)' if report['cached'] else ''}"

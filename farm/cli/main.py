@@ -12,11 +12,12 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
+import farm
 from drivers.profiles import PROFILES
 from farm.cli import follow, local, render
 from farm.cli.client import Client
 from farm.config import Fleet, load_fleet
-from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError
+from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError, NoSuchThing
 from farm.model import Engine, FilamentState, JobOptions
 from farm.paths import Places, find_places
 
@@ -26,6 +27,22 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"farm {farm.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Turns a fleet of Ultimaker 2+ printers into one fast printer for large models."""
+
 
 State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
 Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).")]
@@ -112,6 +129,8 @@ def down(
 ) -> None:
     """Stop the farm: agents, then the daemon. Refused while something prints."""
     places = find_places(state, socket, fleet)
+    if wait and now:
+        raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
     client = Client(places.socket)
     pid = client.status().daemon.pid
     client.down(now, wait)
@@ -167,18 +186,23 @@ def submit(
         flag = str(first["loc"][0]).removesuffix("_mm").replace("_", "-")
         raise FarmError(f"--{flag} {first['input']}: {first['msg']}", ErrorCode.SETTINGS) from error
     if not model.is_file():
-        raise FarmError(f"{model}: there is no such file", ErrorCode.MODEL)
+        what = "is a folder" if model.is_dir() else "there is no such file"
+        raise FarmError(f"{model}: {what}; name the file of a model", ErrorCode.MODEL)
     client = Client(places.socket)
     number = client.submit(model, options).job
     answer = client.job(number)
     if not json:
         render.submitted(answer.job, wait)
     if wait:
-        answer = follow.job(client, number, quiet=json)
+        try:
+            answer = follow.job(client, number, quiet=json)
+        except KeyboardInterrupt:
+            say(f"job {number} goes on; `farm status {number}` shows how")
+            raise
     job = answer.job
     if json:
         print(answer.model_dump_json(by_alias=True, indent=2))
-    elif wait:
+    elif wait and (job.parts or not job.exit_code):
         render.result(job)
     if job.exit_code:
         if job.reason:
@@ -225,8 +249,14 @@ def cleared(
 ) -> None:
     """Say that a bed is clear (and that whatever was wrong with the printer has been looked at)."""
     client = Client(find_places(state, socket, fleet).socket)
+    fleet_now = {p.name: p for p in client.status().printers}
     if printers == ["all"]:
-        printers = [p.name for p in client.status().printers if p.print is None and p.bed != "clear"]
+        printers = [p.name for p in fleet_now.values() if p.print is None and p.hold is not None]
+        if not printers:
+            print("there is nothing to clear")
+    unknown = [name for name in printers if name not in fleet_now]
+    if unknown:
+        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet_now)}")
     from farm.api import ClearedRequest
 
     request = ClearedRequest(filament=filament, by=os.environ.get("USER") or f"uid {os.getuid()}")
@@ -244,8 +274,10 @@ def cancel(
 ) -> None:
     """End a job: what prints is ended safely, what waits is not printed."""
     client = Client(find_places(state, socket, fleet).socket)
-    client.cancel(job)
-    print(f"job {job} is cancelled; its printers end safely, their beds have to be cleared")
+    answer = client.cancel(job)
+    printing = sorted({plate.printer for plate in answer.job.plates if plate.printing})
+    ends = f"; {' '.join(printing)} end safely, their beds have to be cleared" if printing else ""
+    print(f"job {job} is cancelled{ends}")
 
 
 app.command()(local.decompose)

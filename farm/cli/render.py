@@ -17,6 +17,8 @@ from farm.cli.words import moment, span
 from farm.model import JobState
 
 _REFRESH_S = 1.0
+_ENDED_SHOWN = 5  # jobs that have ended; `farm status --json` has all
+_NAME_WIDTH = 16
 
 
 def _console() -> Console:
@@ -102,11 +104,13 @@ def _status(view: api.Status) -> RenderableType:
         )
     rows.append(printers)
     if view.jobs:
-        jobs = _table("JOB", "MODEL", "STATE", "PRINTED", "EXPECTED", "NOW", "ENDS", "SPEED-UP", "USE")
-        for one in view.jobs:
+        jobs = _table("JOB", "MODEL", "STATE", "DONE", "EXPECTED", "NOW", "ENDS", "SPEED", "USE")
+        running = [one for one in view.jobs if not JobState(one.state).ended]
+        ended = [one for one in view.jobs if JobState(one.state).ended]
+        for one in [*ended[-_ENDED_SHOWN:], *running]:
             jobs.add_row(
                 str(one.id),
-                one.name,
+                one.name if len(one.name) <= _NAME_WIDTH else one.name[: _NAME_WIDTH - 1] + "…",
                 one.state,
                 f"{_printed(one)}/{len(one.parts)}" if one.parts else "",
                 span(one.estimated_s),

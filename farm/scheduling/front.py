@@ -58,9 +58,13 @@ def begin(
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
         if not obstacles:
             return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer has a plate waiting")
-        # What ends by itself is waited for first; a person is asked only where nothing does.
-        obstacles.sort(key=lambda hold: hold.code is not HoldCode.PRINTER_BUSY)
-        return obstacles[0]
+        # What ends by itself is waited for; a person is asked only where nothing does.
+        busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
+        full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
+        if busy and full:
+            sooner = f"`farm cleared {full[0]}` would let it begin now, if that bed is clear"
+            return Hold(code=HoldCode.PRINTER_BUSY, text=f"{busy[0].text}; {sooner}")
+        return (busy or obstacles)[0]
     given = min(len(idle), wanted or len(idle))
     # A printer that is away or broken may never come back: it is not waited for.
     coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import tempfile
 from pathlib import Path
@@ -12,7 +13,7 @@ from decompose.cost import CostModel, PrinterRoom
 from decompose.mesh import load_model
 from decompose.report import Interior, Options, write
 from drivers.profiles import PROFILES, part_room
-from farm.errors import ErrorCode, FarmError
+from farm.errors import ErrorCode, FarmError, Refused
 from farm.services.planning import recipe
 from farm.services.plates import SliceTask, slice_part
 from farm.services.trouble import in_farm_words
@@ -52,6 +53,7 @@ def decompose_to_folder(
         options = Options(granularity=granularity, interior=Interior(interior), min_wall_mm=min_wall_mm)
     except ValueError:
         raise FarmError(f"--interior {interior}: leave or keep", ErrorCode.SETTINGS) from None
+    _empty_for_parts(out)
     with in_farm_words():
         settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
@@ -81,8 +83,6 @@ def slice_to_file(
         )
         settings = resolve_settings(request, find_resources())
         engine = find_engine()
-        if not path.is_file():
-            raise FarmError(f"{path}: there is no such file", ErrorCode.MODEL)
         model = load_model(path, scale=1.0)
     room = part_room(PROFILES[printer_model], settings.brim_width_mm)
     with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
@@ -99,10 +99,14 @@ def slice_to_file(
             cache=None,
         )
         result = slice_part(task)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(result.gcode, out)
+        try:
+            out.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(result.gcode, out)
+        except OSError as error:
+            raise FarmError(f"{out}: cannot be written ({error.strerror}); name another file") from error
     return {
         "schema": 1,
+        "repairs": list(model.repairs),
         "print_time_s": result.print_time_s,
         "filament_mm": result.filament_mm,
         "filament_mm3": result.filament_mm3,
@@ -111,3 +115,28 @@ def slice_to_file(
         "cached": result.cached,
         "settings": {"global": settings.global_, "extruder": settings.extruder},
     }
+
+
+def _empty_for_parts(out: Path) -> None:
+    """Make the folder, without the parts that an earlier run left there.
+
+    Raises
+    ------
+    Refused
+        Where the folder has other things in it: parts of two models must not get mixed up.
+    """
+    report = out / "decomposition.json"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        ours = {"decomposition.json", "assembly.png"}
+        if report.is_file():
+            ours |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
+        others = sorted(path.name for path in out.iterdir() if path.name not in ours)
+        if others:
+            raise Refused(f"{out}: holds other things ({others[0]}...); name an empty folder with --out")
+        for name in ours:
+            (out / name).unlink(missing_ok=True)
+    except (ValueError, KeyError, TypeError) as error:
+        raise Refused(f"{report}: is not ours; name an empty folder with --out") from error
+    except OSError as error:
+        raise FarmError(f"{out}: cannot be written ({error.strerror}); name another folder") from error

@@ -14,7 +14,7 @@ from decompose import partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
 from decompose.mesh import Model
-from decompose.report import Options, write
+from decompose.report import Decomposition, Options, write
 from decompose.solid import Solid
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
@@ -190,7 +190,8 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     prelude_s = prelude_seconds(first, settings[first.name])
     cost = CostModel.from_recipe(recipe(settings[first.name], prelude_s))
     try:
-        found = partition.decompose(model, rooms, Options(), cost)
+        found = _whole(model, rooms, cost) if task.options.printers is None else None
+        found = found or partition.decompose(model, rooms, Options(), cost)
         written = write(found, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
@@ -206,6 +207,19 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
         scale=model.scale,
         picture=task.folder / "assembly.png",
     )
+
+
+def _whole(model: Model, rooms: list[PrinterRoom], cost: CostModel) -> Decomposition | None:
+    """A model that one printer can hold stays in one part: who wants it sooner says how many printers."""
+    x, y, z = map(float, model.extents_mm)
+    poses = ((x, y, z), (y, z, x), (z, x, y))
+    rooms = [room for room in rooms if any(room.fits(*pose) for pose in poses)]
+    for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
+        try:
+            return partition.decompose(model, [room], Options(), cost)
+        except NoFit:
+            continue
+    return None
 
 
 def _part(part: Any, folder: Path) -> DecomposedPart:

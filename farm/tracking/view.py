@@ -53,9 +53,10 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
     elapsed_s = _elapsed_s(job, prints, scene.now_s)
     remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(scene, plates)
     ended = job.state is JobState.PRINTED
-    makespan_s = elapsed_s if ended else job.estimated_s
+    makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
+    makespan_s = makespan_s or job.estimated_s
     busy_s = sum(_busy_s(scene, plate) for plate in plates)
-    used = {(_last(books, plate).printer if plate.prints else plate.printer) for plate in plates}
+    used = {attempt.printer for attempt in prints} | {p.printer for p in plates if not p.prints}
     exit_code = EXIT_CODES[job.error] if job.error else ExitCode.DONE
     if job.state is JobState.FAILED and job.planned_s is not None:
         exit_code = ExitCode.JOB_FAILED
@@ -113,7 +114,7 @@ def todo(scene: Scene) -> list[api.Todo]:
     """What a person has to do now, most pressing first."""
     entries = [scene.books.printers[name] for name in scene.fleet.names if name in scene.books.printers]
     looks = [
-        api.Todo(code="look", printers=[entry.name], text=f"look at {entry.name}: {entry.look}")
+        api.Todo(code="look", printers=[entry.name], text=_look_at(entry.name, entry.look))
         for entry in entries
         if entry.look
     ]
@@ -127,7 +128,7 @@ def todo(scene: Scene) -> list[api.Todo]:
             text = f"connect {section.name}: {snapshot.reason or 'no answer from it'}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text))
         elif snapshot.link is Link.FAULT and not scene.books.printer(section.name).look:
-            text = f"look at {section.name}: {snapshot.reason}, then `farm cleared {section.name}`"
+            text = _look_at(section.name, snapshot.reason)
             faulty.append(api.Todo(code="look", printers=[section.name], text=text))
     full = [
         entry.name
@@ -140,6 +141,10 @@ def todo(scene: Scene) -> list[api.Todo]:
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
     return [*looks, *faulty, *absent, *clear]
+
+
+def _look_at(name: str, why: str | None) -> str:
+    return f"look at {name}: {why or 'its print failed'}; then `farm cleared {name}`"
 
 
 def _snapshot(scene: Scene, name: str) -> AgentSnapshot:
@@ -238,6 +243,7 @@ def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
         gcode=str(scene.state.files / plate.gcode),
         estimated_s=plate.estimated_s,
         grams=plate.grams,
+        printing=any(not attempt.state.ended for attempt in scene.books.prints_of(plate)),
         hold=plate.hold,
     )
 

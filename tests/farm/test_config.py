@@ -57,6 +57,8 @@ def test_the_repositorys_own_fleet_is_good():
         (GOOD.replace("/dev/serial/by-path/one", "sim://ultimaker2_extended_plus"), "another model"),
         (GOOD.replace("model: ultimaker2_plus", "model: prusa"), "'prusa' is not one of"),
         (GOOD.replace("name: a,", "name: ../a,"), "printers.0.name"),
+        (GOOD.replace("colour: red", "color: red"), "fleet.yaml:3: defaults.color: unknown key"),
+        (GOOD.replace("model: ultimaker2_plus", "model: prusa"), "fleet.yaml:3: defaults.model"),
     ],
 )
 def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
