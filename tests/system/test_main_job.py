@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.emulator.launch import Command, control
 from real_farm import wait_for
 
 pytestmark = pytest.mark.system
@@ -136,6 +137,22 @@ def test_an_agent_dies_and_its_printer_is_cold_at_once(farm, bar):
     assert farm.job()["waits_for_person"]
     farm.ok("cleared", "one")
     wait_for("the second attempt", lambda: farm.job()["state"] == "printed")
+
+
+def test_a_printer_that_was_reset_by_somebody_gets_no_plate_until_a_person_has_looked(farm, bar):
+    control(farm.emulator("one"), Command.RESET)
+    wait_for("the farm to notice", lambda: farm.printer("one")["look"])
+    printer = farm.printer("one")
+    assert (printer["bed"], printer["state"]) == ("unknown", "look")
+    assert [item["code"] for item in farm.status()["todo"]] == ["look"]
+    # Nor does a daemon that was not there when it happened forget it.
+    farm.kill_daemon()
+    farm.ok("up")
+    wait_for("the other printer", lambda: farm.printer("two")["state"] == "idle")
+    assert farm.printer("one")["bed"] == "unknown"
+    farm.ok("cleared", "one")
+    wait_for("the printer to be ready", lambda: farm.printer("one")["state"] == "idle")
+    assert farm.printer("one")["bed"] == "clear"
 
 
 def test_the_farm_is_not_taken_down_in_mid_print_unless_told_to(farm, bar):

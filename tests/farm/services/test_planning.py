@@ -1,5 +1,7 @@
 """From a submitted model to a plan: the real decomposition and CuraEngine, without processes around them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -87,6 +89,15 @@ def test_too_few_printers_say_how_many_would_do_and_rounds_do(bar, files, tmp_pa
     assert error.value.needed == 2
     cut = decompose_job(task(bar, files, tmp_path, printers=1, rounds=2))
     assert [p.printer for p in cut.parts] == ["p0", "p0"]
+
+
+def test_a_model_that_one_printer_can_hold_stays_whole_unless_a_person_gives_more(files, tmp_path):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((60.0, 50.0, 40.0)).export(path)
+    box = inspect_model(path, "box.stl", JobOptions(), files)
+    assert len(decompose_job(task(box, files, tmp_path)).parts) == 1
+    given = replace(task(box, files, tmp_path), options=JobOptions(printers=2))
+    assert len(decompose_job(given).parts) == 2
 
 
 class NoHands:
