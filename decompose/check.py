@@ -18,6 +18,7 @@ from decompose.cost import PrinterRoom
 from decompose.errors import GeometryError
 from decompose.grid import Grid
 from decompose.mesh import Model
+from decompose.solid import Solid
 
 if TYPE_CHECKING:
     from decompose.report import Decomposition, Part
@@ -151,7 +152,6 @@ def check_missing(
         covered[x0:x1, y0:y1, z0:z1] = True
     steps = [np.diff(p) for p in grid.planes]
     volume = steps[0][:, None, None] * steps[1][None, :, None] * steps[2][None, None, :]
-    centres = [(p[:-1] + p[1:]) / 2.0 for p in grid.planes]
     # A cell outside the boxes is empty or full; whether it is full is seen from the model's own cuts.
     left = ~covered & (grid.cuts[0][:-1] > 0.0)
     whole = model.solid.volume_mm3
@@ -163,17 +163,20 @@ def check_missing(
         )
     if not left.any():
         return
-    vertices, faces = model.solid.arrays()
-    samples = np.concatenate([vertices, vertices[faces].mean(axis=1)])
-    for x, y, z in np.argwhere(left):
-        centre = np.array([centres[0][x], centres[1][y], centres[2][z]])
-        half = np.array([steps[0][x], steps[1][y], steps[2][z]]) / 2.0
-        gap = np.maximum(0.0, np.abs(samples - centre) - half)
-        distance = float(np.sqrt(np.einsum("ij,ij->i", gap, gap).min()))
-        if distance < min_wall_mm - FIT_MM:
-            raise GeometryError(
-                Rule.WALL, None, f"the hollow at {np.round(centre)} is {distance:.2f} mm from the surface"
-            )
+    hollows = [Solid.box(*grid.bounds_mm((x, y, z, x + 1, y + 1, z + 1))) for x, y, z in np.argwhere(left)]
+    lo, hi = model.solid.bounds_mm
+    far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from any hollow than the limit
+    outside = Solid.box(lo - far_mm, hi + far_mm).subtract(model.solid)
+    distance = outside.gap_mm(Solid.union(hollows), min_wall_mm)
+    if distance >= min_wall_mm - FIT_MM:
+        return
+    while len(hollows) > 1:  # halve until the one that is to blame is left
+        half = hollows[: len(hollows) // 2]
+        near = outside.gap_mm(Solid.union(half), min_wall_mm) < min_wall_mm - FIT_MM
+        hollows = half if near else hollows[len(half) :]
+    distance = outside.gap_mm(hollows[0], min_wall_mm)
+    centre = np.round(hollows[0].bounds_mm.mean(axis=0))
+    raise GeometryError(Rule.WALL, None, f"the hollow at {centre} is {distance:.2f} mm from the surface")
 
 
 def check_stl(path: Path, part: Part) -> None:

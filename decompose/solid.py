@@ -105,6 +105,13 @@ class Solid:
         """The same with edges gone that are shorter than the tolerance, and what is flat to within it."""
         return Solid(_checked(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
+    def gap_mm(self, other: Solid, up_to_mm: float) -> float:
+        """The least distance to another solid, exact between their triangles; 0 where they meet.
+
+        Not looked for further than `up_to_mm`, which is the answer where the two are further apart.
+        """
+        return float(self.manifold.min_gap(other.manifold, up_to_mm))
+
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
         """What lies below and above an axis plane."""
         normal = tuple(1.0 if i == axis else 0.0 for i in range(3))

@@ -168,6 +168,34 @@ def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostMod
     assert caught.value.rule == Rule.WALL
 
 
+@pytest.mark.parametrize(("top", "gap"), [(199.0, 1.0), (189.0, None)])
+def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
+    cost: CostModel, top: float, gap: float | None
+) -> None:
+    """The faces of a plain cube have their corners and centres far from a hollow under one of them."""
+    cube = Model(Solid.box((0, 0, 0), (200, 200, 200)), (), 1.0)
+    vertices, faces = cube.solid.arrays()
+    room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
+    base = decompose(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
+    plain = build_grid(vertices[faces], 3, 10.0, keep_interior=False, overhang_cos=0.7)
+    x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
+    cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
+    grid = replace(plain, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow
+    around: list[Box] = [
+        (0, 0, 0, 1, 3, 3), (2, 0, 0, 3, 3, 3), (1, 0, 0, 2, 1, 3),
+        (1, 2, 0, 2, 3, 3), (1, 1, 0, 2, 2, 1), (1, 1, 2, 2, 2, 3),
+    ]  # fmt: skip
+    assert grid.shape == (3, 3, 3)
+    shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
+    hollow = replace(base, parts=(part(shell, "p01", "p"),))
+    if gap is None:
+        check_missing(hollow.parts, cube, grid, around, 10.0)
+        return
+    with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as caught:
+        check_missing(hollow.parts, cube, grid, around, 10.0)
+    assert caught.value.rule == Rule.WALL
+
+
 def test_a_spoilt_file_is_refused(good: Decomposition, tmp_path: Path) -> None:
     written = write(good, tmp_path)
     path = tmp_path / written.parts[0].file
