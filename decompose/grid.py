@@ -323,5 +323,5 @@ def _wall(
         lo = np.array([planes[0][x], planes[1][y], planes[2][z]])
         hi = np.array([planes[0][x + 1], planes[1][y + 1], planes[2][z + 1]])
         gap = np.maximum(0.0, np.maximum(boxes[:, :3] - hi, lo - boxes[:, 3:]))
-        wall[x, y, z] = bool((np.einsum("ij,ij->i", gap, gap) < min_wall_mm**2).any())
+        wall[x, y, z] = bool((np.einsum("ij,ij->i", gap, gap) < min_wall_mm * min_wall_mm).any())
     return wall

@@ -162,3 +162,12 @@ def test_written_parts_go_back_into_the_model(
         total += part["volume_mm3"]
     assert total <= lump.volume_mm3 * (1.0 + 1e-9)
     assert (tmp_path / "out" / "assembly.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.mark.parametrize("min_wall_mm", [1e4, 1e200])
+def test_a_wall_thicker_than_the_model_leaves_nothing_out(
+    min_wall_mm: float, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    cube = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
+    result = decompose(cube, fleet, Options(granularity=6, min_wall_mm=min_wall_mm), cost)
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(1e6)
