@@ -31,6 +31,10 @@ class ModelTiny(DecomposeError):
     """The model is so small that its unit is probably not the millimetre; a scale is needed."""
 
 
+class ModelHuge(DecomposeError):
+    """The model is so large, or so far from its origin, that its numbers are no lengths of a print in mm."""
+
+
 class NoFit(DecomposeError):
     """The parts do not fit the printers.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from decompose.errors import (
     ModelEmpty,
     ModelFlat,
+    ModelHuge,
     ModelNotFinite,
     ModelNotSolid,
     ModelTiny,
@@ -28,9 +30,14 @@ from decompose.stl import faces_present, faces_promised, is_binary_stl
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off")
 TINY_MM = 5.0  # under this longest side the unit is doubted
+SMALLEST_MM = 0.1  # less than any nozzle draws
+LARGEST_MM = 1e6  # further from the origin double precision falls short of the tolerances that cuts need
 FLAT_RATIO = 1e-6  # of the longest side
 AREA_SHARE = 0.20  # more change of the surface than this is no repair
 EXTENT_SHARE = 0.05  # nor more change of the size than this
+# Each body is closed and joined by itself. Real models have hundreds of them at most; loose triangles are one
+# body each, no solid, and a large file of them would take hours.
+MAX_BODIES = 1000
 UNITS = {"metres": 1000.0, "inches": 25.4}
 
 Floats = npt.NDArray[np.float64]
@@ -66,7 +73,13 @@ class Model:
         return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def load_model(path: Path, *, scale: float | None = None, longest_side_mm: float | None = None) -> Model:
+def load_model(
+    path: Path,
+    *,
+    scale: float | None = None,
+    longest_side_mm: float | None = None,
+    name: str | None = None,
+) -> Model:
     """Read a model file, scale it, and close it where it is open.
 
     Parameters
@@ -77,46 +90,62 @@ def load_model(path: Path, *, scale: float | None = None, longest_side_mm: float
         Factor from the file's numbers to mm; 1 by default.
     longest_side_mm
         Instead of `scale`: the longest side that the model shall have.
+    name
+        What a person calls the file, where that is not the path's own name. Messages use it, and its suffix
+        tells the kind of file.
 
     Raises
     ------
-    ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelNotSolid
-        In the order in which they are looked for.
+    ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge, ModelNotSolid
+        About in the order in which they are looked for.
     """
-    name = path.name
+    where = _one_line(str(path) if name is None else name)
+    suffix = Path(path.name if name is None else name).suffix.lower()
+    name = _one_line(path.name if name is None else name)
     for flag, value in (("--scale", scale), ("--longest-side", longest_side_mm)):
-        if value is not None and not (np.isfinite(value) and value > 0.0):
+        if value is not None and not 0.0 < value <= sys.float_info.max:
             raise ModelUnreadable(f"{flag} {value}: give a number above 0")
     if scale is not None and longest_side_mm is not None:
         raise ModelUnreadable("--scale and --longest-side exclude each other: give one of them")
-    triangles = _read(path)
+    triangles = _read(path, where, name, suffix)
     if not np.isfinite(triangles).all():
         bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
         raise ModelNotFinite(
             f"{name}: {bad} of {len(triangles)} triangles have a coordinate that is no number"
         )
-    area = np.linalg.norm(
-        np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1
-    )
-    if not (area > 0.0).any():
+    reach = float(np.abs(triangles).max())
+    unit = triangles / (reach or 1.0)  # its squares neither overflow nor vanish
+    cross = np.cross(unit[:, 1] - unit[:, 0], unit[:, 2] - unit[:, 0])
+    if not cross.any():
         raise ModelEmpty(f"{name}: holds no triangle with an area; export the model again")
-    size = triangles.max(axis=(0, 1)) - triangles.min(axis=(0, 1))
+    size = unit.max(axis=(0, 1)) - unit.min(axis=(0, 1))
     if size.min() <= FLAT_RATIO * size.max():
         axis = "xyz"[int(size.argmin())]
         raise ModelFlat(f"{name}: is flat, without thickness along {axis}; a print needs a solid")
-    factor = _factor(name, float(size.max()), scale, longest_side_mm)
+    factor = _factor(name, float(size.max()) * reach, scale, longest_side_mm)
+    if float(size.max()) * reach * factor < SMALLEST_MM:
+        raise ModelTiny(f"{name}: would be less than {SMALLEST_MM:g} mm long; give a larger --longest-side")
+    if not reach * factor <= LARGEST_MM:
+        raise ModelHuge(
+            f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
+            "give a smaller --longest-side, or move the model to its origin"
+        )
     solid, repairs = _close(name, triangles * factor)
     return Model(solid, tuple(repairs), factor)
 
 
-def _read(path: Path) -> Floats:
+def _one_line(text: str) -> str:
+    """Without what would break a line or cannot be printed; file names may hold anything."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
     """The file's triangles (m, 3, 3)."""
-    name = path.name
     try:
         data = path.read_bytes()
-    except OSError as error:
-        raise ModelUnreadable(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    suffix = path.suffix.lower()
+    except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
+        why = getattr(error, "strerror", None) or error
+        raise ModelUnreadable(f"{where}: cannot be read ({why}); check the path") from error
     if suffix not in SUFFIXES:
         known = ", ".join(s[1:].upper() for s in SUFFIXES)
         raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {known}")
@@ -138,7 +167,9 @@ def _read(path: Path) -> Floats:
         loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
         triangles = np.array(loaded.triangles, dtype=np.float64)
     except Exception as error:  # readers of hostile bytes raise anything
-        why = str(error).splitlines()[0][:80] if str(error) else type(error).__name__
+        why = _one_line(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
+        if isinstance(error, ImportError):  # the reader looks for a package that guesses encodings
+            why = "its text is not UTF-8"
         raise ModelUnreadable(
             f"{name}: cannot be read as {suffix[1:].upper()} ({why}); export it again"
         ) from error
@@ -173,7 +204,7 @@ def _close(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
     dropped = len(triangles) - len(mesh.faces)
     if dropped:
         repairs.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
-    before = _bodies(mesh)
+    before = _bodies(name, mesh)
     after = [b if b.is_watertight and b.is_winding_consistent else _mesh_fix(b) for b in before]
     _refuse_if_changed(name, before, after)
     broken = [b for b in before if not b.is_watertight]
@@ -191,17 +222,23 @@ def _close(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
     return _join(name, [b for b in after if b is not None], repairs), repairs
 
 
-def _bodies(mesh: Any) -> list[Any]:
+def _bodies(name: str, mesh: Any) -> list[Any]:
     """The mesh's connected bodies."""
     f = mesh.faces
     links = np.concatenate([f[:, :2], f[:, 1:]])
     graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(len(mesh.vertices),) * 2)
     label = connected_components(graph, directed=False)[1][f[:, 0]]
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order])) + 1
+    if len(starts) >= MAX_BODIES:
+        raise ModelNotSolid(
+            f"{name}: {len(starts) + 1} loose surfaces (limit {MAX_BODIES}): loose triangles, or a scan with "
+            "its dust, are no solid; delete what is loose and export a solid"
+        )
     bodies = []
-    for which in np.unique(label):
-        body: Any = trimesh.Trimesh(mesh.vertices, f[label == which], process=False)
-        body.remove_unreferenced_vertices()
-        bodies.append(body)
+    for faces in np.split(f[order], starts) if len(f) else []:
+        used, index = np.unique(faces, return_inverse=True)
+        bodies.append(trimesh.Trimesh(mesh.vertices[used], index.reshape(-1, 3), process=False))
     return bodies
 
 
@@ -225,7 +262,7 @@ def _area(bodies: list[Any]) -> float:
 def _refuse_if_changed(name: str, before: list[Any], after: list[Any]) -> None:
     """A repair that changes much has invented a model; half a model and loose triangles are caught here."""
     left = [b for b in after if b is not None]
-    if not left:
+    if not left or _area(before) == 0.0:
         raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
     kept = _area(after) / _area(before)
     if abs(kept - 1.0) > AREA_SHARE:
@@ -253,11 +290,9 @@ def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
         repairs.append("Turned the model inside out: its triangles faced inwards.")
     bodies = sorted(bodies, key=lambda b: -abs(b.volume))
     turned = 0
+    lo, hi = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
     for i, body in enumerate(bodies):
-        inside = any(
-            (b.bounds[0] <= body.bounds[0]).all() and (b.bounds[1] >= body.bounds[1]).all()
-            for b in bodies[:i]
-        )
+        inside = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
         if body.volume < 0.0 and not inside:  # no cavity: there is nothing around it
             body.invert()
             turned += 1

@@ -21,7 +21,7 @@ from decompose.errors import (
     ModelTiny,
     ModelUnreadable,
 )
-from decompose.mesh import load_model
+from decompose.mesh import MAX_BODIES, load_model
 from decompose.solid import Solid
 from decompose.stl import write_stl
 
@@ -144,6 +144,32 @@ def test_loose_triangles(tmp_path: Path) -> None:
         load_model(save(tmp_path / "soup.stl", soup))
 
 
+def test_loose_triangles_by_the_thousand_are_refused_before_any_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(body: object) -> None:
+        raise AssertionError("closes bodies one by one")
+
+    monkeypatch.setattr("decompose.mesh._mesh_fix", never)
+    soup = np.random.default_rng(3).uniform(0.0, 100.0, (12_000, 3, 3))
+    with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as caught:
+        load_model(save(tmp_path / "soup.stl", soup))
+    assert str(MAX_BODIES) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_hundreds_of_bodies_are_one_solid(tmp_path: Path) -> None:
+    cubes = [
+        block((x, y, z), (x + 6.0, y + 6.0, z + 6.0))
+        for x in range(0, 70, 10) for y in range(0, 70, 10) for z in range(0, 140, 10)
+    ]  # fmt: skip
+    cubes[5] = cubes[5][1:]  # one of them open
+    model = load_model(save(tmp_path / "many.stl", np.concatenate(cubes)))
+    assert model.solid.volume_mm3 == pytest.approx(len(cubes) * 216.0)
+    assert any(f"{len(cubes)} bodies" in r for r in model.repairs)
+    assert any("3 open edges" in r for r in model.repairs)
+
+
 def test_half_a_model_is_not_closed_by_force(tmp_path: Path) -> None:
     triangles = ball()
     half = triangles[triangles[:, :, 2].mean(axis=1) > 0.0]
@@ -196,6 +222,27 @@ def test_bodies_are_joined_and_cavities_kept(tmp_path: Path) -> None:
     model = load_model(save(tmp_path / "turned.stl", np.concatenate(turned)))
     assert model.solid.volume_mm3 == pytest.approx(9000.0)
     assert any("1 of 2 bodies" in r for r in model.repairs)
+
+
+def test_a_file_goes_by_the_name_a_person_gave_it(tmp_path: Path) -> None:
+    path = save(tmp_path / "3fa9c1", ball())
+    assert load_model(path, name="My Ball.STL").repairs == ()
+    path.write_bytes(path.read_bytes()[:200])
+    with pytest.raises(ModelUnreadable, match=r"^My Ball\.STL: its header promises"):
+        load_model(path, name="My Ball.STL")
+    with pytest.raises(ModelUnreadable, match=r"^ball\.obj: "):
+        load_model(path, name="ball.obj")
+    with pytest.raises(ModelUnreadable, match=r"^notes\.txt: not a known kind"):
+        load_model(path, name="notes.txt")
+    with pytest.raises(ModelUnreadable, match=r"^3fa9c1: not a known kind"):
+        load_model(path)
+    with pytest.raises(ModelUnreadable, match=r"^gone\.stl: cannot be read"):
+        load_model(tmp_path / "nowhere", name="gone.stl")
+    with pytest.raises(ModelUnreadable, match=r"^two\?lines\.stl: ") as caught:
+        load_model(path, name="two\nlines.stl")
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ModelUnreadable, match="cannot be read"):
+        load_model(Path("nul\0byte.stl"))
 
 
 @pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
