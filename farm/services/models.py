@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,13 +38,7 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
     with in_farm_words():
         find_engine()
         find_resources()
-        named = path.with_name(uuid.uuid4().hex) / Path(name).name
-        named.parent.mkdir()
-        try:
-            path.replace(named)
-            model = load_model(named, scale=options.scale, longest_side_mm=options.longest_side_mm)
-        finally:
-            shutil.rmtree(named.parent)
+        model = load_model(path, name=name, scale=options.scale, longest_side_mm=options.longest_side_mm)
         vertices, faces = model.solid.arrays()
     temporary = path.with_name(f"solid-{uuid.uuid4().hex}.npz")
     np.savez_compressed(
