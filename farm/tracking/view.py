@@ -111,40 +111,29 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
 
 
 def todo(scene: Scene) -> list[api.Todo]:
-    """What a person has to do now, most pressing first."""
-    entries = [scene.books.printers[name] for name in scene.fleet.names if name in scene.books.printers]
-    looks = [
-        api.Todo(code="look", printers=[entry.name], text=_look_at(entry.name, entry.look))
-        for entry in entries
-        if entry.look
-    ]
-    absent, faulty = [], []
+    """What a person has to do now: look, connect, clear; each printer once."""
+    looks, absent, full = [], [], []
     for section in scene.fleet.printers:
-        snapshot = _snapshot(scene, section.name)
-        missing = snapshot.link is Link.ABSENT or (
+        entry, snapshot = scene.books.printer(section.name), _snapshot(scene, section.name)
+        away = snapshot.link is Link.ABSENT or (
             snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
         )
-        if section.enabled and missing:
-            text = f"connect {section.name}: {snapshot.reason or 'no answer from it'}"
+        why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
+        if section.enabled and away:
+            also = f"; and look at it: {entry.look}" if entry.look else ""
+            text = f"connect {section.name}: {snapshot.reason or 'no answer from it'}{also}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text))
-        elif snapshot.link is Link.FAULT and not scene.books.printer(section.name).look:
-            text = _look_at(section.name, snapshot.reason)
-            faulty.append(api.Todo(code="look", printers=[section.name], text=text))
-    full = [
-        entry.name
-        for entry in entries
-        if entry.bed is not Bed.CLEAR and not entry.look and scene.books.open_print_on(entry.name) is None
-    ]
+        elif why:
+            text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
+            looks.append(api.Todo(code="look", printers=[section.name], text=text))
+        elif entry.bed is not Bed.CLEAR and scene.books.open_print_on(section.name) is None:
+            full.append(section.name)
     clear = []
     if full:
         beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
-    return [*looks, *faulty, *absent, *clear]
-
-
-def _look_at(name: str, why: str | None) -> str:
-    return f"look at {name}: {why or 'its print failed'}; then `farm cleared {name}`"
+    return [*looks, *absent, *clear]
 
 
 def _snapshot(scene: Scene, name: str) -> AgentSnapshot:
@@ -265,6 +254,6 @@ def _printer_state(look: str | None, snapshot: AgentSnapshot, attempt: Print | N
         return "disabled"
     if attempt is not None:
         return str(attempt.state)
-    if look is not None:
+    if look is not None and snapshot.link is not Link.ABSENT:
         return "look"
     return "idle" if snapshot.link is Link.READY else str(snapshot.link)
