@@ -38,6 +38,7 @@ _PHASES = {
 }
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
 _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
+_CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
 
@@ -201,7 +202,7 @@ class AgentLink:
                     if said is None:
                         break
                     if self._is_ours(said):
-                        self._hear(translate(said))
+                        self._hear(self._up_to_date(translate(said)))
                 log.info("%s: the connection to its agent is gone", self._name)
             except TimeoutError:
                 log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
@@ -217,6 +218,12 @@ class AgentLink:
         except FarmError as error:
             # The books could not be written: nothing was changed, and the next word is taken afresh.
             log.error("%s: %s", self._name, error)
+
+    def _up_to_date(self, snapshot: AgentSnapshot) -> AgentSnapshot:
+        """Without a doubt that a person has just dispelled: the agent's word was on its way meanwhile."""
+        if _CLEARED in self._asked:
+            return snapshot.model_copy(update={"doubt": None})
+        return snapshot
 
     def _is_ours(self, said: m.Snapshot) -> bool:
         """Whether the agent was started for what `fleet.yaml` says; an idle one that was not is replaced."""
