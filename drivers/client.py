@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import fcntl
 import os
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from pydantic import ValidationError
 import drivers
 from drivers.clock import Clock
 from drivers.errors import AgentError, MessageError
+from drivers.locks import held
 from drivers.messages import Reply, Request, Snapshot, from_agent_adapter
 
 SOCKET = "agent.sock"
@@ -192,11 +192,4 @@ def spawn(printer: str, model: str, port: str, folder: Path, clock: Clock) -> su
 
 def alive(folder: Path) -> bool:
     """Whether an agent of this folder lives: whether its lock is held."""
-    try:
-        with (folder / LOCK).open("rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except FileNotFoundError:
-        return False
-    except BlockingIOError:
-        return True
-    return False
+    return held(folder / LOCK)

@@ -20,6 +20,7 @@ from drivers.clock import Clock
 from drivers.emulator.faults import parse_url
 from drivers.emulator.status import EmulatorStatus, read_status
 from drivers.errors import PortError
+from drivers.locks import held
 
 __all__ = ["Command", "EmulatorStatus", "alive", "control", "launch", "read_status"]
 
@@ -93,14 +94,7 @@ def launch(url: str, folder: Path, clock: Clock) -> Path:
 
 def alive(folder: Path) -> bool:
     """Whether an emulator of this folder lives: whether its lock is held."""
-    try:
-        with (folder / ALIVE_LOCK).open("rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except FileNotFoundError:
-        return False
-    except BlockingIOError:
-        return True
-    return False
+    return held(folder / ALIVE_LOCK)
 
 
 def control(folder: Path, command: Command | str) -> dict[str, Any]:
