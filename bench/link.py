@@ -14,12 +14,14 @@ import json
 import os
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from drivers import messages as m
 from drivers.client import AgentClient, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import control
+from drivers.errors import DriverError
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
@@ -36,30 +38,39 @@ async def one(folder: Path, clock: Clock, gcode: Path, sha256: str) -> tuple[flo
     """Print on one printer: wall time of the first and last line, the agent's CPU seconds between."""
     process = spawn(folder.name, MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
-    await client.connect()
-    start = m.StartPrint(
-        id=0, print_id="bench", gcode=str(gcode), sha256=sha256, print_time_s=1.0, filament=m.Filament.PARKED
-    )
-    began_s = ended_s = cpu_before_s = cpu_after_s = 0.0
-    asked = False
-    async for snapshot in client.snapshots():
-        if snapshot.link is m.LinkState.READY and not asked:
-            asked = True
-            reply = await client.request(start)
-            if reply.error:
-                raise SystemExit(reply.error)
-        phase = snapshot.print.phase if snapshot.print else None
-        if phase is m.PrintPhase.PRINTING and not began_s:
-            began_s, cpu_before_s = time.time(), cpu_s(process.pid)
-        if phase is not None and phase.ended:
-            ended_s, cpu_after_s = time.time(), cpu_s(process.pid)
-            if phase is not m.PrintPhase.DONE:
-                raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
-            break
-    await client.request(m.Shutdown(id=0))
-    await client.close()
-    await asyncio.to_thread(process.wait, 10.0)
-    control(folder / "emulator", "power_off")
+    try:
+        await client.connect()
+        start = m.StartPrint(
+            id=0,
+            print_id="bench",
+            gcode=str(gcode),
+            sha256=sha256,
+            print_time_s=1.0,
+            filament=m.Filament.PARKED,
+        )
+        began_s = ended_s = cpu_before_s = cpu_after_s = 0.0
+        asked = False
+        async for snapshot in client.snapshots():
+            if snapshot.link is m.LinkState.READY and not asked:
+                asked = True
+                reply = await client.request(start)
+                if reply.error:
+                    raise SystemExit(reply.error)
+            phase = snapshot.print.phase if snapshot.print else None
+            if phase is m.PrintPhase.PRINTING and not began_s:
+                began_s, cpu_before_s = time.time(), cpu_s(process.pid)
+            if phase is not None and phase.ended:
+                ended_s, cpu_after_s = time.time(), cpu_s(process.pid)
+                if phase is not m.PrintPhase.DONE:
+                    raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
+                break
+    finally:
+        # Whatever went wrong, nothing stays warm or running behind.
+        with suppress(DriverError):
+            await client.request(m.Shutdown(id=0, now=True))
+        await client.close()
+        await asyncio.to_thread(process.wait, 30.0)
+        control(folder / "emulator", "power_off")
     return began_s, ended_s, cpu_after_s - cpu_before_s
 
 
