@@ -22,7 +22,7 @@ from decompose.mesh import load_model
 from decompose.partition import decompose
 from decompose.report import Options, Part, write
 from drivers.profiles import PROFILES, part_room
-from farm.services.planning import recipe
+from farm.services.recipe import recipe
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.resources import find_engine, find_resources

@@ -14,8 +14,8 @@ from decompose.mesh import load_model
 from decompose.report import Interior, Options, write
 from drivers.profiles import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.services.planning import recipe
 from farm.services.plates import SliceTask, slice_part
+from farm.services.recipe import recipe
 from farm.services.trouble import in_farm_words
 from slicing.resources import find_engine, find_resources
 from slicing.settings import SettingsRequest, resolve_settings

@@ -24,6 +24,7 @@ from farm.services.estimate import plate_seconds
 from farm.services.files import store_file
 from farm.services.models import read_inspected
 from farm.services.plates import SliceTask
+from farm.services.recipe import prelude_seconds, recipe
 from farm.services.rooms import printer_room
 from farm.services.trouble import in_farm_words
 from slicing.plate import PlateResult
@@ -133,35 +134,6 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
         )
     for section in matching:
         printer_settings(section, options.quality, resources)
-
-
-def recipe(settings: Settings, prelude_s: float) -> Recipe:
-    """The numbers of the slicer's settings that decide print time, for the decomposition's cost.
-
-    `prelude_s` is what each plate takes beside its layers (heat-up, start and end code).
-    """
-    return Recipe(
-        layer_height_mm=settings.layer_height_mm,
-        line_width_mm=settings.line_width_mm,
-        wall_count=settings.wall_count,
-        skin_layers=(settings.top_layers + settings.bottom_layers) / 2,
-        infill_line_distance_mm=settings.infill_line_distance_mm,
-        support_line_distance_mm=settings.support_line_distance_mm,
-        outer_wall_mm_s=settings.speed_wall_0_mm_s,
-        inner_wall_mm_s=settings.speed_wall_x_mm_s,
-        infill_mm_s=settings.speed_infill_mm_s,
-        skin_mm_s=settings.speed_topbottom_mm_s,
-        support_mm_s=settings.speed_support_mm_s,
-        support_angle_deg=settings.support_angle_deg,
-        brim_mm=settings.brim_width_mm,
-        brim_mm_s=settings.speed_layer_0_mm_s,
-        prelude_s=prelude_s,
-    )
-
-
-def prelude_seconds(section: PrinterSection, settings: Settings) -> float:
-    """What a plate takes on this printer beside its layers."""
-    return plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 
 
 def decompose_job(task: DecomposeTask) -> Decomposed:
