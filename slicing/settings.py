@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 from slicing.definitions import Layer, Resolver, Scope, parse_value
@@ -51,6 +52,28 @@ class SettingsRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class PartSettings:
+    """What is chosen for one part; None: as the quality has it. A user's own settings win over it.
+
+    Parameters
+    ----------
+    height_mm
+        How high the print is to be.
+    brim_width_mm
+        Its brim, 0 for none; never wider than the quality's, for which the part room is computed.
+    layer_0_expansion_mm
+        How much wider the first layer is on each side than those above; negative against an elephant's foot.
+    """
+
+    height_mm: float | None = None
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
+
+
+ANY_PART = PartSettings()
+
+
+@dataclass(frozen=True, slots=True)
 class Settings:
     """Every setting as CuraEngine reads it, and the numbers that others need."""
 
@@ -87,11 +110,10 @@ class Settings:
         return math.pi * self.filament_diameter_mm**2 / 4
 
 
-_resolved: dict[tuple[Any, ...], Settings] = {}
-
-
-def resolve_settings(request: SettingsRequest, resources: Resources) -> Settings:
-    """Resolve a request against Cura's files; kept in memory per process.
+def resolve_settings(
+    request: SettingsRequest, resources: Resources, part: PartSettings = ANY_PART
+) -> Settings:
+    """Resolve a request against Cura's files, for any part or for one; the last ones are kept in memory.
 
     Raises
     ------
@@ -101,13 +123,21 @@ def resolve_settings(request: SettingsRequest, resources: Resources) -> Settings
         Where Cura's files are not as expected.
     """
     overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
-    key = (resources, request.printer_model, request.quality, request.material, request.nozzle_mm, overrides)
-    if key not in _resolved:
-        _resolved[key] = _resolve(request, resources)
-    return _resolved[key]
+    words = (request.printer_model, request.quality, request.material, request.nozzle_mm)
+    settings = _resolve(resources, part, words, overrides)
+    if settings.brim_width_mm > _resolve(resources, ANY_PART, words, overrides).brim_width_mm:
+        return _resolve(resources, replace(part, brim_width_mm=None), words, overrides)
+    return settings
 
 
-def _resolve(request: SettingsRequest, resources: Resources) -> Settings:
+@lru_cache(maxsize=256)
+def _resolve(
+    resources: Resources,
+    part: PartSettings,
+    words: tuple[str, str, str, float],
+    overrides: tuple[tuple[str, str], ...],
+) -> Settings:
+    request = SettingsRequest(*words, overrides=dict(overrides))
     machine = resources.machine(request.printer_model)
     hotend = f"{request.nozzle_mm:g} mm"
     variant = _variant(machine, hotend, resources)
@@ -119,15 +149,9 @@ def _resolve(request: SettingsRequest, resources: Resources) -> Settings:
         return {key: _written(machine, key, text) for key, text in values.items() if _known(machine, key)}
 
     user: dict[str, Any] = {}
-    global_layers = (user, _FIXED, ours, layer(global_quality.values))
-    extruder_layers = (
-        user,
-        _FIXED,
-        ours,
-        layer(quality.values),
-        layer(material.values),
-        layer(variant.values),
-    )
+    on_top = (user, _FIXED, _part_layer(part), ours)
+    global_layers = (*on_top, layer(global_quality.values))
+    extruder_layers = (*on_top, layer(quality.values), layer(material.values), layer(variant.values))
     resolver = Resolver(machine.settings, machine.extruder, global_layers, extruder_layers)
     for key, raw in request.overrides.items():
         setting = resolver.setting(key)
@@ -137,6 +161,16 @@ def _resolve(request: SettingsRequest, resources: Resources) -> Settings:
     for key in user:
         resolver.check_range(key)
     return _settings(request.printer_model, resolver, material.density_g_cm3)
+
+
+def _part_layer(part: PartSettings) -> Layer:
+    layer: dict[str, Any] = {}
+    if part.brim_width_mm is not None:
+        layer["adhesion_type"] = "brim" if part.brim_width_mm > 0 else "none"
+        layer["brim_width"] = part.brim_width_mm
+    if part.layer_0_expansion_mm is not None:
+        layer["xy_offset_layer_0"] = Formula(f"xy_offset + ({part.layer_0_expansion_mm!r})")
+    return layer
 
 
 def _settings(model: str, resolver: Resolver, density_g_cm3: float) -> Settings:

@@ -81,7 +81,8 @@ def slice_to_file(
         request = SettingsRequest(
             printer_model=printer_model, quality=quality, material=material, overrides=overrides
         )
-        settings = resolve_settings(request, find_resources())
+        resources = find_resources()
+        settings = resolve_settings(request, resources)
         engine = find_engine()
         model = load_model(path, scale=1.0)
     room = part_room(PROFILES[printer_model], settings.brim_width_mm)
@@ -91,9 +92,10 @@ def slice_to_file(
         task = SliceTask(
             part=path.name,
             stl=stl,
+            request=request,
+            resources=resources,
             settings=settings,
             room=room,
-            brim_mm=settings.brim_width_mm,
             engine=engine,
             out=Path(folder) / "model.gcode",
             cache=None,

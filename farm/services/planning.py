@@ -67,6 +67,8 @@ class DecomposedPart:
     volume_mm3: float
     estimated_s: float
     printer: str
+    brim_width_mm: float | None = None  # None: the quality's
+    layer_0_expansion_mm: float | None = None  # None: the quality's
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +102,17 @@ def warm() -> None:
     partition.decompose(box, rooms, Options(), CostModel.from_recipe(Recipe()))
 
 
-def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> Settings:
-    """The slicer's settings for a printer of the fleet. Raises FarmError with code `settings`."""
-    request = SettingsRequest(
+def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
+    """What the slicer is asked for on a printer of the fleet."""
+    return SettingsRequest(
         printer_model=section.model, quality=quality, material=section.material, nozzle_mm=section.nozzle_mm
     )
+
+
+def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> Settings:
+    """The slicer's settings for a printer of the fleet. Raises FarmError with code `settings`."""
     with in_farm_words():
-        return resolve_settings(request, resources)
+        return resolve_settings(settings_request(section, quality), resources)
 
 
 def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> None:
@@ -228,12 +234,15 @@ def slice_tasks(task: DecomposeTask, decomposed: Decomposed, cache: Path) -> lis
             SliceTask(
                 part=part.id,
                 stl=part.stl,
+                request=settings_request(section, task.options.quality),
+                resources=resources,
                 settings=settings,
                 room=printer_room(section, settings.brim_width_mm),
-                brim_mm=settings.brim_width_mm,
                 engine=engine,
                 out=task.folder / f"{part.id}.gcode",
                 cache=cache,
+                brim_width_mm=part.brim_width_mm,
+                layer_0_expansion_mm=part.layer_0_expansion_mm,
             )
         )
     return tasks

@@ -13,21 +13,29 @@ from drivers.profiles import Placement, RoomBox, place
 from farm.errors import ErrorCode, FarmError
 from farm.services.trouble import in_farm_words
 from slicing.plate import PlateRequest, PlateResult, slice_plate
-from slicing.settings import Settings
+from slicing.resources import Resources
+from slicing.settings import PartSettings, Settings, SettingsRequest, resolve_settings
 
 
 @dataclass(frozen=True, slots=True)
 class SliceTask:
-    """One part, to be printed alone."""
+    """One part, to be printed alone.
+
+    `settings` are the quality's, for which the room was computed; the part is sliced with its own: another
+    brim, first layer or layer height.
+    """
 
     part: str
     stl: Path  # in printing pose
+    request: SettingsRequest
+    resources: Resources
     settings: Settings
     room: tuple[RoomBox, ...]
-    brim_mm: float
     engine: Path
     out: Path
     cache: Path | None
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
 
 
 def slice_part(task: SliceTask) -> PlateResult:
@@ -52,12 +60,18 @@ def slice_part(task: SliceTask) -> PlateResult:
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
         for box in task.room
-        for r in (box.rect.grown(task.brim_mm),)
+        for r in (box.rect.grown(task.settings.brim_width_mm),)
     )
-    request = PlateRequest(
-        stl=placed, settings=task.settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
+    chosen = PartSettings(
+        height_mm=extents[2],
+        brim_width_mm=task.brim_width_mm,
+        layer_0_expansion_mm=task.layer_0_expansion_mm,
     )
     with in_farm_words():
+        settings = resolve_settings(task.request, task.resources, chosen)
+        request = PlateRequest(
+            stl=placed, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
+        )
         return slice_plate(request)
 
 

@@ -5,7 +5,7 @@ import pytest
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing
 from slicing.qualities import OURS
 from slicing.resources import find_engine, find_resources
-from slicing.settings import SettingsRequest, resolve_settings
+from slicing.settings import PartSettings, SettingsRequest, resolve_settings
 
 
 def test_the_papers_settings(settings_of):
@@ -108,6 +108,35 @@ def test_what_does_not_exist_is_refused_in_one_line(resources, change, message):
     with pytest.raises(BadSetting, match=message) as refused:
         resolve_settings(SettingsRequest(**request), resources)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "part", "brim_mm", "adhesion"),
+    [
+        ({}, PartSettings(brim_width_mm=3.0), 9 * 0.35, "brim"),
+        ({}, PartSettings(brim_width_mm=0.0), 0.0, "none"),
+        ({}, PartSettings(brim_width_mm=20.0), 23 * 0.35, "brim"),
+        ({"brim_width": "4"}, PartSettings(brim_width_mm=1.0), 12 * 0.35, "brim"),
+        ({"adhesion_type": "none"}, PartSettings(brim_width_mm=3.0), 0.0, "none"),
+        ({"adhesion_type": "brim"}, PartSettings(brim_width_mm=3.0), 9 * 0.35, "brim"),
+    ],
+)
+def test_a_part_has_its_own_brim_within_the_qualitys(resources, overrides, part, brim_mm, adhesion):
+    s = resolve_settings(SettingsRequest("ultimaker2_plus", overrides=overrides), resources, part)
+    assert s.brim_width_mm == pytest.approx(brim_mm)
+    assert s.global_["adhesion_type"] == adhesion
+
+
+def test_the_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resources):
+    part = PartSettings(layer_0_expansion_mm=-0.2)
+
+    def offset_mm(**overrides):
+        request = SettingsRequest("ultimaker2_plus", overrides=overrides)
+        return float(resolve_settings(request, resources, part).extruder["xy_offset_layer_0"])
+
+    assert offset_mm() == pytest.approx(-0.2)
+    assert offset_mm(xy_offset="0.1") == pytest.approx(-0.1)
+    assert offset_mm(xy_offset_layer_0="0.3") == pytest.approx(0.3)
 
 
 def test_files_that_are_not_there(tmp_path):
