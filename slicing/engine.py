@@ -116,6 +116,9 @@ def _restrain(memory_bytes: int) -> None:
     """In the child: last in line for the processor, bounded memory, and never outliving who asked."""
     os.nice(19)
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    # Who asked may have a limit of its own, in which the stacks would count in full.
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    resource.setrlimit(resource.RLIMIT_DATA, (hard, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
