@@ -148,9 +148,9 @@ def hills() -> Solid:
     rows = []
     x = np.linspace(0.0, 240.0, 61)
     for y in np.linspace(0.0, 160.0, 41):
-        z = 38.0 + 16.0 * np.sin(x / 27.0) * np.cos(y / 21.0) + 12.0 * np.sin((x + 2.0 * y) / 55.0)
+        z = 64.0 + 16.0 * np.sin(x / 27.0) * np.cos(y / 21.0) + 12.0 * np.sin((x + 2.0 * y) / 55.0)
         top = np.stack([x, 0.0 * x + y, z], axis=1)
-        rows.append(np.concatenate([[(0.0, y, 0.0)], [(240.0, y, 0.0)], top[::-1]]))
+        rows.append(np.concatenate([top * (1.0, 1.0, 0.0), top[::-1]]))
     return _drawn(rows)
 
 
