@@ -41,6 +41,8 @@ class PlateStatus(_View):
     gcode: str
     estimated_s: float
     grams: float
+    filament_mm: float
+    price: float | None
     printing: bool
     hold: Hold | None
 
@@ -66,6 +68,9 @@ class JobView(_View):
     speedup: float | None
     utilisation: float | None
     grams: float | None
+    filament_mm: float | None
+    price: float | None  # of its filament; None where a reel's price is not known
+    currency: str | None
     starved_share: float | None  # simulated printers that could not keep up; over 1 % the run is not valid
     folder: str | None  # its files by name: parts (STL), plates (G-code), the picture
     waits_for_person: bool

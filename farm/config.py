@@ -29,6 +29,7 @@ class FleetSection(_Section):
     name: Name = "farm"
     timezone: str = "UTC"
     time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
+    currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
 
     @field_validator("timezone")
     @classmethod
@@ -49,12 +50,17 @@ class PrinterSection(_Section):
     material: str = "generic_pla"
     colour: str | None = None
     nozzle_mm: Positive = 0.4
+    price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its reel
     volume_mm: tuple[Positive, Positive, Positive] | None = None
     enabled: bool = True
 
     @property
     def simulated(self) -> bool:
         return self.port.startswith(SIMULATED)
+
+    def price(self, grams: float) -> float | None:
+        """What so much of its filament costs, in the fleet's currency; None where nobody said."""
+        return None if self.price_per_kg is None else grams / 1000 * self.price_per_kg
 
     @field_validator("port")
     @classmethod

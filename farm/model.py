@@ -151,6 +151,7 @@ class Plate(Entity):
     estimated_s: float  # with heat-up, start and end code
     grams: float
     filament_mm: float
+    price: float | None = None  # in the fleet's currency, by the reel of the printer as planned
     layers: int
     min_mm: tuple[float, float, float]  # of all that it extrudes, from the bed's centre
     max_mm: tuple[float, float, float]

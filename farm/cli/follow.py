@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from farm import api
 from farm.cli.client import Client
-from farm.cli.words import span
+from farm.cli.words import filament, span
 from farm.errors import DaemonUnreachable
 from farm.model import JobState
 
@@ -77,9 +77,9 @@ class _Lines:
         if view.state == JobState.PLANNING:
             self._say("decomposing and slicing")
         if view.estimated_s is not None:
-            self._say(
-                f"planned: {len(view.parts)} parts, expected {span(view.estimated_s)}, {view.grams:.0f} g"
-            )
+            amount = filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
+            parts = "1 part" if len(view.parts) == 1 else f"{len(view.parts)} parts"
+            self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}")
         done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
         if done:
             self._say(f"printed {done} of {len(view.parts)} parts")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from farm.cli.words import span
+from farm.cli.words import filament, span
 from farm.errors import ErrorCode, FarmError
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
@@ -61,6 +61,7 @@ def slice_model(
     quality: Annotated[str, typer.Option(help="glue, paper, or one of Cura's.")] = "glue",
     material: Annotated[str, typer.Option(help="Cura's material id.")] = "generic_pla",
     set_: Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE of a Cura setting.")] = None,
+    price_per_kg: Annotated[float | None, typer.Option(min=0, help="Of the reel: adds the price.")] = None,
     json: Json = False,
 ) -> None:
     """Slice one model as one plate, with all checks, for USB streaming."""
@@ -75,13 +76,16 @@ def slice_model(
     report = slice_to_file(
         model, out, printer_model=printer_model, quality=quality, material=material, overrides=overrides
     )
+    if price_per_kg is not None:
+        report["price"] = report["grams"] / 1000 * price_per_kg
     if json:
         print(jsonlib.dumps(report, indent=2))
         return
     for line in report["repairs"]:
         print(f"  {line}")
+    amount = filament(report["grams"], report["filament_mm"], report.get("price"))
     print(
-        f"{out}: {span(report['print_time_s'])}, {report['grams']:.0f} g, {report['layers']} layers"
+        f"{out}: {span(report['print_time_s'])}, {amount}, {report['layers']} layers"
         f"{' (from the cache)' if report['cached'] else ''}"
     )
 

@@ -13,7 +13,7 @@ from rich.text import Text
 from farm import api
 from farm.cli.client import Client
 from farm.cli.follow import patiently
-from farm.cli.words import moment, span
+from farm.cli.words import filament, moment, span
 from farm.model import JobState
 
 _REFRESH_S = 1.0
@@ -149,8 +149,8 @@ def _job(view: api.JobView) -> RenderableType:
         facts.add_row("speed-up", f"{view.speedup:.1f}")
     if view.utilisation is not None:
         facts.add_row("utilisation", f"{view.utilisation:.0%}")
-    if view.grams is not None:
-        facts.add_row("filament", f"{view.grams:.0f} g")
+    if view.grams is not None and view.filament_mm is not None:
+        facts.add_row("filament", filament(view.grams, view.filament_mm, view.price, view.currency))
     if view.starved_share is not None and view.starved_share > 0.01:
         facts.add_row(
             "not valid", f"simulated printers waited {view.starved_share:.1%} of the time for the host"

@@ -1,4 +1,4 @@
-"""Spans and moments as a person reads them."""
+"""Spans, moments and amounts as a person reads them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,14 @@ def span(seconds: float | None) -> str:
         return f"{whole} s"
     hours, minutes = divmod(round(seconds / 60), 60)
     return f"{hours}h{minutes:02d}" if hours else f"{minutes} min"
+
+
+def filament(grams: float, length_mm: float, price: float | None = None, currency: str | None = None) -> str:
+    """How much filament, and what it costs where that is known."""
+    parts = [f"{grams:.0f} g", f"{length_mm / 1000:.1f} m"]
+    if price is not None:
+        parts.append(f"{price:.2f} {currency or ''}".rstrip())
+    return ", ".join(parts)
 
 
 def moment(iso: str | None) -> str:

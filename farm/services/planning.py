@@ -288,6 +288,7 @@ def make_plan(
                 estimated_s=estimated_s,
                 grams=sliced.grams,
                 filament_mm=sliced.filament_mm,
+                price=section.price(sliced.grams),
                 layers=sliced.layers,
                 min_mm=sliced.min_mm,
                 max_mm=sliced.max_mm,

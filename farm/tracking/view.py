@@ -81,6 +81,9 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
         utilisation=busy_s / (len(used) * makespan_s) if used and makespan_s else None,
         grams=sum(plate.grams for plate in plates) if plates else None,
+        filament_mm=sum(plate.filament_mm for plate in plates) if plates else None,
+        price=_price(plates),
+        currency=scene.fleet.fleet.currency,
         starved_share=sum(p.starved_s for p in prints) / busy_s if busy_s and prints else None,
         folder=str(scene.state.job(job.id)) if job.plates else None,
         waits_for_person=_waits_for_person(books, job, plates),
@@ -186,6 +189,12 @@ def _busy_s(scene: Scene, plate: Plate) -> float:
     return plate.estimated_s
 
 
+def _price(plates: list[Plate]) -> float | None:
+    """Of all plates; None where one of them has none."""
+    prices = [plate.price for plate in plates if plate.price is not None]
+    return sum(prices) if plates and len(prices) == len(plates) else None
+
+
 def _last(books: Books, plate: Plate) -> Print:
     return books.prints[plate.prints[-1]]
 
@@ -232,6 +241,8 @@ def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
         gcode=str(scene.state.files / plate.gcode),
         estimated_s=plate.estimated_s,
         grams=plate.grams,
+        filament_mm=plate.filament_mm,
+        price=plate.price,
         printing=any(not attempt.state.ended for attempt in scene.books.prints_of(plate)),
         hold=plate.hold,
     )

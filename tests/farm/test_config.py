@@ -36,6 +36,14 @@ def test_defaults_reach_every_printer_and_give_way_to_its_own(tmp_path):
     assert fleet.printer("b").colour == "blue"
 
 
+def test_a_reel_has_a_price_where_somebody_said_it(tmp_path):
+    priced = GOOD.replace("timezone", "currency: CHF, timezone").replace("colour: red", "price_per_kg: 28.50")
+    fleet = load(tmp_path, priced.replace("colour: blue", "price_per_kg: 0"))
+    assert fleet.fleet.currency == "CHF"
+    assert [p.price(200.0) for p in fleet.printers] == [pytest.approx(5.70), 0.0]
+    assert [p.price(200.0) for p in load(tmp_path, GOOD).printers] == [None, None]
+
+
 def test_the_repositorys_own_fleet_is_good():
     fleet = load_fleet(ROOT / "fleet.yaml", MODELS)
     assert [p.model for p in fleet.printers].count("ultimaker2_plus") == 5
@@ -46,6 +54,9 @@ def test_the_repositorys_own_fleet_is_good():
     ("text", "said"),
     [
         ("printers: [", "not YAML"),
+        (GOOD.replace("colour: blue", "price_per_kg: -1"), "fleet.yaml:6: printers.1.price_per_kg: Input"),
+        (GOOD.replace("colour: red", "price_per_kg: .inf"), "fleet.yaml:3: defaults.price_per_kg: Input"),
+        (GOOD.replace("name: lab", "currency: pounds sterling"), "fleet.yaml:2: fleet.currency: String"),
         ("- a", "needs a list `printers`"),
         (GOOD.replace("colour: blue", "colur: blue"), "fleet.yaml:6: printers.1.colur: unknown key"),
         (GOOD.replace("two", "one"), "a and b are on one port"),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from farm.cli.words import moment, span
+from farm.cli.words import filament, moment, span
 
 
 @pytest.mark.parametrize(
@@ -19,6 +19,12 @@ from farm.cli.words import moment, span
 )
 def test_spans(seconds, words):
     assert span(seconds) == words
+
+
+def test_filament_has_a_price_where_one_is_known():
+    assert filament(123.6, 15640.0) == "124 g, 15.6 m"
+    assert filament(123.6, 15640.0, 3.5226) == "124 g, 15.6 m, 3.52"
+    assert filament(123.6, 15640.0, 0.0, "EUR") == "124 g, 15.6 m, 0.00 EUR"
 
 
 def test_moments():
