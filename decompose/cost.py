@@ -14,6 +14,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from decompose.jit import jit
+
 Floats = npt.NDArray[np.float64]
 
 SKIN_COS = math.cos(math.radians(47.0))  # faces flatter than this get top or bottom skin
@@ -135,26 +137,67 @@ def pose_axes(pose: int) -> tuple[int, int, int]:
     return ((up + 1) % 3, (up + 2) % 3, up)
 
 
-def pose_costs(vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel) -> Floats:
-    """Print time (6,) in seconds of a closed mesh, for each pose."""
-    triangles = vertices[faces]
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.linalg.norm(cross, axis=1) / 2.0
-    keep = area > 0.0
-    triangles, cross, area = triangles[keep], cross[keep], area[keep]
-    normal = cross / (2.0 * area[:, None])
-    centre = triangles.mean(axis=1)
-    lo, hi = vertices.min(axis=0), vertices.max(axis=0)
-    volume = float(np.einsum("ij,ij->i", triangles[:, 0], cross).sum() / 6.0)
-    times = np.zeros(POSES)
-    for pose in range(POSES):
-        axes = pose_axes(pose)
-        up = axes[2]
-        n, z = normal[:, up], centre[:, up]
-        lateral = float((area * np.sqrt(np.maximum(0.0, 1.0 - n * n))).sum())
-        skin = float((area * np.abs(n))[np.abs(n) > SKIN_COS].sum())
-        looks_down = n < -cost.overhang_cos if pose % 2 == 0 else n > cost.overhang_cos
-        drop = z - lo[up] if pose % 2 == 0 else hi[up] - z
-        overhang = float((area * np.abs(n) * drop)[looks_down].sum())
-        times[pose] = cost.seconds(volume, lateral, skin, overhang, [float(hi[a] - lo[a]) for a in axes])
+def _pose_rotation(pose: int) -> Floats:
+    """(3, 3) Rows: where the bed's x, y and z point in the model; odd poses are turned over about x."""
+    rotation = np.eye(3)[list(pose_axes(pose))]
+    if pose % 2:
+        rotation[1:] *= -1.0
+    return rotation
+
+
+POSE_ROTATIONS: Floats = np.array([_pose_rotation(pose) for pose in range(POSES)])
+"""(6, 3, 3) The axis poses, as rotations that `pose_seconds` takes."""
+
+
+@jit
+def _surface_sums(
+    normals: Floats, areas: Floats, centres: Floats, up: Floats, skin_cos: float, overhang_cos: float
+) -> tuple[float, float, float, float]:
+    """Lateral area, skin area, area of overhangs as seen from above, and the same times height."""
+    lateral, skin, hanging, column = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(areas)):
+        n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
+        lateral += areas[i] * np.sqrt(max(0.0, 1.0 - n * n))
+        if abs(n) > skin_cos:
+            skin += areas[i] * abs(n)
+        if n < -overhang_cos:
+            z = centres[i, 0] * up[0] + centres[i, 1] * up[1] + centres[i, 2] * up[2]
+            hanging -= areas[i] * n
+            column -= areas[i] * n * z
+    return lateral, skin, hanging, column
+
+
+def pose_seconds(
+    vertices: Floats, faces: npt.NDArray[np.int64], rotations: Floats, cost: CostModel
+) -> Floats:
+    """Print time (k,) in seconds of a closed mesh in each of k poses, by the sums that the tables have too.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3), outward by the right-hand rule, closed.
+    rotations
+        (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
+        The brim is taken about the rectangle along the bed's x and y.
+    """
+    corners = vertices[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(cross, axis=1)
+    keep = doubled > 0.0
+    corners, cross, doubled = corners[keep], cross[keep], doubled[keep]
+    normals, areas, centres = cross / doubled[:, None], doubled / 2.0, corners.mean(axis=1)
+    volume = float(np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0)
+    times = np.zeros(len(rotations))
+    for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
+        placed = vertices @ rotation.T
+        lo, hi = placed.min(axis=0), placed.max(axis=0)
+        lateral, skin, hanging, column = _surface_sums(
+            normals, areas, centres, rotation[2], SKIN_COS, cost.overhang_cos
+        )
+        times[i] = cost.seconds(volume, lateral, skin, column - hanging * float(lo[2]), (hi - lo).tolist())
     return times
+
+
+def pose_costs(vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel) -> Floats:
+    """Print time (6,) in seconds of a closed mesh in each axis pose."""
+    return pose_seconds(vertices, faces, POSE_ROTATIONS, cost)
