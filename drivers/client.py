@@ -16,11 +16,10 @@ from pydantic import ValidationError
 import drivers
 from drivers.clock import Clock
 from drivers.errors import AgentError, MessageError
-from drivers.locks import held
+from drivers.locks import AGENT_LOCK, held
 from drivers.messages import Reply, Request, Snapshot, from_agent_adapter
 
 SOCKET = "agent.sock"
-LOCK = "lock"
 LOG = "agent.log"
 RETRY_S = 0.25
 _LINE_BYTES = 1024 * 1024
@@ -192,4 +191,4 @@ def spawn(printer: str, model: str, port: str, folder: Path, clock: Clock) -> su
 
 def alive(folder: Path) -> bool:
     """Whether an agent of this folder lives: whether its lock is held."""
-    return held(folder / LOCK)
+    return held(folder / AGENT_LOCK)

@@ -1,9 +1,16 @@
-"""Lock files that say whether a process lives: the kernel gives the lock up with the process."""
+"""Lock files that say whether a process lives, and which: the kernel gives the lock up with the process."""
 
 from __future__ import annotations
 
 import fcntl
+import json
+import os
+import time
 from pathlib import Path
+from typing import Any
+
+AGENT_LOCK = "lock"  # in an agent's folder
+_TRIES, _WAIT_S = 20, 0.05
 
 
 def held(path: Path) -> bool:
@@ -16,3 +23,38 @@ def held(path: Path) -> bool:
     except BlockingIOError:
         return True
     return False
+
+
+def hold(path: Path) -> int | None:
+    """Take the lock, for as long as the descriptor lives; whoever only looks (`held`) lets go at once.
+
+    Returns
+    -------
+    int | None
+        The descriptor; None where somebody else has it.
+    """
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    for _ in range(_TRIES):
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(_WAIT_S)
+        else:
+            return descriptor
+    os.close(descriptor)
+    return None
+
+
+def sign(descriptor: int, **facts: Any) -> None:
+    """Write down who holds the lock; `signed` reads it, also when the process has gone."""
+    os.ftruncate(descriptor, 0)
+    os.pwrite(descriptor, json.dumps({"pid": os.getpid(), **facts}).encode(), 0)
+
+
+def signed(path: Path) -> dict[str, Any]:
+    """What the last holder wrote; empty where nobody did."""
+    try:
+        facts = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return facts if isinstance(facts, dict) else {}

@@ -30,6 +30,8 @@ class SerialPort:
     ----------
     path
         A device, or the slave of a pseudo-terminal.
+    shared
+        Open it even where somebody else has it: for an emergency stop, and for nothing else.
 
     Raises
     ------
@@ -37,14 +39,15 @@ class SerialPort:
         It is not there, or somebody else has it.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, shared: bool = False) -> None:
         self.path = path
+        self._exclusive = not shared
         self._unwritten = b""
         self._open()
 
     def _open(self) -> None:
         try:
-            port = serial.Serial(str(self.path), BAUD, timeout=0, exclusive=True)
+            port = serial.Serial(str(self.path), BAUD, timeout=0, exclusive=self._exclusive)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(f"{self.path}: cannot be opened ({_cause(error)}); {_advice(error)}") from error
         try:

@@ -53,6 +53,7 @@ class PrinterSection(_Section):
     price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its reel
     volume_mm: tuple[Positive, Positive, Positive] | None = None
     enabled: bool = True
+    power_off_cmd: str | None = None  # what takes its mains away; {printer} is its name
 
     @property
     def simulated(self) -> bool:

@@ -3,40 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import fcntl
 import logging
-import os
 import sys
-import time
 from pathlib import Path
 
 from drivers.agent.loop import Agent
 from drivers.clock import Clock
-from drivers.errors import AgentError
+from drivers.locks import AGENT_LOCK, hold, sign
 from drivers.profiles import PROFILES
-
-LOCK = "lock"
-_LOCK_TRIES, _LOCK_WAIT_S = 20, 0.05
-
-
-def lock(folder: Path) -> int:
-    """Hold the folder for as long as the process lives; whoever only looks (`client.alive`) lets go at once.
-
-    Raises
-    ------
-    AgentError
-        Another agent has it.
-    """
-    descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    for _ in range(_LOCK_TRIES):
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            time.sleep(_LOCK_WAIT_S)
-        else:
-            return descriptor
-    os.close(descriptor)
-    raise AgentError(f"{folder}: another agent has this printer: end that first")
 
 
 def main() -> int:
@@ -50,17 +24,18 @@ def main() -> int:
     parser.add_argument(
         "--anchor", type=float, default=0.0, help="when both clocks agreed, seconds since 1970"
     )
+    parser.add_argument("--power-off-cmd", help="what takes the mains from this printer")
     given = parser.parse_args()
     logging.basicConfig(
         stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     folder = given.folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
-    try:
-        lock(folder)
-    except AgentError as error:
-        logging.error("%s", error)
+    lock = hold(folder / AGENT_LOCK)
+    if lock is None:
+        logging.error("%s: another agent has this printer: end that first", folder)
         return 1
+    sign(lock, printer=given.printer, model=given.model, port=given.port, power_off_cmd=given.power_off_cmd)
     clock = Clock(given.scale, given.anchor)
     Agent(given.printer, PROFILES[given.model], given.port, folder, clock).run()
     return 0

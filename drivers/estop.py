@@ -1,0 +1,188 @@
+"""Ends a printer's heat from outside, whatever its agent and the daemon are doing.
+
+1. The agent is killed: a stopped or hung process asks for nothing, and its death gives the port free.
+2. Its lock is taken, so that no other agent comes up in between.
+3. The board is reset, by DTR, which switches heaters, motors and fan off at once.
+4. M105 is asked until a report shows both targets 0: only that is called off. A board that did not start
+   again is told M104 S0 and M140 S0 as well.
+5. The agent's journal says that a person has to look: nothing is printed there before `farm cleared`.
+6. What could not be shown off is taken from the mains, where the fleet has a `power_off_cmd`.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers import mains
+from drivers.agent.journal import Journal
+from drivers.emulator.launch import TTY
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.errors import DriverError, PortError
+from drivers.locks import AGENT_LOCK, held, hold, signed
+from drivers.marlin import Link, Phase, Report, Up
+from drivers.serialport import SerialPort
+
+EMULATOR = "emulator"
+LOOK = "stopped by `farm estop`"
+_DEATH_S = 1.0
+_SHOW_S = 20.0  # for `start`, the banner and a report
+_ASK_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A printer to stop, as `fleet.yaml` has it or as its last agent wrote it down."""
+
+    printer: str
+    port: str
+    folder: Path
+    power_off_cmd: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """What came of it.
+
+    Attributes
+    ----------
+    cut_s
+        Wall seconds (time.time) at which the board had been reset; None where that could not be done.
+    seen_off
+        The printer itself has shown both targets 0 since, or it is a simulated one without power.
+    text
+        One sentence for a person.
+    """
+
+    printer: str
+    cut_s: float | None
+    seen_off: bool
+    text: str
+
+
+def known(agents: Path) -> dict[str, Target]:
+    """The printers whose agents have left word in their folders."""
+    found = {}
+    for folder in sorted(agents.glob("*/")):
+        facts = signed(folder / AGENT_LOCK)
+        if isinstance(facts.get("port"), str):
+            found[folder.name] = Target(folder.name, facts["port"], folder, facts.get("power_off_cmd"))
+    return found
+
+
+def stop(target: Target, show_s: float = _SHOW_S) -> Stopped:
+    """Stop one printer. Never raises; takes at most about `show_s` and the time of `power_off_cmd`.
+
+    Parameters
+    ----------
+    target
+        The printer.
+    show_s
+        Wall seconds in which it has to show its heaters off.
+    """
+    kill(target.folder)
+    lock = None
+    with suppress(OSError):
+        target.folder.mkdir(parents=True, exist_ok=True)
+        lock = hold(target.folder / AGENT_LOCK)
+    try:
+        stopped = _cut(target, show_s)
+        if not stopped.seen_off and target.power_off_cmd:
+            text = f"{stopped.text}; {mains.cut(target.power_off_cmd, target.printer)}"
+            stopped = Stopped(stopped.printer, stopped.cut_s, False, text)
+        if lock is not None:
+            with suppress(DriverError, OSError):  # a full disk: the next agent doubts the bed all the same
+                Journal(target.folder / "journal.jsonl").write(time.time(), look=LOOK)
+    finally:
+        if lock is not None:
+            os.close(lock)
+    return stopped
+
+
+def kill(folder: Path) -> bool:
+    """Kill the agent of a folder, where one lives; True where it is dead then."""
+    path = folder / AGENT_LOCK
+    pid = signed(path).get("pid")
+    if isinstance(pid, int) and held(path):
+        with suppress(OSError):
+            process = os.pidfd_open(pid)
+            try:
+                if held(path):  # else it ended meanwhile, and the number may be another's
+                    signal.pidfd_send_signal(process, signal.SIGKILL)
+                    select.select([process], [], [], _DEATH_S)
+            finally:
+                os.close(process)
+    return not held(path)
+
+
+def _cut(target: Target, show_s: float) -> Stopped:
+    """Reset the board and see its heaters off."""
+    name = target.printer
+    try:
+        port = _open(target)
+    except PortError as error:
+        return Stopped(name, None, False, f"cannot be stopped: {error}; switch it off")
+    if port is None:
+        return Stopped(name, time.time(), True, "is switched off")
+    cut_s = None
+    try:
+        if not target.port.startswith("sim://"):  # else opening was the reset
+            port.reset()
+        cut_s = time.time()
+        text, seen = _show(port, show_s)
+    except PortError as error:
+        text, seen = f"{error}; switch it off", False
+    finally:
+        port.close()
+    return Stopped(name, cut_s, seen, text)
+
+
+def _open(target: Target) -> SerialPort | None:
+    path = Path(target.port)
+    if target.port.startswith("sim://"):
+        emulator = target.folder / EMULATOR
+        if not emulator_alive(emulator):
+            return None
+        path = emulator / TTY
+    elif "://" in target.port:
+        raise PortError(f"{target.port}: is on another host")
+    try:
+        return SerialPort(path)
+    except PortError:
+        return SerialPort(path, shared=True)  # whoever has it: this comes first
+
+
+def _show(port: SerialPort, show_s: float) -> tuple[str, bool]:
+    """Whether the heaters were seen off, and what is to be said of it."""
+    link, up, report = Link(), None, None
+    link.only_ask = True
+    link.poll_every_s = _ASK_S
+    now_s = time.monotonic()
+    until_s = now_s + show_s
+    link.opened(now_s)
+    while now_s < until_s and link.phase is not Phase.DEAD:
+        port.write(link.take())
+        wait_s = min(until_s, link.deadline_s) - now_s
+        select.select([port.fileno()], [], [], max(0.0, wait_s))
+        data, now_s = port.read(), time.monotonic()
+        for event in (*(link.receive(data, now_s) or ()), *link.tick(now_s)):
+            if isinstance(event, Up):
+                up = event
+                if not event.restarted:
+                    link.send(now_s, b"M104 S0", b"M140 S0")
+                link.poll(now_s)
+            elif isinstance(event, Report):
+                report = event
+                if up is not None and event.nozzle_target_c == 0 == event.bed_target_c:
+                    how = "its board was reset" if up.restarted else "by command: its board was not reset"
+                    now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
+                    return f"heaters seen off ({how}; {now})", True
+    if report is None:
+        return "was reset, but shows no temperatures: switch it off", False
+    heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
+    return f"still shows targets ({heats}): switch it off", False

@@ -1,0 +1,73 @@
+"""`farm estop`: it needs neither the daemon nor an agent, for both may hang."""
+
+from __future__ import annotations
+
+import json as jsonlib
+import time
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers import estop as drv
+from drivers.profiles import PROFILES
+from farm.config import load_fleet
+from farm.errors import FarmError, FleetFileError, NoSuchThing
+from farm.paths import Places, find_places
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
+
+
+def estop(
+    printers: Annotated[
+        list[str] | None, typer.Argument(help="The printers to stop; all where none.")
+    ] = None,
+    json: Json = False,
+    state: Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")] = None,
+    fleet: Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")] = None,
+) -> None:
+    """Stop printers at once by resetting their boards, even where daemon and agents hang."""
+    began_s = time.time()
+    targets, trouble = find_targets(find_places(state, None, fleet))
+    if not targets and trouble is not None:
+        raise trouble
+    wanted = {name: targets[name] for name in printers or targets if name in targets}
+    results = []
+    with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as hands:
+        for done in as_completed([hands.submit(drv.stop, target) for target in wanted.values()]):
+            result = done.result()
+            results.append(result)
+            if not json:
+                print(f"{result.printer}: {result.text}")
+    if json:
+        rows = [
+            {
+                "printer": result.printer,
+                "seen_off": result.seen_off,
+                "reset_after_s": None if result.cut_s is None else round(result.cut_s - began_s, 3),
+                "text": result.text,
+            }
+            for result in sorted(results, key=lambda result: result.printer)
+        ]
+        print(jsonlib.dumps({"schema": 1, "printers": rows}, indent=2))
+    unknown = [name for name in printers or () if name not in targets]
+    if unknown:
+        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
+    hot = sorted(result.printer for result in results if not result.seen_off)
+    if hot:
+        raise FarmError(f"not seen off: {' '.join(hot)}: switch them off by hand")
+
+
+def find_targets(places: Places) -> tuple[dict[str, drv.Target], FleetFileError | None]:
+    """Every printer of the state folder and of `fleet.yaml`; a bad fleet file hides no agent's."""
+    targets = drv.known(places.state.root / "agents")
+    try:
+        fleet = load_fleet(places.fleet, frozenset(PROFILES))
+    except FleetFileError as error:
+        return targets, error
+    for section in fleet.printers:
+        if section.enabled and section.name not in targets:
+            folder = places.state.agent(section.name)
+            targets[section.name] = drv.Target(section.name, section.port, folder, section.power_off_cmd)
+    return targets, None

@@ -1,0 +1,149 @@
+"""The emergency stop, on real processes that hang."""
+
+import asyncio
+import hashlib
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+import tty
+from pathlib import Path
+
+import pytest
+
+from drivers import estop
+from drivers import messages as m
+from drivers.agent.journal import Journal
+from drivers.client import AgentClient, alive, spawn
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, read_status
+from drivers.locks import AGENT_LOCK, held, hold, sign, signed
+
+MODEL = "ultimaker2_plus"
+HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
+SCALE = 120.0
+DEADLINE_S = 30.0
+
+
+async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> None:
+    """Have an agent print; return when head and heaters are at it."""
+    text = HEAD + "".join(
+        f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(50_000)
+    )
+    path = folder.parent / "a.gcode"
+    path.write_text(text)
+    client = AgentClient(folder)
+    await client.connect()
+    asked = False
+    async with asyncio.timeout(DEADLINE_S):
+        async for said in client.snapshots():
+            if said.link is m.LinkState.READY and not asked:
+                asked = True
+                sha256 = hashlib.sha256(text.encode()).hexdigest()
+                start = m.StartPrint(
+                    id=0,
+                    print_id="p-1",
+                    gcode=str(path),
+                    sha256=sha256,
+                    print_time_s=60.0,
+                    filament=m.Filament.PARKED,
+                )
+                assert (await client.request(start)).error is None
+            if said.print is not None and said.print.phase is m.PrintPhase.PRINTING:
+                break
+    assert process.poll() is None
+    await client.close()
+
+
+@pytest.mark.system
+def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_before_the_next_print(
+    tmp_path: Path,
+):
+    folder = tmp_path / "state" / "agents" / "um2-01"
+    url = f"sim://{MODEL}"
+    process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
+    try:
+        asyncio.run(print_until_hot(folder, process))
+        process.send_signal(signal.SIGSTOP)
+        assert read_status(folder / "emulator").nozzle_target_c == 210.0
+        farm = [Path(sys.executable).with_name("farm"), "estop", "--json"]
+        farm += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
+        done = subprocess.run(farm, check=False, capture_output=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        [row] = json.loads(done.stdout)["printers"]
+        assert (row["printer"], row["seen_off"]) == ("um2-01", True)
+        assert 0.0 < row["reset_after_s"] < 10.0
+        status = read_status(folder / "emulator")
+        assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)
+        assert process.wait(10.0) == -signal.SIGKILL
+        assert Journal(folder / "journal.jsonl").memory.look == estop.LOOK
+        assert not alive(folder)
+    finally:
+        process.kill()
+        process.wait(10.0)
+        if emulator_alive(folder / "emulator"):
+            control(folder / "emulator", "power_off")
+
+
+@pytest.mark.parametrize(("relay", "said"), [("exit 0", "mains away"), ("echo stuck >&2; exit 3", "stuck")])
+def test_a_board_that_does_not_show_its_heaters_off_loses_its_mains(tmp_path: Path, relay: str, said: str):
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    port = os.ttyname(slave)
+    os.close(slave)
+    script = tmp_path / "relay.sh"
+    script.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/cut\n{relay}\n')
+    script.chmod(0o700)
+    try:
+        target = estop.Target("um2-01", port, tmp_path / "um2-01", f"{script} {{printer}}")
+        stopped = estop.stop(target, show_s=0.05)
+        assert not stopped.seen_off and stopped.cut_s is not None
+        assert "shows no temperatures" in stopped.text and said in stopped.text
+        assert (tmp_path / "cut").read_text() == "um2-01\n"
+    finally:
+        os.close(master)
+
+
+def test_a_simulated_printer_without_power_is_off_and_nobody_is_needed(tmp_path: Path):
+    stopped = estop.stop(estop.Target("um2-01", f"sim://{MODEL}", tmp_path / "um2-01"))
+    assert stopped.seen_off
+
+
+def test_the_farm_names_the_printer_that_it_could_not_stop(tmp_path: Path):
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(f"printers:\n  - {{name: a, model: {MODEL}, port: {tmp_path}/no-such-tty}}\n")
+    farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path, "--fleet", fleet]
+    done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "a: cannot be stopped" in done.stdout and "not seen off: a" in done.stderr
+    done = subprocess.run([*farm, "b"], check=False, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 4 and "no printer b" in done.stderr
+
+
+def test_a_lock_tells_who_holds_it_and_who_held_it_last(tmp_path: Path):
+    path = tmp_path / AGENT_LOCK
+    assert signed(path) == {}
+    lock = hold(path)
+    assert lock is not None
+    sign(lock, port="sim://x")
+    assert held(path) and hold(path) is None
+    os.close(lock)
+    assert not held(path)
+    assert signed(path) == {"pid": os.getpid(), "port": "sim://x"}
+    path.write_text("[1")
+    assert signed(path) == {}
+
+
+def test_no_process_is_killed_for_a_number_that_an_agent_left_behind(tmp_path: Path):
+    bystander = subprocess.Popen(["sleep", "60"])
+    try:
+        (tmp_path / AGENT_LOCK).write_text(json.dumps({"pid": bystander.pid}))
+        assert estop.kill(tmp_path)
+        assert bystander.poll() is None
+    finally:
+        bystander.kill()
+        bystander.wait()
