@@ -16,7 +16,7 @@ from pydantic import ValidationError
 import drivers
 from drivers.clock import Clock
 from drivers.errors import AgentError, MessageError
-from drivers.locks import AGENT_LOCK, held
+from drivers.locks import AGENT_LOCK, held, kill_holder, signed
 from drivers.messages import Reply, Request, Snapshot, from_agent_adapter
 
 SOCKET = "agent.sock"
@@ -150,12 +150,14 @@ def _parse(line: bytes) -> Snapshot | Reply:
         raise MessageError(f"an agent said what is no message: {error.errors()[0]['msg']}") from error
 
 
-def spawn(printer: str, model: str, port: str, folder: Path, clock: Clock) -> subprocess.Popen[bytes]:
+def spawn(
+    printer: str, model: str, port: str, folder: Path, clock: Clock, power_off_cmd: str | None = None
+) -> subprocess.Popen[bytes]:
     """Start an agent in a session of its own: it outlives whoever started it.
 
     Parameters
     ----------
-    printer, model, port
+    printer, model, port, power_off_cmd
         As `fleet.yaml` has them.
     folder
         The agent's folder, made if missing; its log goes to `agent.log` there.
@@ -174,6 +176,8 @@ def spawn(printer: str, model: str, port: str, folder: Path, clock: Clock) -> su
     """
     arguments = ["--printer", printer, "--model", model, "--port", port, "--folder", str(folder.absolute())]
     arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
+    if power_off_cmd:
+        arguments += ["--power-off-cmd", power_off_cmd]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with (folder / LOG).open("ab") as log:
@@ -192,3 +196,14 @@ def spawn(printer: str, model: str, port: str, folder: Path, clock: Clock) -> su
 def alive(folder: Path) -> bool:
     """Whether an agent of this folder lives: whether its lock is held."""
     return held(folder / AGENT_LOCK)
+
+
+def kill(folder: Path) -> bool:
+    """Kill the agent of this folder, which cannot be told any more; True where none lives then."""
+    return kill_holder(folder / AGENT_LOCK)
+
+
+def pid(folder: Path) -> int | None:
+    """The process of the agent of this folder; None where none lives."""
+    number = signed(folder / AGENT_LOCK).get("pid")
+    return number if isinstance(number, int) and alive(folder) else None

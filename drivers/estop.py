@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import os
 import select
-import signal
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,13 +23,12 @@ from drivers.agent.journal import Journal
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import DriverError, PortError
-from drivers.locks import AGENT_LOCK, held, hold, signed
+from drivers.locks import AGENT_LOCK, hold, kill_holder, signed
 from drivers.marlin import Link, Phase, Report, Up
 from drivers.serialport import SerialPort
 
 EMULATOR = "emulator"
 LOOK = "stopped by `farm estop`"
-_DEATH_S = 1.0
 _SHOW_S = 20.0  # for `start`, the banner and a report
 _ASK_S = 0.5
 
@@ -85,7 +83,7 @@ def stop(target: Target, show_s: float = _SHOW_S) -> Stopped:
     show_s
         Wall seconds in which it has to show its heaters off.
     """
-    kill(target.folder)
+    kill_holder(target.folder / AGENT_LOCK)
     lock = None
     with suppress(OSError):
         target.folder.mkdir(parents=True, exist_ok=True)
@@ -102,22 +100,6 @@ def stop(target: Target, show_s: float = _SHOW_S) -> Stopped:
         if lock is not None:
             os.close(lock)
     return stopped
-
-
-def kill(folder: Path) -> bool:
-    """Kill the agent of a folder, where one lives; True where it is dead then."""
-    path = folder / AGENT_LOCK
-    pid = signed(path).get("pid")
-    if isinstance(pid, int) and held(path):
-        with suppress(OSError):
-            process = os.pidfd_open(pid)
-            try:
-                if held(path):  # else it ended meanwhile, and the number may be another's
-                    signal.pidfd_send_signal(process, signal.SIGKILL)
-                    select.select([process], [], [], _DEATH_S)
-            finally:
-                os.close(process)
-    return not held(path)
 
 
 def _cut(target: Target, show_s: float) -> Stopped:

@@ -5,12 +5,16 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import select
+import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 AGENT_LOCK = "lock"  # in an agent's folder
 _TRIES, _WAIT_S = 20, 0.05
+_DEATH_S = 1.0
 
 
 def held(path: Path) -> bool:
@@ -58,3 +62,18 @@ def signed(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return facts if isinstance(facts, dict) else {}
+
+
+def kill_holder(path: Path) -> bool:
+    """Kill the process that holds the lock, even a stopped one; True where nobody holds it any more."""
+    pid = signed(path).get("pid")
+    if isinstance(pid, int) and held(path):
+        with suppress(OSError):
+            process = os.pidfd_open(pid)
+            try:
+                if held(path):  # else it ended meanwhile, and the number may be another's
+                    signal.pidfd_send_signal(process, signal.SIGKILL)
+                    select.select([process], [], [], _DEATH_S)
+            finally:
+                os.close(process)
+    return not held(path)

@@ -11,6 +11,7 @@ from collections.abc import Coroutine, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
+from drivers import client as agents
 from drivers import messages as m
 from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
@@ -18,6 +19,7 @@ from drivers.emulator.launch import Command, control
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import DriverError
 from farm.config import Fleet, PrinterSection
+from farm.daemon.heartbeat import Heartbeat, look_at
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
 from farm.paths import StateFolder
@@ -31,6 +33,7 @@ _PHASES = {
     m.PrintPhase.CONNECTING: PrintState.HEATING,
     m.PrintPhase.HEATING: PrintState.HEATING,
     m.PrintPhase.PRINTING: PrintState.PRINTING,
+    m.PrintPhase.PAUSED: PrintState.PRINTING,
     m.PrintPhase.ENDING: PrintState.ENDING,
     m.PrintPhase.DONE: PrintState.DONE,
     m.PrintPhase.FAILED: PrintState.FAILED,
@@ -164,17 +167,21 @@ class AgentLink:
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
         self._tasks: set[asyncio.Task[Any]] = set()
         self._stopping = False
+        self._heartbeat = Heartbeat()
 
     def start(self) -> None:
         self.keep_alive()
         self._spawn_task(self._listen())
 
     def keep_alive(self) -> None:
-        """Start the agent where none is alive."""
+        """Start the agent where none is alive; end one that is wedged."""
         if self._process is not None and self._process.poll() is not None:
             log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
             self._process = None
-        if self._stopping or self._process is not None or alive(self._folder):
+        if self._stopping:
+            return
+        if self._process is not None or alive(self._folder):
+            self._look_for_life()
             return
         if self._section is None:
             gone = "it was taken out of fleet.yaml, and its agent is gone"
@@ -184,12 +191,31 @@ class AgentLink:
         if len(self._starts) == self._starts.maxlen and now - self._starts[0] < 60.0:
             return
         self._starts.append(now)
+        self._heartbeat.heard()
         try:
             section = self._section
-            self._process = spawn(section.name, section.model, section.port, self._folder, self._clock)
+            self._process = spawn(
+                section.name,
+                section.model,
+                section.port,
+                self._folder,
+                self._clock,
+                section.power_off_cmd,
+            )
             log.info("%s: agent started, pid %d", section.name, self._process.pid)
         except DriverError as error:
             self._hear(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
+
+    def _look_for_life(self) -> None:
+        """Kill an agent that is wedged; the next look starts another, which resets the board."""
+        pid = agents.pid(self._folder)
+        if pid is not None and self._heartbeat.wedged(time.monotonic(), lambda: look_at(pid)):
+            log.error("%s: its agent (pid %d) is wedged: replacing it", self._name, pid)
+            self._spawn_task(self._kill())
+
+    async def _kill(self) -> None:
+        if not await asyncio.to_thread(agents.kill, self._folder):
+            log.error("%s: its agent cannot be killed; switch the printer off", self._name)
 
     async def _listen(self) -> None:
         while not self._stopping:
@@ -201,6 +227,7 @@ class AgentLink:
                         said = await anext(words, None)
                     if said is None:
                         break
+                    self._heartbeat.heard()
                     if self._is_ours(said):
                         self._hear(self._up_to_date(translate(said)))
                 log.info("%s: the connection to its agent is gone", self._name)

@@ -21,7 +21,7 @@ from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
-from drivers.locks import AGENT_LOCK, held, hold, sign, signed
+from drivers.locks import AGENT_LOCK, held, hold, kill_holder, sign, signed
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
@@ -142,7 +142,7 @@ def test_no_process_is_killed_for_a_number_that_an_agent_left_behind(tmp_path: P
     bystander = subprocess.Popen(["sleep", "60"])
     try:
         (tmp_path / AGENT_LOCK).write_text(json.dumps({"pid": bystander.pid}))
-        assert estop.kill(tmp_path)
+        assert kill_holder(tmp_path / AGENT_LOCK)
         assert bystander.poll() is None
     finally:
         bystander.kill()

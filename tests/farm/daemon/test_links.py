@@ -1,0 +1,76 @@
+"""The daemon's side of real agents."""
+
+import asyncio
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.client import alive, pid
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control
+from farm.config import Fleet
+from farm.daemon import heartbeat
+from farm.daemon.links import Links
+from farm.model import AgentSnapshot, Link
+from farm.paths import StateFolder
+
+MODEL = "ultimaker2_plus"
+DEADLINE_S = 40.0
+
+
+class Ears:
+    def __init__(self) -> None:
+        self.last: AgentSnapshot | None = None
+
+    def heard(self, snapshot: AgentSnapshot) -> None:
+        self.last = snapshot
+
+    def refused(self, print_id: str, reason: str) -> None:
+        raise AssertionError(reason)
+
+
+@pytest.mark.system
+def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(heartbeat, "LOOK_S", 1.0)
+    monkeypatch.setattr(heartbeat, "WEDGED_S", 8.0)
+    state = StateFolder(tmp_path)
+    state.make()
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    ears = Ears()
+
+    async def story() -> None:
+        links = Links(fleet, state, Clock(60.0, time.time()), ears)
+        links.start(())
+
+        async def until_ready_as_another_than(old: int | None) -> int:
+            async with asyncio.timeout(DEADLINE_S):
+                while True:
+                    links.watch()
+                    said = ears.last
+                    if said is not None and said.link is Link.READY and said.agent_pid != old:
+                        assert said.agent_pid is not None
+                        return said.agent_pid
+                    await asyncio.sleep(0.1)
+
+        try:
+            first = await until_ready_as_another_than(None)
+            os.kill(first, signal.SIGSTOP)
+            second = await until_ready_as_another_than(first)
+            assert pid(state.agent("a")) == second
+            await links.shut_down_agents()
+            assert not alive(state.agent("a"))
+        finally:
+            await links.close()
+
+    try:
+        asyncio.run(story())
+    finally:
+        number = pid(state.agent("a"))
+        if number is not None:
+            os.kill(number, signal.SIGKILL)
+        if emulator_alive(state.agent("a") / "emulator"):
+            control(state.agent("a") / "emulator", "power_off")
