@@ -13,6 +13,10 @@ class PortError(DriverError):
     """A port cannot be opened, is taken, or went away."""
 
 
+class PortNotIdle(PortError):
+    """A port that nobody has said may be opened."""
+
+
 class AgentError(DriverError):
     """An agent refused a request or cannot be reached."""
 
@@ -42,6 +46,9 @@ class Fault(StrEnum):
     NO_ANSWER = "no_answer"  # the board is silent
     NOISY_LINE = "noisy_line"  # too many lines had to be sent again
     HEATER_TIMEOUT = "heater_timeout"  # does not get warm
+    THERMAL_RUNAWAY = "thermal_runaway"  # was warm, and fell away from its target
+    HEATER_STUCK_ON = "heater_stuck_on"  # gets hotter than it was set, or does not cool when off
+    PAUSE_TIMEOUT = "pause_timeout"  # nobody resumed it in time
     TARGET_CHANGED = "target_changed"  # somebody or something else set a temperature
     WRONG_PRINTER = "wrong_printer"  # not the model that was asked for
     BAD_FILE = "bad_file"  # not the file that was meant, or not fit for this printer

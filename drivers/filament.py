@@ -19,7 +19,8 @@ WINDOW_LINES = 4096  # the filament was surely at the nozzle somewhere in so man
 NEAR_MM = 1.0  # M114 rounds to 0.01
 
 _PLACE = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
-_WORD = re.compile(rb"([XYZE])(-?[\d.]+)")
+_WORD = re.compile(rb"([FXYZE])(-?[\d.]+)")
+_FEED = re.compile(rb"F([\d.]+)")
 _AXES = {b"X": 0, b"Y": 1, b"Z": 2, b"E": 3}
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 
@@ -55,21 +56,35 @@ def retracted_mm(program: Program, done: int, stood: Point | None = None) -> flo
     float
         In mm, 0 at the tip. Exact but for a G92 among the last moves, which shifts what the firmware counts.
     """
-    walk = _Walk(program, max(0, done - WINDOW_LINES), done)
+    walk = Walk(program, done)
     return walk.back_mm if stood is None else walk.back_at(stood)
 
 
-class _Walk:
-    """The last lines, followed as the firmware does."""
+class Walk:
+    """The last lines of those that are done, followed as the firmware does.
 
-    def __init__(self, program: Program, start: int, done: int) -> None:
-        self._relative = _last(program, start, b"G91", b"G90")
-        self._relative_e = _last(program, start, b"M83", b"M82")
-        if self._relative or self._relative_e:  # what E counts is the sum of all
-            self._relative = self._relative_e = False
+    Attributes
+    ----------
+    at
+        X, Y, Z, E as the file counts them; NaN where no line has said.
+    back_mm
+        How far behind the nozzle's tip the filament ends.
+    feed_mm_min
+        The last F; NaN where there was none.
+    relative, relative_e
+        Whether G91, or M83, is in force.
+    """
+
+    def __init__(self, program: Program, done: int) -> None:
+        start = max(0, done - WINDOW_LINES)
+        self.relative = _last(program, start, b"G91", b"G90")
+        self.relative_e = _last(program, start, b"M83", b"M82")
+        if self.relative or self.relative_e:  # what E counts is the sum of all
+            self.relative = self.relative_e = False
             start = 0
-        self._at = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
+        self.at = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
         self.back_mm = 0.0
+        self.feed_mm_min = _last_feed(program, start)
         # from, to, and how far back the filament was before
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=AHEAD_LINES)
         for line in program.lines(start, done):
@@ -80,33 +95,37 @@ class _Walk:
             self._move(line)
         elif line.startswith(b"G92"):
             for letter, value in _WORD.findall(line):
-                self._count(_AXES[letter], float(value))
+                if letter != b"F":
+                    self._count(_AXES[letter], float(value))
         elif line.startswith(b"G28"):  # all moves before it were made
             self._moves.clear()
-            self._at[:3] = [math.nan] * 3
+            self.at[:3] = [math.nan] * 3
         elif line in (b"G90", b"G91"):
-            self._relative = line == b"G91"
+            self.relative = line == b"G91"
         elif line in (b"M82", b"M83"):
-            self._relative_e = line == b"M83"
+            self.relative_e = line == b"M83"
 
     def _move(self, line: bytes) -> None:
-        before = self._at
+        before = self.at
         after = before.copy()
         for letter, value in _WORD.findall(line):
+            if letter == b"F":
+                self.feed_mm_min = float(value)
+                continue
             axis = _AXES[letter]
-            relative = self._relative or (axis == 3 and self._relative_e)
+            relative = self.relative or (axis == 3 and self.relative_e)
             after[axis] = float(value) + (before[axis] if relative else 0.0)
         self._moves.append((before, after, self.back_mm))
-        self._at = after
+        self.at = after
         fed_mm = after[3] - before[3]
         if not math.isnan(fed_mm):
             self.back_mm = max(0.0, self.back_mm - fed_mm)
 
     def _count(self, axis: int, value: float) -> None:
         """G92: the same place has another name from now on, in the moves under way as well."""
-        shift = value - self._at[axis]
-        self._at = self._at.copy()
-        self._at[axis] = value
+        shift = value - self.at[axis]
+        self.at = self.at.copy()
+        self.at[axis] = value
         self._moves = deque(
             (
                 (_shifted(before, axis, shift), _shifted(after, axis, shift), back_mm)
@@ -126,10 +145,25 @@ class _Walk:
         return found_mm
 
 
+def _end(program: Program, line: int) -> int:
+    """Where line `line` begins in the text."""
+    rest = program.lines(line - line % 256, line)
+    return (program.offsets[line // 256] if line else 0) + sum(len(part) + 1 for part in rest)
+
+
+def _last_feed(program: Program, line: int) -> float:
+    """The last F before `line`; NaN where there was none."""
+    text, at = program.text, _end(program, line)
+    while (at := text.rfind(b"F", 0, at)) >= 0:
+        move = text[text.rfind(b"\n", 0, at) + 1 : text.find(b"\n", at)]
+        if move.startswith(_MOVES) and (found := _FEED.search(move)) is not None:
+            return float(found[1])
+    return math.nan
+
+
 def _last(program: Program, line: int, yes: bytes, no: bytes) -> bool:
     """Whether of two lines the one was the last before `line`."""
-    end = program.offsets[line // 256] if line else 0
-    end += len(b"".join(part + b"\n" for part in program.lines(line - line % 256, line)))
+    end = _end(program, line)
     return program.text.rfind(b"\n" + yes + b"\n", 0, end) > program.text.rfind(b"\n" + no + b"\n", 0, end)
 
 

@@ -48,6 +48,7 @@ class PrintPhase(StrEnum):
     CONNECTING = "connecting"
     HEATING = "heating"
     PRINTING = "printing"
+    PAUSED = "paused"  # filament parked, head away, nozzle off, bed warm
     ENDING = "ending"  # heaters going off, by end code or by an abort
     DONE = "done"
     FAILED = "failed"
@@ -131,6 +132,22 @@ class CancelPrint(_Message):
     reason: str = "cancelled"
 
 
+class PausePrint(_Message):
+    """Stop where it can be gone on from; nothing happens where it does not print."""
+
+    do: Literal["pause"] = "pause"
+    id: int
+    print_id: str
+
+
+class ResumePrint(_Message):
+    """Go on where `PausePrint` stopped."""
+
+    do: Literal["resume"] = "resume"
+    id: int
+    print_id: str
+
+
 class ForgetPrint(_Message):
     """The daemon has the end of this print in its books; the agent may drop it and its spool file."""
 
@@ -155,7 +172,7 @@ class Shutdown(_Message):
     now: bool = False
 
 
-Request = Hello | StartPrint | CancelPrint | ForgetPrint | BedCleared | Shutdown
+Request = Hello | StartPrint | CancelPrint | PausePrint | ResumePrint | ForgetPrint | BedCleared | Shutdown
 
 
 class Reply(_Said):

@@ -15,6 +15,8 @@ from drivers.errors import Fault
 _REPORT = re.compile(rb"T:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)\s+B:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)")
 _LAST_LINE = re.compile(rb"Last Line: (\d+)\s*\Z")
 _RESEND = re.compile(rb"Resend: ?(\d+)\s*\Z")
+_VERSION = re.compile(rb"Vers:_([\w.]+?)(ex)?\s*$", re.MULTILINE)
+_OFFSET = re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE)
 _TROUBLES = (
     (b"MAXTEMP", Fault.MAXTEMP),
     (b"MINTEMP", Fault.MINTEMP),
@@ -43,6 +45,27 @@ class Report:
     nozzle_target_c: float
     bed_c: float
     bed_target_c: float
+
+    @property
+    def off(self) -> bool:
+        """Nothing is to be heated."""
+        return self.nozzle_target_c == 0 and self.bed_target_c == 0
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a banner tells of the printer that it is.
+
+    Attributes
+    ----------
+    suffix
+        Of the firmware's version: "ex" on an Extended.
+    offset
+        The home offset (M206): somebody levelled this very bed to a hundredth of a millimetre.
+    """
+
+    suffix: str
+    offset: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +103,14 @@ def frame(number: int, command: bytes) -> bytes:
     """One numbered and checksummed line with its newline."""
     line = b"N%d %b" % (number, command)
     return b"%b*%d\n" % (line, checksum(line))
+
+
+def identity(banner: bytes) -> Identity | None:
+    """Which printer says this; None where it is garbled, or not this firmware's banner."""
+    version, offset = _VERSION.search(banner), _OFFSET.search(banner)
+    if version is None or offset is None:
+        return None
+    return Identity((version[2] or b"").decode(), offset[1].decode())
 
 
 def report(line: bytes) -> Report | None:

@@ -17,30 +17,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator
 
+from drivers import replies
 from drivers.errors import Fault
-from drivers.filament import Point, place, retracted_mm
+from drivers.filament import place, retracted_mm
 from drivers.gcode import Heat, HeaterName, Program
 from drivers.marlin import Event, Events, Link, Report, Said, Trouble, Up
 from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
+from drivers.parking import PARKED_MM, Parking
 from drivers.profiles import Profile
-from drivers.steps import TRIES, Ended, Pace, Script, Steps, Wait
+from drivers.steps import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, TRIES, Ended, Pace, Script, Wait
 
 __all__ = ["PARKED_MM", "Pace", "Session"]
 
-PARKED_MM = 20.0  # how far back the end code and the printer's own menu leave the filament
-PARKED_SLACK_MM = 0.25
 HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
-BED_BAND_C = 0.5
-NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: residence near the target
-STALL_C = 1.0  # a heater that comes no nearer than this in STALL_S is broken
-STALL_S = {HeaterName.NOZZLE: 60.0, HeaterName.BED: 150.0}
-HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
-DEAD_MAN_S = 1200.0
-FEED_S = 300.0  # M105 does not feed the dead-man, a command does
-DEAF_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
 STOP_S = 30.0  # M401 waits for the move under way
+HOME_SLACK_MM = 30.0  # M206 shifts what a printer calls the height of its home
 _BARRIERS = (b"M400",) * 3  # the ok of a garbled last line may be believed; that of three is not
+_OFF = {HeaterName.NOZZLE: 0.0, HeaterName.BED: 0.0}
 
 _RESET_AFTER = frozenset(
     (
@@ -48,10 +42,9 @@ _RESET_AFTER = frozenset(
         Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.PORT_LOST, Fault.AGENT_DIED,
     )
 )  # fmt: skip
-_SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 
 
-class Session(Steps):
+class Session(Parking):
     """One print, or the recovery of one that an agent left behind.
 
     Parameters
@@ -68,6 +61,8 @@ class Session(Steps):
         See `Pace`.
     now_s
         The farm's clock.
+    identity
+        What this printer's banner said of it before (`identity` of an earlier session); None: not known yet.
     """
 
     def __init__(
@@ -78,21 +73,17 @@ class Session(Steps):
         filament: Filament,
         pace: Pace,
         now_s: float,
+        identity: str | None = None,
     ) -> None:
-        super().__init__(link, pace, now_s)
-        self.program = program
-        self.profile = profile
-        self.filament = filament
-        self.phase = PrintPhase.CONNECTING
+        super().__init__(link, program, profile, filament, pace, now_s)
+        self.identity = identity
         self.fault: Fault | None = None
         self.reason: str | None = None
         self.extruded = False
         self.started_s = now_s
         self.ended_s: float | None = None
-        self._place: Point | None = None  # by the last M114
+        self._said = b""  # by the board, since the last question
         self._strange = 0  # reports in a row with targets that nobody here set
-        self._deaf_s = max(DEAF_S, 5 * pace.floor_s)
-        self._dead_man_s = max(DEAD_MAN_S, 10 * pace.floor_s)
         self._carried_out = 0  # lines of the file up to the last heating line that was carried out here
         self._streamed: int | None = None  # once the stream is over
         self._script = self._run()
@@ -132,6 +123,16 @@ class Session(Steps):
             else:
                 return
 
+    def pause(self, now_s: float) -> None:
+        """Park where the head can come back to, and wait for `resume`; nothing where it does not print."""
+        self._pause_wanted = self.phase in (PrintPhase.PRINTING, PrintPhase.PAUSED)
+        self.advance((), now_s)
+
+    def resume(self, now_s: float) -> None:
+        """Go on after a `pause`."""
+        self._pause_wanted = False
+        self.advance((), now_s)
+
     def cancel(self, reason: str, now_s: float) -> None:
         """End the print safely; nothing where it is ending already."""
         self._now_s = now_s
@@ -151,10 +152,11 @@ class Session(Steps):
     def _notice(self, event: Event) -> Ended | None:
         if isinstance(event, Report):
             self.report = event
-            return self._watch_targets(event)
+            return self._watch_heaters(event)
         if isinstance(event, Up):
             self._up = event
         elif isinstance(event, Said):
+            self._said += event.text + b"\n"
             self._place = place(event.text) or self._place
         elif isinstance(event, Trouble) and not (
             self.link.only_ask and self.link.phase is not LinkPhase.DEAD
@@ -162,14 +164,31 @@ class Session(Steps):
             return Ended(event.fault, event.text)
         return None
 
-    def _watch_targets(self, report: Report) -> Ended | None:
-        """Tinker firmware and people at the knob change targets behind a host's back."""
+    def _set_c(self) -> dict[HeaterName, float]:
+        """What the heaters were told."""
         program = self.program
-        if program is None or self.phase not in (PrintPhase.HEATING, PrintPhase.PRINTING):
-            return None
+        if program is None or self.phase not in _HEATED:
+            return _OFF
         done = max(self._carried_out, self.link.streamed)
-        nozzle_c = program.target_c(HeaterName.NOZZLE, done) or 0.0
-        bed_c = program.target_c(HeaterName.BED, done) or 0.0
+        nozzle_c = 0.0 if self._nozzle_off else program.target_c(HeaterName.NOZZLE, done) or 0.0
+        return {
+            HeaterName.NOZZLE: nozzle_c,
+            HeaterName.BED: program.target_c(HeaterName.BED, done) or 0.0,
+        }
+
+    def _watch_heaters(self, report: Report) -> Ended | None:
+        set_c = self._set_c()
+        finding = self._watch.look(report, set_c, self._now_s)
+        if self.phase not in _HEATED:
+            self.wants_power_off = self.wants_power_off or (finding is not None and self.phase is _ENDING)
+            return None
+        return self._watch_targets(report, set_c) or (
+            None if finding is None else Ended(finding.fault, finding.text)
+        )
+
+    def _watch_targets(self, report: Report, set_c: dict[HeaterName, float]) -> Ended | None:
+        """Tinker firmware and people at the knob change targets behind a host's back."""
+        nozzle_c, bed_c = set_c[HeaterName.NOZZLE], set_c[HeaterName.BED]
         same = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
         self._strange = 0 if same else self._strange + 1
         if self._strange < 3:  # one may be garbled
@@ -183,7 +202,7 @@ class Session(Steps):
         try:
             self._wait = step()
         except StopIteration:
-            self.ended_s = self._now_s
+            self.ended_s = self._now_s if self._off_s is None else self._off_s
             self.wants_reset = False
             self.link.poll_every_s = self._pace.idle_s
             self.link.poll(self._now_s)
@@ -206,17 +225,18 @@ class Session(Steps):
         program = self.program
         if program is None:
             raise Ended(Fault.AGENT_DIED, "the agent's process ended in the middle of the print")
-        yield from self._connect()
-        self._check_printer()
+        yield from self._identify()
         self.phase = PrintPhase.HEATING
         self.heaters_off = False
-        yield from self._commands(b"M85 S%d" % self._dead_man_s)
-        stops: dict[int, Heat | None] = {program.extrudes: None, program.count: None}
+        yield from self._dead_man(HEAT_DEAD_MAN_S)
+        stops: dict[int, Heat | None] = {program.homes + 1: None, program.extrudes: None, program.count: None}
         stops |= {heat.line: heat for heat in program.heats if heat.waits}
         at = 0
-        for stop in sorted(stops):
+        for stop in sorted(stop for stop in stops if stop <= program.count):
             yield from self._stream(program, at, stop)
             at = stop
+            if stop == program.homes + 1:
+                yield from self._check_height()
             heat = stops[stop]
             if heat is not None:
                 self._carried_out = at = stop + 1
@@ -227,85 +247,68 @@ class Session(Steps):
             elif stop == program.extrudes < program.count:
                 self.extruded = True
                 self.phase = PrintPhase.PRINTING
+                yield from self._dead_man(PRINT_DEAD_MAN_S)
+        yield from self._finish(program)
+
+    def _finish(self, program: Program) -> Script:
         self.phase = PrintPhase.ENDING
         self._streamed = program.count
         yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, limit_s=math.inf)
-        if (
-            self.filament is Filament.AT_NOZZLE
-        ):  # as far back as the file's end code left it: it cools already
+        if self.filament is Filament.AT_NOZZLE:
+            # as far back as the file's end code left it: it cools already
             yield from self._park(retracted_mm(program, program.count), hot=False)
-        yield from self._commands(b"M85 S0")
         if not (yield from self._shown_off()):
+            if self.report is not None and self.report.off:
+                raise Ended(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
             raise Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
+        yield from self._dead_man(0.0)
 
-    def _check_printer(self) -> None:
-        banner = self._up.banner if self._up is not None else b""
-        version = next((line for line in banner.split(b"\n") if b"Vers:" in line), None)
-        if version is None:
-            return  # lost on the way; a noisy line is the link's matter
-        if version.rstrip().endswith(b"ex") != (self.profile.banner_suffix == "ex"):
-            said = version.decode("ascii", "replace")
-            raise Ended(Fault.WRONG_PRINTER, f"not the board of an {self.profile.title}: {said!r}")
+    def _identify(self) -> Script:
+        """Reset the board and see that it is this printer's; before anything heats.
+
+        A banner carries no checksum: what cannot be read, or is another's, is asked for again.
+        """
+        wrong = ""
+        for _ in range(TRIES):
+            yield from self._connect()
+            found = replies.identity(self._up.banner) if self._up is not None else None
+            if found is None:
+                wrong = "its banner does not tell which printer it is"
+            elif found.suffix != self.profile.banner_suffix:
+                wrong = f"not the board of an {self.profile.title}"
+            elif self.identity is not None and found.offset != self.identity:
+                wrong = f"another printer, or levelled anew: home offset {found.offset}, not {self.identity}"
+            else:
+                self._said = b""
+                yield from self._commands(b"M115")
+                if b"Ultimaker2" in self._said:
+                    self.identity = found.offset
+                    return
+                wrong = "M115 tells of another firmware than the Ultimaker 2's"
+        raise Ended(Fault.WRONG_PRINTER, wrong)
+
+    def _check_height(self) -> Script:
+        """An Extended is 100 mm higher, whatever its firmware calls itself."""
+        self._place = None
+        yield from self._commands(b"M114")
+        home_mm = self.profile.home_mm[2]
+        if self._place is not None and abs(self._place[2] - home_mm) > HOME_SLACK_MM:
+            raise Ended(
+                Fault.WRONG_PRINTER,
+                f"its bed homes at {self._place[2]:g} mm, not near {home_mm:g}: not an {self.profile.title}",
+            )
 
     def _stream(self, program: Program, start: int, stop: int) -> Script:
-        if start < stop:
+        while start < stop:
             self.link.poll_every_s = self._pace.printing_s
             self.link.stream(self._now_s, program.lines, start, stop)
-            yield Wait(lambda: self.link.drained)
-
-    def _heat(self, heat: Heat) -> Script:
-        """What M109 and M190 do, in steps that can be left at any time."""
-        yield from self._commands(_SETS[heat.heater] % heat.target_c)
-        if heat.target_c == 0:
-            return
-        self.link.poll_every_s = self._pace.heating_s
-        limit_s = self._now_s + HEAT_LIMIT_S[heat.heater]
-        nearest_c, nearer_s, held_s = math.inf, self._now_s, math.inf
-        while True:
-            seen = self.report
-            self.link.poll_soon(self._now_s + self._pace.heating_s)
-            heard = yield Wait(lambda seen=seen: self.report is not seen, self._now_s + self._deaf_s)  # type: ignore[misc]
-            report = self.report
-            if not heard or report is None:
-                raise Ended(
-                    Fault.NO_ANSWER, f"the board answers, but tells no temperature of the {heat.heater}"
-                )
-            now_c = report.nozzle_c if heat.heater is HeaterName.NOZZLE else report.bed_c
-            away_c = heat.target_c - now_c
-            if heat.heater is HeaterName.BED and away_c <= BED_BAND_C:
+            yield Wait(lambda: self.link.drained or (self._pause_wanted and self._pausable()))
+            if self.link.drained:
                 return
-            if heat.heater is HeaterName.NOZZLE and abs(away_c) <= NOZZLE_BAND_C:
-                held_s = min(held_s, self._now_s)
-                if self._now_s - held_s >= NOZZLE_HOLD_S:
-                    return
-                continue
-            held_s = math.inf
-            if abs(away_c) < nearest_c - STALL_C:
-                nearest_c, nearer_s = abs(away_c), self._now_s
-            stalled = self._now_s - nearer_s > max(STALL_S[heat.heater], 2 * self._pace.floor_s)
-            if stalled or self._now_s > limit_s:
-                reached = f"{now_c:g} of {heat.target_c:g} C"
-                raise Ended(Fault.HEATER_TIMEOUT, f"the {heat.heater} got to {reached} and no further")
-            if self._now_s - self._fed_s > FEED_S:
-                yield from self._commands(b"M85 S%d" % self._dead_man_s)
-
-    def _unpark(self) -> Script:
-        self.filament = Filament.UNKNOWN
-        yield from self._commands(b"M82", b"G92 E0", b"G1 F300 E%g" % PARKED_MM, b"G92 E0", b"M400")
-        self.filament = Filament.AT_NOZZLE
-
-    def _park(self, back_mm: float, hot: bool) -> Script:
-        """Draw the filament, which is so far back already, to where a print ends with it."""
-        if abs(PARKED_MM - back_mm) <= PARKED_SLACK_MM:
-            self.filament = Filament.PARKED
-        elif hot:
-            self.filament = Filament.UNKNOWN
-            if (
-                yield from self._commands(b"G91", b"G1 F1500 E%.3f" % (back_mm - PARKED_MM), b"G90", b"M400")
-            ):
-                self.filament = Filament.PARKED
-        elif back_mm > PARKED_SLACK_MM:
-            self.filament = Filament.UNKNOWN
+            self.link.halt()
+            yield Wait(lambda: self.link.drained)
+            start = self.link.streamed
+            yield from self._pause(program, start)
 
     # --- ways out ---
 
@@ -336,8 +339,10 @@ class Session(Steps):
             away = (b"G91", b"G1 F1200 Z10", b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)
             if not (yield from self._commands(*away)):
                 return False
-        yield from self._commands(b"M85 S0")
-        return (yield from self._shown_off())
+        if not (yield from self._shown_off()):
+            return False
+        yield from self._dead_man(0.0)
+        return True
 
     def _cut(self, homed: bool) -> Script:
         """Heaters off by a reset: the only emergency stop that this firmware has."""
@@ -349,13 +354,20 @@ class Session(Steps):
                 self.heaters_off = False
                 try:
                     yield from self._connect()
+                    self._watch.again()
                     if (yield from self._shown_off()):
                         if homed and self.fault is None:
-                            yield from self._commands(b"G28 X0 Y0", b"M84", b"M400")
+                            # The nozzle may stand in the part: the bed goes down to its switch first.
+                            yield from self._commands(b"G28 Z0", b"G28 X0 Y0", b"M84", b"M400")
                         return
                 except Ended as ended:
                     if ended.fault is Fault.PORT_LOST:
                         break
+            self.wants_power_off = True
             self.reason = f"{self.reason}; heaters were not shown off: switch the printer off"
         finally:
             self.link.only_ask = False
+
+
+_ENDING = PrintPhase.ENDING
+_HEATED = (PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.PAUSED)

@@ -1,4 +1,4 @@
-"""What every script of a session is made of: reset, commands, heaters shown off. Pure.
+"""What every script of a session is made of: reset, commands, heat, heaters shown off. Pure.
 
 A script is a generator; what it yields is what it waits for.
 """
@@ -11,14 +11,26 @@ from dataclasses import dataclass
 
 from drivers.clock import Clock
 from drivers.errors import Fault
+from drivers.gcode import Heat, HeaterName
 from drivers.marlin import Link, Report, Up
 from drivers.marlin import Phase as LinkPhase
+from drivers.watch import Watch
 
 ABORT_S = 180.0
-OFF_S = 30.0
+OFF_S = 120.0  # longer than the watch waits for a heater to fall
 RESET_S = 30.0  # for a port that went away to come back
 UP_S = 30.0  # the link itself asks before
 TRIES = 3
+BED_BAND_C = 0.5
+NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: residence near the target
+HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
+DEAF_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
+HEAT_DEAD_MAN_S = 1200.0  # nothing feeds it in a G28 or behind slow moves
+PRINT_DEAD_MAN_S = 600.0  # moves feed it, but not an M400 behind 17 slow ones
+PAUSE_DEAD_MAN_S = 120.0  # fed every few seconds
+FEED_S = 300.0  # while heating: M105 does not feed the dead-man, a command does
+
+_SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +88,12 @@ class Steps:
     report
         The last temperatures.
     heaters_off
-        A report has shown both targets 0 since the last heating command.
+        Since the last heating command a report has shown both targets 0, and each heater was seen to cool or
+        to be cold.
     wants_reset
         Asks the caller to reset the port; the caller takes it back when that is done.
+    wants_power_off
+        Asks the caller to cut the printer's mains, if it can: heaters could not be shown off.
     """
 
     def __init__(self, link: Link, pace: Pace, now_s: float) -> None:
@@ -86,10 +101,15 @@ class Steps:
         self.report: Report | None = None
         self.heaters_off = False
         self.wants_reset = False
+        self.wants_power_off = False
         self._pace = pace
         self._now_s = now_s
+        self._watch = Watch(2 * pace.floor_s)
         self._up: Up | None = None
+        self._dead_man_s = 0.0
         self._fed_s = now_s  # when the dead-man was fed
+        self._off_s: float | None = None  # when both targets were first seen 0 by the last `_shown_off`
+        self._deaf_s = max(DEAF_S, 5 * pace.floor_s)
 
     def _connect(self) -> Script:
         """Reset the board and wait until it answers; a new board has heaters off and counts lines from 1."""
@@ -102,6 +122,7 @@ class Steps:
             heard = self._until(lambda: self._up is not None or self.link.phase is LinkPhase.DEAD, UP_S)
             yield heard
             if self._up is not None and self._up.restarted:
+                self._dead_man_s = 0.0
                 return
         raise Ended(Fault.NO_ANSWER, "the board did not start again when its port was opened")
 
@@ -114,18 +135,56 @@ class Steps:
         self._fed_s = self._now_s
         return (yield self._until(lambda: self.link.drained, limit_s))
 
+    def _dead_man(self, seconds: float) -> Script:
+        """Arm the firmware's own end of all heat where no command comes for so long; 0 is off."""
+        self._dead_man_s = max(seconds, 10 * self._pace.floor_s) if seconds else 0.0
+        yield from self._commands(b"M85 S%d" % self._dead_man_s)
+
+    def _heat(self, heat: Heat) -> Script:
+        """What M109 and M190 do, in steps that can be left at any time; the watch sees what is broken."""
+        yield from self._commands(_SETS[heat.heater] % heat.target_c)
+        if heat.target_c == 0:
+            return
+        self.link.poll_every_s = self._pace.heating_s
+        limit_s = self._now_s + HEAT_LIMIT_S[heat.heater]
+        held_s = math.inf
+        while True:
+            seen = self.report
+            self.link.poll_soon(self._now_s + self._pace.heating_s)
+            heard = yield Wait(lambda seen=seen: self.report is not seen, self._now_s + self._deaf_s)  # type: ignore[misc]
+            if not heard:
+                what = f"the board answers, but tells no temperature of the {heat.heater}"
+                raise Ended(Fault.NO_ANSWER, what)
+            now_c = self._watch.now_c(heat.heater)
+            away_c = heat.target_c - now_c
+            if heat.heater is HeaterName.BED and away_c <= BED_BAND_C:
+                return
+            if heat.heater is HeaterName.NOZZLE and abs(away_c) <= NOZZLE_BAND_C:
+                held_s = min(held_s, self._now_s)
+                if self._now_s - held_s >= NOZZLE_HOLD_S:
+                    return
+                continue
+            held_s = math.inf
+            if self._now_s > limit_s:
+                late = f"the {heat.heater} got to {now_c:g} of {heat.target_c:g} C in the time it has"
+                raise Ended(Fault.HEATER_TIMEOUT, late)
+            if self._now_s - self._fed_s > FEED_S:
+                yield from self._dead_man(self._dead_man_s)
+
     def _shown_off(self) -> Generator[Wait, bool, bool]:
-        """Ask until a report shows both targets 0."""
+        """Ask until a report shows both targets 0 and what is warm was seen to cool."""
         limit = self._until(lambda: False, OFF_S).deadline_s
+        self._off_s = None
         self.link.poll_every_s = self._pace.heating_s
         self.link.poll(self._now_s)
         while self._now_s < limit:
             seen = self.report
             yield Wait(lambda seen=seen: self.report is not seen, limit)  # type: ignore[misc]
-            report = self.report
-            if report is None or report is seen:
+            if self.report is None or self.report is seen or not self.report.off:
                 continue
-            if report.nozzle_target_c == 0 and report.bed_target_c == 0:
+            if self._off_s is None:
+                self._off_s = self._now_s
+            if self._watch.cools:
                 self.heaters_off = True
                 return True
         return False

@@ -8,17 +8,21 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
+from drivers.agent.idle import ASK, CARD, IdleWatch
 from drivers.clock import Clock
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
-from drivers.errors import Fault, PortError
+from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.marlin import Event, Events, Link, Phase, Report, Said, Trouble, Up
-from drivers.serialport import SerialPort, resolve
+from drivers.serialport import SerialPort, plugged_in, resolve
 from drivers.session import Pace, Session
 
 log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
+UNWATCHED = "nobody watched it before its agent was started"
+NOT_IDLE = "its port is opened when somebody has said that it does not print: opening it may reset it"
+NO_RESET = "its board did not start again at a pulse of DTR, so it could not be stopped: see to its cable"
 
 
 class Board:
@@ -52,14 +56,21 @@ class Board:
         self.session: Session | None = None
         self.report: Report | None = None
         self.absent: str | None = "the port was not opened yet"
+        self.untouched = False  # it is there, but nobody has said that it may be opened
         self.look: str | None = None  # trouble while idle: a person has to see to it
         self.doubt: str | None = None  # what happened here that we did not cause: is the bed still clear?
         self.resets = 0  # that the agent did not cause
+        self.wants_power_off = False  # a heater cannot be switched off any other way
+        self.opened: str | None = None  # the device, as it was plugged in, that was opened last
+        self.reset_verified: str | None = None  # the port over which DTR was seen to reset the board
+        self.idle = IdleWatch()
         self.stirred = False  # something other than the next line of a program happened
         self._url, self._folder, self._clock = url, folder, clock
         self._remember, self._moved = remember, moved
         self._port: SerialPort | None = None
         self._retry_wall_s = 0.0
+        self._said_idle = False  # by a person: its port may be opened
+        self._proving = False  # whether DTR resets the board
 
     # --- what the loop does ---
 
@@ -96,10 +107,20 @@ class Board:
         return min(wall_s, self._retry_wall_s) if self._port is None else wall_s
 
     def open(self) -> None:
-        """Open the port, which resets the board. Where that fails, it is tried again later."""
+        """Open the port, which resets the board. Where that fails, it is tried again later.
+
+        A port that the kernel has not opened since it was plugged in raises DTR, and nothing can be asked
+        before: it is left alone until somebody has said that the printer does not print by itself.
+        """
         try:
-            self._port = SerialPort(resolve(self._url, self._folder, self._clock))
+            path = resolve(self._url, self._folder, self._clock)
+            device = None if self.simulated else plugged_in(path)
+            if not (self.simulated or self.session or self._said_idle or device == self.opened):
+                raise PortNotIdle(NOT_IDLE)
+            self._port = SerialPort(path)
+            self.opened = device
         except PortError as error:
+            self.untouched = isinstance(error, PortNotIdle)
             if self.absent != str(error):
                 log.warning("%s", error)
             self.absent = str(error)
@@ -113,6 +134,7 @@ class Board:
     def begin(self, session: Session) -> None:
         """Let a session have the board, from a reset on."""
         self.session = session
+        self.idle.anew()
         self._go_on((), self._clock.now())
 
     def cancel(self, reason: str) -> None:
@@ -122,14 +144,44 @@ class Board:
             self.session.cancel(reason, now_s)
             self._go_on((), now_s)
 
+    def pause(self, wanted: bool) -> None:
+        """Have the open print wait, or go on."""
+        if self.session is not None:
+            now_s = self._clock.now()
+            (self.session.pause if wanted else self.session.resume)(now_s)
+            self._go_on((), now_s)
+
     def looked_at(self) -> None:
         """A person saw to the printer: whatever was the matter is over."""
+        if self.idle.card:
+            raise AgentError(CARD)
         self.doubt = None
-        if self.look is None and self.link.phase is not Phase.DEAD:
-            return
+        well = self.look is None and self.link.phase is not Phase.DEAD
         self.look = None
-        if self.session is None and self._port is not None:
+        if not (well and self.proven and self._port is not None):
+            self.prove()
+
+    @property
+    def proven(self) -> bool:
+        """Whether DTR was seen to reset the board behind this port."""
+        return self.simulated or self.reset_verified == self._url
+
+    def prove(self) -> None:
+        """Reset the board, and see whether it starts again; somebody has said that it does not print.
+
+        Raises
+        ------
+        AgentError
+            It prints.
+        """
+        if self.session is not None or self.idle.card:
+            raise AgentError(CARD if self.idle.card else "it prints")
+        self._said_idle = True
+        if self._port is None:
+            self.open()
+        if self._port is not None:
             self._reset()
+            self._proving = self._port is not None
 
     def cut(self) -> None:
         """Switch everything off by a reset, where a print is open: the agent is about to end."""
@@ -191,18 +243,43 @@ class Board:
     def _notice(self, event: Event, now_s: float) -> None:
         if isinstance(event, Report):
             self.report = event
-            if self.session is None and (event.nozzle_target_c > 0 or event.bed_target_c > 0):
-                self._doubt("somebody switched a heater on at the printer")
+            if self.session is None:
+                self._idle_report(event, now_s)
         elif isinstance(event, Up):
             log.info("the board answers%s", " after a reset" if event.restarted else "")
+            self._answers(event)
         elif isinstance(event, Said):
-            log.info("board: %s", event.text.decode("ascii", "replace"))
+            understood, doubt = self.idle.said(event.text) if self.session is None else (False, None)
+            if doubt is not None:
+                self._doubt(doubt)
+            if not understood:
+                log.info("board: %s", event.text.decode("ascii", "replace"))
         else:
             log.warning("board: %s (%s)", event.text, event.fault)
             if event.fault is Fault.REBOOT:
                 self.resets += 1
             if self.session is None:
                 self._idle_trouble(event, now_s)
+
+    def _answers(self, up: Up) -> None:
+        """See whether the pulse of DTR before had reset the board."""
+        self.idle.anew()
+        if up.restarted and (self._proving or self.session is not None):
+            self.reset_verified = self._url
+        elif self._proving:
+            self.look = NO_RESET
+        self._proving = False
+
+    def _idle_report(self, report: Report, now_s: float) -> None:
+        doubt, trouble = self.idle.report(report)
+        if doubt is not None:
+            self._doubt(doubt)
+        if trouble is not None and self.look is None:
+            log.error("%s", trouble.text)
+            self.look = f"{trouble.text}: switch it off"
+            self.wants_power_off = True
+        if self.link.drained:
+            self.link.send(now_s, *ASK)
 
     def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:
@@ -216,7 +293,9 @@ class Board:
     def _opened(self) -> None:
         assert self._port is not None
         self.absent = None
+        self.untouched = False
         self.report = None
+        self.idle.anew()
         if self.session is None:
             self.link.poll_every_s = self.pace.idle_s
         else:
@@ -248,6 +327,7 @@ class Board:
         self.close()
         self.absent = str(error)
         self.report = None
+        self._said_idle = False
         self.link.closed()
         self._retry_wall_s = time.time() + RETRY_S
         session = self.session

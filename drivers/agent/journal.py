@@ -31,12 +31,15 @@ class Memory:
         Why a person has to look at the printer, until they did.
     doubt
         What happened at the printer that this farm did not cause, until a person has cleared its bed.
+    identity
+        What tells this printer from others (`Session.identity`); None where nobody has seen it yet.
     """
 
     print: PrintSnapshot | None = None
     filament: Filament = Filament.UNKNOWN
     look: str | None = None
     doubt: str | None = None
+    identity: str | None = None
     ended: set[str] = field(default_factory=set)
 
     def take(self, record: dict[str, Any]) -> None:
@@ -52,6 +55,8 @@ class Memory:
             self.look = record["look"]
         if "doubt" in record:
             self.doubt = record["doubt"]
+        if "identity" in record:
+            self.identity = record["identity"]
 
 
 class Journal:

@@ -26,10 +26,12 @@ from drivers.messages import (
     Heater,
     Hello,
     LinkState,
+    PausePrint,
     PrintPhase,
     PrintSnapshot,
     Reply,
     Request,
+    ResumePrint,
     Shutdown,
     Snapshot,
     StartPrint,
@@ -47,7 +49,7 @@ _PARKED_SLACK_MM = 1.0
 _NEEDS_A_LOOK = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
-        Fault.TARGET_CHANGED, Fault.WRONG_PRINTER,
+        Fault.THERMAL_RUNAWAY, Fault.HEATER_STUCK_ON, Fault.TARGET_CHANGED, Fault.WRONG_PRINTER,
     )
 )  # fmt: skip
 
@@ -136,7 +138,8 @@ class Agent:
 
     def _begin(self, program: Program | None, filament: Filament, extruded: bool) -> None:
         now_s = self._clock.now()
-        session = Session(self._board.link, program, self._profile, filament, self._board.pace, now_s)
+        known = self._journal.memory.identity
+        session = Session(self._board.link, program, self._profile, filament, self._board.pace, now_s, known)
         session.extruded = extruded
         self._program = program
         status = self._board.status()
@@ -175,6 +178,7 @@ class Agent:
             print=shot.model_dump(mode="json"),
             filament=session.filament.value,
             look=self._board.look,
+            identity=session.identity,
         )
         log.info("print %s: %s%s", shot.print_id, shot.phase, f" ({shot.reason})" if shot.reason else "")
         if session.ended:
@@ -282,6 +286,9 @@ class Agent:
             case CancelPrint():
                 if told is not None and told.print_id == request.print_id:
                     self._board.cancel(request.reason)
+            case PausePrint() | ResumePrint():
+                if told is not None and told.print_id == request.print_id:
+                    self._board.pause(isinstance(request, PausePrint))
             case ForgetPrint():
                 if told is not None and told.print_id == request.print_id:
                     if not told.phase.ended:
@@ -330,6 +337,11 @@ class Agent:
     def _cleared(self, request: BedCleared) -> None:
         if self._board.session is not None:
             raise AgentError(f"{self._printer} prints: its bed is cleared when that has ended")
+        told = self._journal.memory.print
+        if self._board.look is not None and told is not None and told.fault == Fault.WRONG_PRINTER:
+            self._journal.write(
+                self._clock.now(), identity=None
+            )  # a person has seen that it is the right one
         self._board.clear_bed()
         self._board.looked_at()
         if request.filament is not None:
