@@ -126,6 +126,18 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
     """
     with in_farm_words():
         resources = find_resources()
+    for section in matching_printers(printers, options):
+        printer_settings(section, options.quality, resources)
+
+
+def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -> list[PrinterSection]:
+    """The printers with the material and the colour that a job asks for, at least one.
+
+    Raises
+    ------
+    Refused
+        Where there is none, with what there is.
+    """
     enabled = [section for section in printers if section.enabled]
     matching = [
         section
@@ -138,8 +150,7 @@ def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> N
         raise Refused(
             f"no printer of the fleet has {asked}; there is {', '.join(have) or 'no printer at all'}"
         )
-    for section in matching:
-        printer_settings(section, options.quality, resources)
+    return matching
 
 
 def decompose_job(task: DecomposeTask) -> Decomposed:
