@@ -29,9 +29,11 @@ class ErrorCode(StrEnum):
     MODEL = "model"  # the model cannot be read or is no solid
     NO_FIT = "no_fit"  # no partition of it fits the printers
     GEOMETRY = "geometry"  # a result broke a geometry rule: nothing of it is printed
+    GCODE = "gcode"  # a person's own G-code cannot be printed
     SETTINGS = "settings"
     ENGINE = "engine"  # CuraEngine is missing or failed
     SLICE = "slice"  # a slice was not accepted
+    LIMIT = "limit"  # the work on a model took too long, or too much memory
     ATTEMPTS = "attempts"  # a plate failed too often
     CANCELLED = "cancelled"
 
@@ -45,9 +47,11 @@ EXIT_CODES: dict[ErrorCode, ExitCode] = {
     ErrorCode.MODEL: ExitCode.REFUSED,
     ErrorCode.NO_FIT: ExitCode.REFUSED,
     ErrorCode.GEOMETRY: ExitCode.REFUSED,
+    ErrorCode.GCODE: ExitCode.REFUSED,
     ErrorCode.SETTINGS: ExitCode.USAGE,
     ErrorCode.ENGINE: ExitCode.FAILED,
     ErrorCode.SLICE: ExitCode.REFUSED,
+    ErrorCode.LIMIT: ExitCode.REFUSED,
     ErrorCode.ATTEMPTS: ExitCode.JOB_FAILED,
     ErrorCode.CANCELLED: ExitCode.JOB_FAILED,
 }

@@ -107,12 +107,21 @@ class JobOptions(Entity):
     quality: str = "glue"
 
 
+class OwnGcode(Entity):
+    """What a person's own G-code asks of a printer."""
+
+    nozzle_mm: float | None  # None: the file does not say
+    min_mm: tuple[float, float, float]  # of all that it extrudes, from the bed's centre
+    max_mm: tuple[float, float, float]
+
+
 class Job(Entity):
     id: int
     request_id: str  # of the submission: a retry never submits twice
     name: str
     model_file: str  # in the file store
     options: JobOptions
+    own_gcode: OwnGcode | None = None  # where G-code was submitted: it is printed as one plate
     state: JobState = JobState.QUEUED
     submitted_s: float
     hold: Hold | None = None  # why it has not begun
@@ -129,11 +138,25 @@ class Job(Entity):
     ended_s: float | None = None
 
 
+class PlanStep(StrEnum):
+    DECOMPOSING = "decomposing"
+    SLICING = "slicing"
+
+
+class PlanProgress(Entity):
+    """Where the planning of a job is. Telemetry: it never enters the books."""
+
+    step: PlanStep
+    done: int = 0  # plates sliced
+    of: int = 0  # plates; 0 while that is not known
+    cached: int = 0  # of those done: from the cache, without the engine
+
+
 class Part(Entity):
     id: str  # "3/p01"
     job: int
     plate: str
-    file: str  # STL in printing pose
+    file: str  # STL in printing pose; a person's own G-code as it was submitted
     to_model: tuple[float, ...]
     min_mm: tuple[float, float, float]
     max_mm: tuple[float, float, float]

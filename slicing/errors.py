@@ -35,6 +35,10 @@ class DefinitionError(SlicingError):
     """A formula in Cura's files that cannot be evaluated."""
 
 
+class GcodeRefused(SlicingError):
+    """A person's own G-code that cannot be printed as it is."""
+
+
 class Rule(StrEnum):
     """What a slice must keep to be printed."""
 
@@ -47,6 +51,7 @@ class Rule(StrEnum):
     HOMING = "homing"
     COLD = "cold"
     HEATERS_ON = "heaters on"
+    OUTLINE = "outline"
     PARKING = "parking"
 
 

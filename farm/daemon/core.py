@@ -25,6 +25,7 @@ from farm.model import (
     JobOptions,
     JobState,
     Link,
+    PlanProgress,
     Plate,
     PrintState,
 )
@@ -71,6 +72,7 @@ class Core:
         self.clock = clock
         self.since_s = clock.now()
         self.snapshots: dict[str, AgentSnapshot] = {}
+        self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
         self._store = store
         self._room = rooms
@@ -184,11 +186,12 @@ class Core:
                 self._hold(other, Hold(code=HoldCode.NOT_FRONT, text=f"job {job.id} is in front of it"))
         if job is None or job.state is JobState.PLANNING:
             return
-        need = Need(material=job.options.material, colour=job.options.colour, nozzle_mm=None)
+        need = _need(job)
         taken = frozenset(self.books.plates[name].printer for name in held)
         least = self._least.get(job.id, 0)
         views = self.printer_views()
-        answer = begin(need, job.options.printers, least, views, taken, patient=self._arriving())
+        wanted = job.options.printers if job.own_gcode is None else None  # its plan chooses one of them
+        answer = begin(need, wanted, least, views, taken, patient=self._arriving())
         if isinstance(answer, Begin):
             self.happened(ev.PlanningStarted(at_s=now_s, job=job.id))
             sections = [self.fleet.printer(name) for name in answer.printers]
@@ -200,9 +203,14 @@ class Core:
         if job.hold != hold:
             self.happened(ev.JobHeld(at_s=self.clock.now(), job=job.id, hold=hold))
 
+    def progressed(self, number: int, progress: PlanProgress) -> None:
+        """The planner is so far with a job."""
+        self.progress[number] = progress
+
     def planned(self, number: int, result: Plan | FarmError) -> None:
         """A plan was made, or could not be made."""
         now_s = self.clock.now()
+        self.progress.pop(number, None)
         job = self.books.job(number)
         if job.state is not JobState.PLANNING:
             return  # cancelled meanwhile
@@ -246,6 +254,7 @@ class Core:
             name=name,
             model_file=model.file,
             options=options,
+            own_gcode=model.own_gcode,
             repairs=model.repairs,
             scale=model.scale,
             submitted_s=now_s,
@@ -259,6 +268,7 @@ class Core:
         if job.state.ended:
             raise Refused(f"job {number} has ended already: it is {job.state}")
         self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
+        self.progress.pop(number, None)
         self.settle()
 
     def cleared(self, printer: str, by: str, filament: FilamentState | None) -> None:
@@ -325,3 +335,14 @@ class Core:
     def _arriving(self) -> bool:
         """Whether the farm has just started: printers that do not answer yet are still expected."""
         return self.clock.now() - self.since_s < PATIENCE_S * self.clock.scale
+
+
+def _need(job: Job) -> Need:
+    """What a job asks of a printer before it is planned."""
+    own = job.own_gcode
+    return Need(
+        material=job.options.material,
+        colour=job.options.colour,
+        nozzle_mm=own.nozzle_mm if own else None,
+        box=(*own.min_mm[:2], *own.max_mm) if own else None,
+    )

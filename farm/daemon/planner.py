@@ -6,28 +6,33 @@ import asyncio
 import logging
 import shutil
 from collections.abc import Callable
+from operator import itemgetter
 
 from farm.config import PrinterSection
-from farm.daemon.workers import Workers
+from farm.daemon.workers import DECOMPOSING, SLICING, Workers
 from farm.errors import FarmError
-from farm.model import Job
+from farm.model import Job, PlanProgress, PlanStep
 from farm.paths import StateFolder
+from farm.services.gcode import plan_gcode
 from farm.services.planning import DecomposeTask, Plan, decompose_job, make_plan, slice_tasks
-from farm.services.plates import slice_part
+from farm.services.plates import SliceTask, slice_part
+from slicing.plate import PlateResult
 
 log = logging.getLogger(__name__)
 
 _RETRY_S = 5.0  # wall seconds
 Done = Callable[[int, "Plan | FarmError"], None]
+Progressed = Callable[[int, PlanProgress], None]
 
 
 class Planner:
-    """One job at a time; `done` is told the plan, or why there is none."""
+    """One job at a time; `done` is told the plan, or why there is none, and `progressed` how far it is."""
 
-    def __init__(self, state: StateFolder, workers: Workers, done: Done) -> None:
+    def __init__(self, state: StateFolder, workers: Workers, done: Done, progressed: Progressed) -> None:
         self._state = state
         self._workers = workers
         self._done = done
+        self._progressed = progressed
         self._task: asyncio.Task[None] | None = None
         self._job: int | None = None
 
@@ -81,16 +86,39 @@ class Planner:
             rounds=rounds,
             folder=folder,
         )
-        decomposed = await self._workers.run(decompose_job, task)
+        if job.own_gcode is not None:
+            return await self._workers.run(plan_gcode, task, self._state.files)
+        self._progressed(job.id, PlanProgress(step=PlanStep.DECOMPOSING))
+        decomposed = await self._workers.run(decompose_job, task, limit=DECOMPOSING)
         tasks = slice_tasks(task, decomposed, self._state.slices)
-        # Longest first: the pool is done soonest then.
+        # Longest first: the workers are done soonest then.
         order = sorted(range(len(tasks)), key=lambda i: -decomposed.parts[i].estimated_s)
-        slicing = {i: asyncio.ensure_future(self._workers.run(slice_part, tasks[i])) for i in order}
-        try:
-            await asyncio.gather(*slicing.values())
-        finally:
-            for future in slicing.values():
-                future.cancel()
-        slices = [slicing[i].result() for i in range(len(tasks))]
+        sliced = await self._slice(job.id, [tasks[i] for i in order])
+        slices = [plate for _, plate in sorted(zip(order, sliced, strict=True), key=itemgetter(0))]
         # It writes files to the disk: not on the event loop.
         return await asyncio.to_thread(make_plan, task, decomposed, tasks, slices, self._state.files)
+
+    async def _slice(self, job: int, tasks: list[SliceTask]) -> list[PlateResult]:
+        """All workers slice; where one slice fails, or the job is cancelled, the others are ended."""
+        done = cached = 0
+
+        def tell() -> None:
+            progress = PlanProgress(step=PlanStep.SLICING, done=done, of=len(tasks), cached=cached)
+            self._progressed(job, progress)
+
+        async def one(task: SliceTask) -> PlateResult:
+            nonlocal done, cached
+            result = await self._workers.run(slice_part, task, limit=SLICING)
+            done += 1
+            cached += result.cached
+            tell()
+            return result
+
+        tell()
+        slicing = [asyncio.ensure_future(one(task)) for task in tasks]
+        try:
+            return await asyncio.gather(*slicing)
+        finally:
+            for future in slicing:
+                future.cancel()
+            await asyncio.gather(*slicing, return_exceptions=True)  # until their workers are gone

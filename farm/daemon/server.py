@@ -20,6 +20,7 @@ from farm.daemon.workers import Workers
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.model import JobOptions
 from farm.paths import StateFolder
+from farm.services.gcode import inspect_gcode, is_gcode
 from farm.services.models import inspect_model
 from farm.services.planning import check_settings
 from farm.tracking.view import Scene, job_view, printer_view, todo
@@ -115,8 +116,13 @@ def make_app(
                 raise Refused(
                     f"the upload of {name} was cut: {received} of {size} bytes came; submit it again"
                 )
-            await workers.run(check_settings, core.fleet.printers, wanted)
-            model = await workers.run(inspect_model, upload, name, wanted, state.files)
+            if is_gcode(name):
+                model = await workers.run(
+                    inspect_gcode, upload, name, wanted, core.fleet.printers, state.files
+                )
+            else:
+                await workers.run(check_settings, core.fleet.printers, wanted)
+                model = await workers.run(inspect_model, upload, name, wanted, state.files)
         finally:
             upload.unlink(missing_ok=True)
         number, again = core.submit(request_id, name, model, wanted)

@@ -11,7 +11,7 @@ import numpy as np
 from decompose.mesh import Model, load_model
 from decompose.solid import Solid
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions
+from farm.model import JobOptions, OwnGcode
 from farm.services.files import store_file
 from farm.services.trouble import in_farm_words
 from slicing.resources import find_engine, find_resources
@@ -19,11 +19,12 @@ from slicing.resources import find_engine, find_resources
 
 @dataclass(frozen=True, slots=True)
 class Inspected:
-    """A model that can be printed: a solid in mm, in the file store."""
+    """What can be printed, in the file store: a solid in mm, or a person's own G-code."""
 
     file: str
-    repairs: tuple[str, ...]
+    repairs: tuple[str, ...]  # and whatever else was changed, in sentences
     scale: float
+    own_gcode: OwnGcode | None = None
 
 
 def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> Inspected:

@@ -1,0 +1,143 @@
+"""A person's own G-code, made into a program that the farm can print, or refused with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from slicing.errors import GcodeRefused
+from slicing.foreign.survey import survey
+from slicing.foreign.walk import Extent, Walk
+from slicing.foreign.writer import Stopwatch, Writer
+from slicing.startcode import end_code, start_code
+
+PLAUSIBLE = (0.2, 2.5)
+"""What may be extruded in the mean, as a multiple of a line's section (a nozzle wide, a layer high). Slicers
+reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
+1.75 mm instead of 2.85 mm about 2.7."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignGcode:
+    """G-code that may be printed, and what is known of it.
+
+    Attributes
+    ----------
+    gcode
+        The whole program, with the farm's own start and end.
+    nozzle_mm
+        The nozzle that it was sliced for; None where it does not say.
+    nozzle_c, bed_c
+        Of the first layer.
+    print_time_s
+        By the stopwatch, without start and end.
+    filament_mm
+        Without priming.
+    layers
+        As the file marks them, else as the heights at which it prints.
+    min_mm, max_mm
+        Of all that it extrudes, in the printer's coordinates.
+    reach_min_mm, reach_max_mm
+        Of all moves.
+    notices
+        What was changed, in sentences.
+    """
+
+    gcode: bytes
+    nozzle_mm: float | None
+    nozzle_c: float
+    bed_c: float
+    print_time_s: float
+    filament_mm: float
+    layers: int
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+    reach_min_mm: tuple[float, float, float]
+    reach_max_mm: tuple[float, float, float]
+    notices: tuple[str, ...]
+
+
+def accept(
+    lines: Iterable[bytes],
+    *,
+    stopwatch: Stopwatch,
+    filament_mm2: float,
+    nozzle_mm: float,
+    nozzle_c: float,
+    bed_c: float,
+) -> ForeignGcode:
+    """Read a file of the Marlin flavour or UltiGCode, and write the print in it anew.
+
+    The file's own start and end are left out. What it prints between them keeps its path, speeds, fan and
+    temperatures; moves become absolute, E counts mm of filament, arcs become straight moves of at most 1 mm,
+    and G10 and G11 become moves of the feeder. Nothing else can get into the program.
+
+    Parameters
+    ----------
+    lines
+        The file's lines. They are gone through twice: a list, or an object that opens its file anew.
+    stopwatch
+        Fresh; it tells the time that the print takes, which makes the program's timeline.
+    filament_mm2
+        The filament's cross-section.
+    nozzle_mm
+        The nozzle in use, for files that do not say theirs.
+    nozzle_c, bed_c
+        The material's temperatures, for UltiGCode, which leaves them to the printer.
+
+    Raises
+    ------
+    GcodeRefused
+        With the line, the reason, and what to do.
+    """
+    found = survey(lines)
+    writer = Writer(stopwatch)
+    walk = Walk(found, writer, filament_mm2, nozzle_c, bed_c)
+    for number, raw in enumerate(lines, 1):
+        walk.follow(raw, number)
+    extent = walk.extent
+    if not extent.path_mm:
+        raise GcodeRefused("it prints nothing: no move after its start extrudes")
+    _check_section(extent, filament_mm2, found.nozzle_mm or nozzle_mm)
+    seconds = writer.finish()
+    head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"
+    return ForeignGcode(
+        gcode=head.encode() + writer.text + end_code(0.0).encode() + b"\n",
+        nozzle_mm=found.nozzle_mm,
+        nozzle_c=walk.nozzle_c,
+        bed_c=walk.bed_c,
+        print_time_s=seconds,
+        filament_mm=extent.filament_mm,
+        layers=writer.layers,
+        min_mm=_three(extent.low),
+        max_mm=_three(extent.high),
+        reach_min_mm=_three(extent.reach_low),
+        reach_max_mm=_three(extent.reach_high),
+        notices=_notices(found.ulticode, walk.left_out),
+    )
+
+
+def _check_section(extent: Extent, filament_mm2: float, nozzle_mm: float) -> None:
+    """Refuse a file whose E means something else than mm of this filament."""
+    section_mm2 = extent.filament_mm * filament_mm2 / extent.path_mm
+    usual_mm2 = nozzle_mm * extent.layer_mm
+    if usual_mm2 and not PLAUSIBLE[0] < section_mm2 / usual_mm2 < PLAUSIBLE[1]:
+        raise GcodeRefused(
+            f"its lines have {section_mm2:.3f} mm2 in the mean, and layers of {extent.layer_mm:g} mm with a "
+            f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to 2.85 mm in "
+            "your slicer, and let it count E in mm, not in mm3"
+        )
+
+
+def _notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
+    lines = ["Its start and end were replaced by the farm's."]
+    if ulticode:
+        lines.append("Converted from UltiGCode; temperatures are those of the printer's material.")
+    if left_out:
+        what = ", ".join(sorted(set(left_out.values())))
+        lines.append(f"Left out ({', '.join(sorted(left_out))}): the printer's own {what} are used.")
+    return tuple(lines)
+
+
+def _three(values: list[float]) -> tuple[float, float, float]:
+    return (values[0], values[1], values[2])

@@ -1,0 +1,107 @@
+"""One line of a G-code file taken apart, or refused with its number. What commands do is not known here."""
+
+from __future__ import annotations
+
+import re
+
+from slicing.errors import GcodeRefused
+
+LONGEST = 1 << 16
+"""Bytes of a line; the longest that slicers write are comments that hold a whole script."""
+MOST = {"E": 1e8}
+MOST_MM = 1e4
+"""No coordinate, feed rate or dwell of a printer is larger; what a file has extruded so far may be."""
+MOST_OTHER = 1e6
+
+_CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
+_NUMBERED = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
+_ASIDE = re.compile(r"\([^()]*\)")
+_WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))?")
+_RUN_TOGETHER = re.compile(r"[\d.]E")
+
+Line = tuple[str, str, bytes]
+"""Code like ``G1`` (empty where there is none), what follows it, and the comment."""
+
+
+def split(raw: bytes, number: int) -> Line:
+    """Take a line apart: code, words and comment. Line numbers and checksums are checked and taken off.
+
+    Raises
+    ------
+    GcodeRefused
+        Where the line is no G-code, or was damaged.
+    """
+    if len(raw) >= LONGEST:
+        raise GcodeRefused(f"line {number} is longer than {LONGEST} characters: is this a G-code file?")
+    command, _, comment = raw.partition(b";")
+    if b"\0" in raw:
+        raise GcodeRefused(f"line {number}: not plain text: is this a G-code file?")
+    if not command or command.isspace():
+        return "", "", comment.strip()
+    if b"*" in command or command.lstrip()[:1] in (b"N", b"n"):
+        command = _without_number(command, number)
+    try:
+        text = command.decode("ascii").strip().replace("\t", " ").upper()
+    except UnicodeDecodeError:
+        text = ""
+    if not text.isprintable() or not (text or command.isspace()):
+        raise GcodeRefused(f"line {number}: not plain text: is this a G-code file?")
+    if "(" in text:
+        text = _ASIDE.sub(" ", text).strip()
+    if not text:
+        return "", "", comment.strip()
+    code = _CODE.match(text)
+    if code is None:
+        raise GcodeRefused(f"line {number}: {shown(text)} is no command that this printer knows: take it out")
+    return code[1] + code[2], text[code.end() :], comment.strip()
+
+
+def words(rest: str, number: int) -> dict[str, float | None]:
+    """What follows a code: letter -> number, None where a letter stands alone (``G28 X``).
+
+    Raises
+    ------
+    GcodeRefused
+        Where it cannot be read as the firmware reads it, or a number is none that a printer can mean.
+    """
+    found: dict[str, float | None] = {}
+    at = 0
+    if _RUN_TOGETHER.search(rest):  # the firmware reads X1E5 as a power of ten
+        raise GcodeRefused(f"line {number}: write a blank before each E: {shown(rest)} is not clear")
+    while at < len(rest) and (word := _WORD.match(rest, at)) is not None:
+        letter, digits = word.groups()
+        if letter in found:
+            raise GcodeRefused(f"line {number}: {letter} stands twice in {shown(rest)}: take one out")
+        value = None if digits is None else float(digits)
+        if value is not None and abs(value) > _most(letter):
+            raise GcodeRefused(
+                f"line {number}: {letter}{digits} is more than any printer has: is it damaged?"
+            )
+        found[letter] = value
+        at = word.end()
+    if rest[at:].strip():
+        raise GcodeRefused(f"line {number}: {shown(rest[at:])} cannot be read: is the file damaged?")
+    return found
+
+
+def shown(text: str) -> str:
+    """What a message quotes of a line."""
+    text = text.strip()
+    return repr(text if len(text) <= 40 else text[:39] + "…")
+
+
+def _most(letter: str) -> float:
+    return MOST_MM if letter in "XYZIJ" else MOST.get(letter, MOST_OTHER)
+
+
+def _without_number(command: bytes, number: int) -> bytes:
+    """The command of a line that was numbered and checksummed for a serial port."""
+    body, star, checksum = command.partition(b"*")
+    numbered = _NUMBERED.match(body)
+    if star:
+        xor = 0
+        for byte in body:
+            xor ^= byte
+        if numbered is None or checksum.strip() != b"%d" % xor:
+            raise GcodeRefused(f"line {number}: its checksum is wrong: the file is damaged")
+    return numbered[2] if numbered is not None else body

@@ -1,0 +1,122 @@
+"""What a file says of itself, and where in it the print begins: found before a line of it is carried out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from slicing.errors import GcodeRefused
+from slicing.foreign import rules
+from slicing.foreign.lines import split
+
+FILAMENT_MM = (2.75, 3.05)
+"""What is sold as 2.85 mm, and also as 3 mm."""
+_LAYER = re.compile(
+    rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
+)
+"""How Cura, PrusaSlicer and its kin, Simplify3D and KISSlicer mark the start of a layer."""
+_MARLIN = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
+_FACT = re.compile(
+    rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
+    rb"|use_volumetric_e|gcode_flavor)\s*[:=,]\s*([^,;|]*)"
+)
+_PLAIN_MOVE = re.compile(rb"G[01](?: [FXYZE]-?[0-9.]+)+\r?\n?\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """What was found.
+
+    Attributes
+    ----------
+    ulticode
+        The file is UltiGCode: E in mm3, and no start of its own.
+    nozzle_mm
+        The nozzle that it was sliced for; None where it does not say.
+    begins
+        The number of the line with which the print begins.
+    marks_layers
+        Whether comments say where layers begin.
+    """
+
+    ulticode: bool
+    nozzle_mm: float | None
+    begins: int
+    marks_layers: bool
+
+
+def is_layer(comment: bytes) -> bool:
+    """Whether a comment marks the start of a layer."""
+    return _LAYER.match(comment) is not None
+
+
+def survey(lines: Iterable[bytes]) -> Survey:
+    """Go through a file once.
+
+    Raises
+    ------
+    GcodeRefused
+        Where the file is for another kind of printer, or it cannot be told where its print begins.
+    """
+    facts: dict[str, bytes] = {}
+    layer = waited = homed = ready = 0
+    prints = False
+    for number, raw in enumerate(lines, 1):
+        if _PLAIN_MOVE.match(raw):
+            prints = prints or (b" E" in raw and (b" X" in raw or b" Y" in raw))
+            continue
+        code, rest, comment = split(raw, number)
+        if comment:
+            if not layer and is_layer(comment):
+                layer = number
+            elif (fact := _FACT.match(comment)) is not None:
+                facts[fact[1].decode().lower()] = fact[2].strip()
+        if not code:
+            continue
+        if (why := rules.refusal(code)) is not None:
+            raise GcodeRefused(f"line {number}: {code} {why}")
+        if code in ("G0", "G1"):
+            prints = prints or ("E" in rest and ("X" in rest or "Y" in rest))
+        elif not prints:
+            waited = number if code == "M109" else waited
+            homed = number if code == "G28" else homed
+            ready = number if code in ("M109", "M190", "G28") else ready
+    ulticode = _is_ulticode(facts)
+    if not layer and (ulticode or not (waited and homed)):
+        raise GcodeRefused(
+            "it cannot be told where its print begins: let your slicer write comments for layers "
+            "(Slic3r: verbose G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
+        )
+    return Survey(
+        ulticode=ulticode,
+        nozzle_mm=_number(facts, "nozzle_diameter") or _number(facts, "extruderdiameter"),
+        begins=layer or ready + 1,
+        marks_layers=bool(layer),
+    )
+
+
+def _is_ulticode(facts: dict[str, bytes]) -> bool:
+    flavour = (facts.get("flavor") or facts.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
+    if flavour == "UltiGCode":
+        return True
+    if flavour.lower() not in _MARLIN:
+        raise GcodeRefused(
+            f"its flavour is {flavour!r}: set the G-code flavour to Marlin in your slicer "
+            "(Cura: Preferences > Printers > Machine Settings), or to UltiGCode"
+        )
+    if facts.get("use_volumetric_e") == b"1":
+        raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
+    diameter_mm = _number(facts, "filament_diameter") or _number(facts, "filamentdiameters")
+    if diameter_mm is not None and not FILAMENT_MM[0] <= diameter_mm <= FILAMENT_MM[1]:
+        raise GcodeRefused(
+            f"it was sliced for filament of {diameter_mm:g} mm: set the filament's diameter to 2.85 mm"
+        )
+    return False
+
+
+def _number(facts: dict[str, bytes], name: str) -> float | None:
+    try:
+        return float(facts[name])
+    except (KeyError, ValueError):
+        return None

@@ -1,0 +1,336 @@
+"""Goes through a file as the firmware of the Ultimaker 2+ would, and hands the print in it to a writer."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+from slicing.errors import GcodeRefused
+from slicing.foreign import rules
+from slicing.foreign.arcs import Arc
+from slicing.foreign.lines import split, words
+from slicing.foreign.survey import Survey, is_layer
+from slicing.foreign.writer import Writer
+from slicing.output import MIN_EXTRUSION_C
+from slicing.startcode import READY_MM
+
+MOST_NOZZLE_C, MOST_BED_C = 260.0, 115.0
+"""The firmware stops above 275 and 130."""
+RETRACTION_MM, RETRACTION_MM_S = 6.5, 25.0
+"""What G10 does: Cura's own figures for these printers, and the 2+ firmware's (a UM2's has 4.5 mm)."""
+MOST_RETRACTED_MM = 20.5
+"""Further back the filament leaves the hot end; 20 mm is how far a print parks it."""
+MOST_PUSHED_MM = 200.0  # in one move: more than any slicer asks for, less than what the firmware drops
+LEAST_MM_S = 0.1
+MOST_DWELL_S = 60.0  # the nozzle is hot, and a cancelled print has to wait for its end
+MOST_ARC_MM = 700.0  # round the whole bed
+ARC_TOLERANCE_MM = 0.2  # of its radius, between start and end
+TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
+_FIRMWARE_MM_S = 25.0  # what it moves with before the first F
+
+Words = dict[str, float | None]
+
+
+@dataclass(slots=True)
+class Extent:
+    """What is printed, in the printer's own mm, and how much filament it takes."""
+
+    low: list[float] = field(default_factory=lambda: [math.inf] * 3)
+    high: list[float] = field(default_factory=lambda: [-math.inf] * 3)
+    reach_low: list[float] = field(default_factory=lambda: [math.inf] * 3)  # of all moves
+    reach_high: list[float] = field(default_factory=lambda: [-math.inf] * 3)
+    filament_mm: float = 0.0
+    path_mm: float = 0.0
+    path_on_step_mm: defaultdict[float, float] = field(
+        default_factory=lambda: defaultdict(float)
+    )  # by the height of its layer
+
+    @property
+    def layer_mm(self) -> float:
+        """The usual height of a layer: half of the path is on layers that are no higher."""
+        half, done = sum(self.path_on_step_mm.values()) / 2, 0.0
+        for step_mm, path_mm in sorted(self.path_on_step_mm.items()):
+            done += path_mm
+            if done >= half:
+                return step_mm
+        return 0.0
+
+
+class Walk:
+    """The printer's state, from the first line on; from `survey.begins` on it is printed.
+
+    A command that must not stand in a print refuses the file only once something is printed after it: at the
+    end of a file it belongs to the end script, which is not printed.
+    """
+
+    def __init__(
+        self, survey: Survey, writer: Writer, filament_mm2: float, nozzle_c: float, bed_c: float
+    ) -> None:
+        self.extent = Extent()
+        self.nozzle_c = nozzle_c if survey.ulticode else 0.0  # as last set before the print
+        self.bed_c = bed_c if survey.ulticode else 0.0
+        self.left_out: dict[str, str] = {}
+        self._survey = survey
+        self._writer = writer
+        self._scale = 1 / filament_mm2 if survey.ulticode else 1.0
+        self._number = 0
+        self._printing = False
+        self._arrived = False
+        self._objection: str | None = None
+        self._at = [math.nan] * 3
+        self._e = 0.0  # in the file's own measure
+        self._relative = self._relative_e = False
+        self._speed_mm_s = _FIRMWARE_MM_S
+        self._speed = self._flow = 1.0
+        self._back_mm = 0.0
+        self._drawn_back = False  # by G10
+        self._fan: bytes = b"M107"
+        self._flat_z = 0.0
+        self._step_mm = 0.0
+
+    def follow(self, raw: bytes, number: int) -> None:
+        """Carry one line out."""
+        self._number = number
+        code, rest, comment = split(raw, number)
+        if number == self._survey.begins:
+            self._begin()
+        if self._printing and is_layer(comment):
+            self._writer.layer()
+        if not code or code in rules.NEEDLESS:
+            return
+        if (why := rules.refusal(code)) is not None:
+            raise GcodeRefused(f"line {number}: {code} {why}")
+        if code in rules.NOT_TAKEN_OVER:
+            self.left_out[code] = rules.NOT_TAKEN_OVER[code]
+        elif code in rules.PRINTED:
+            self._carry_out(code, words(rest, number))
+        elif code == "G28" and not self._printing:
+            self._at = [math.nan] * 3
+        elif self._printing:
+            self._object(f"{code} {rules.refusal_in_print(code)}")
+
+    # --- what the lines do ---
+
+    def _carry_out(self, code: str, given: Words) -> None:
+        match code:
+            case "G0" | "G1":
+                self._move(given)
+            case "G2" | "G3":
+                self._arc(code == "G2", given)
+            case "G4":
+                self._dwell(given)
+            case "G10" | "G11":
+                self._retract(code, given)
+            case "G90" | "G91":
+                self._relative = code == "G91"
+            case "G92":
+                self._count(given)
+            case "M82" | "M83":
+                self._relative_e = code == "M83"
+            case "M104" | "M109" | "M140" | "M190":
+                self._heat(code, given)
+            case "M106" | "M107":
+                self._blow(code, given)
+            case "M220":
+                self._speed = self._factor(code, given, 0.1, 5.0)
+            case "M221":
+                self._flow = self._factor(code, given, 0.1, 3.0)
+
+    def _move(self, given: Words) -> None:
+        self._feed(given)
+        target = [
+            here if (value := given.get(axis)) is None else value + (here if self._relative else 0.0)
+            for axis, here in zip("XYZ", self._at, strict=True)
+        ]
+        self._go(target, self._pushed_mm(given))
+
+    def _pushed_mm(self, given: Words) -> float:
+        """How much filament a move feeds; in G91 E is relative too, in this firmware."""
+        e = given.get("E")
+        if e is None:
+            return 0.0
+        pushed = e if self._relative or self._relative_e else e - self._e
+        self._e += pushed
+        return pushed * self._scale * self._flow
+
+    def _arc(self, clockwise: bool, given: Words) -> None:
+        self._feed(given)
+        x, y, z = self._at
+        i, j = given.get("I") or 0.0, given.get("J") or 0.0
+        if "R" in given or not (i or j):
+            self._refuse("an arc needs I and J: switch arc fitting off in your slicer")
+        old = (x, y, z)
+        end = [
+            here if (value := given.get(axis)) is None else value + (here if self._relative else 0.0)
+            for axis, here in zip("XYZ", old, strict=True)
+        ]
+        pushed_mm, done = self._pushed_mm(given), 0.0
+        if math.isnan(x + y + end[0] + end[1]):
+            self._at = end
+            self._object("an arc starts nobody knows where: its file has not said X and Y before")
+            return
+        arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), clockwise)
+        if arc.length_mm > MOST_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:
+            self._refuse("no printer can make this arc: is the file damaged?")
+        for (to_x, to_y), share in arc.points():
+            self._go([to_x, to_y, z + (end[2] - z) * share], pushed_mm * (share - done))
+            done = share
+
+    def _dwell(self, given: Words) -> None:
+        seconds = given.get("S")
+        seconds = (given.get("P") or 0.0) / 1000 if seconds is None else seconds
+        if self._printing and seconds > 0:
+            if seconds > MOST_DWELL_S:
+                self._object(f"G4 waits {seconds:g} s: at most {MOST_DWELL_S:g}")
+            else:
+                self._writer.dwell(seconds)
+
+    def _retract(self, code: str, given: Words) -> None:
+        if given.keys() - {"S"}:
+            self._object(f"{code} with {' '.join(given)} is no retraction: take it out")
+        elif self._drawn_back != (code == "G10"):
+            self._drawn_back = not self._drawn_back
+            pushed_mm = -RETRACTION_MM if self._drawn_back else RETRACTION_MM
+            speed_mm_s, self._speed_mm_s = self._speed_mm_s, RETRACTION_MM_S
+            self._go(self._at, pushed_mm)
+            self._speed_mm_s = speed_mm_s
+
+    def _count(self, given: Words) -> None:
+        if given.keys() - {"E"} or not given:
+            self._refuse("G92 may count E anew, and nothing else: take it out of your slicer's scripts")
+        self._e = given["E"] or 0.0
+
+    def _heat(self, code: str, given: Words) -> None:
+        target_c = given.get("S", given.get("R"))
+        if target_c is None:
+            self._refuse(f"{code} names no temperature: write it behind S")
+            return
+        nozzle = code in ("M104", "M109")
+        most_c = MOST_NOZZLE_C if nozzle else MOST_BED_C
+        if given.get("T"):
+            self._refuse(f"{code} is for another extruder, and there is one: slice for a single extruder")
+        if not 0 <= target_c <= most_c:
+            what = "nozzle" if nozzle else "bed"
+            self._refuse(f"{code} sets {target_c:g} C, and the {what} may have at most {most_c:g}")
+        if not self._printing:
+            self.nozzle_c, self.bed_c = (target_c, self.bed_c) if nozzle else (self.nozzle_c, target_c)
+        elif nozzle and target_c < MIN_EXTRUSION_C:
+            self._object(f"{code} lets the nozzle get cold ({target_c:g} C) and the print goes on")
+        elif not nozzle and target_c == 0 and self.bed_c:
+            self._object(f"{code} switches the bed off and the print goes on")
+        else:
+            self._writer.line(b"%b S%d" % (code.encode(), round(target_c)))
+
+    def _blow(self, code: str, given: Words) -> None:
+        if given.get("P"):
+            return  # a fan that this printer has not
+        power = given.get("S", 255.0)
+        power = 0.0 if code == "M107" or power is None else min(255.0, max(0.0, power))
+        self._fan = b"M106 S%d" % round(power) if power else b"M107"
+        if self._printing:
+            self._writer.line(self._fan)
+
+    def _factor(self, code: str, given: Words, least: float, most: float) -> float:
+        percent = given.get("S")
+        if percent is None or not least <= percent / 100 <= most:
+            self._refuse(f"{code} needs S{100 * least:g} to S{100 * most:g}")
+        return (percent or 0.0) / 100
+
+    def _feed(self, given: Words) -> None:
+        per_minute = given.get("F")
+        if per_minute is not None and per_minute > 0:  # the firmware, too, goes on as before at F0
+            self._speed_mm_s = per_minute / 60
+
+    # --- the head ---
+
+    def _begin(self) -> None:
+        """From here on it is printed: the head stands over the bed, primed."""
+        self._printing = True
+        if self.nozzle_c < MIN_EXTRUSION_C:
+            self._refuse(
+                "the print begins here, and no M104 or M109 before it has set the nozzle's temperature: "
+                "add it to your slicer's start script"
+            )
+        if self._back_mm:
+            self._writer.move((*READY_MM, -self._back_mm, RETRACTION_MM_S))
+        if self._fan != b"M107":
+            self._writer.line(self._fan)
+        if not self._survey.marks_layers:
+            self._writer.layer()
+
+    def _go(self, target: list[float], pushed_mm: float) -> None:
+        """One straight move."""
+        old, self._at = self._at, target
+        back_mm = self._back_mm
+        self._back_mm = max(0.0, back_mm - pushed_mm)
+        if not self._printing:
+            return
+        if pushed_mm > MOST_PUSHED_MM:
+            self._object(f"one move pushes {pushed_mm:.0f} mm of filament: is it counted in mm3?")
+        if self._back_mm > MOST_RETRACTED_MM:
+            self._object(f"draws the filament {self._back_mm:.1f} mm back, out of the hot end")
+        speed_mm_s = self._speed_mm_s * self._speed
+        if speed_mm_s < LEAST_MM_S:
+            self._object(f"moves at {speed_mm_s * 60:g} mm a minute, which takes for ever")
+        if not self._arrive(old, target, pushed_mm):
+            return
+        x, y, z = target
+        if z < 0:
+            self._object(f"moves to Z {z:g}, into the bed")
+        self._writer.move((x, y, z, pushed_mm, speed_mm_s))
+        for axis, value in enumerate(target):
+            self.extent.reach_low[axis] = min(self.extent.reach_low[axis], value)
+            self.extent.reach_high[axis] = max(self.extent.reach_high[axis], value)
+        fed_mm = pushed_mm - back_mm
+        if fed_mm > 0:
+            self.extent.filament_mm += fed_mm
+            if target != old:
+                self._print(old, target, fed_mm)
+
+    def _arrive(self, old: list[float], target: list[float], pushed_mm: float) -> bool:
+        """Come to where the file believes the head to be, from above. False where it has not said."""
+        if self._arrived:
+            return True
+        moves = not all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in zip(old, target, strict=True))
+        if pushed_mm and not moves:
+            self._writer.move((*READY_MM, pushed_mm, self._speed_mm_s))
+            return False
+        first = old if pushed_mm else target
+        if any(map(math.isnan, first)):
+            if pushed_mm:
+                self._object("extrudes before the file has said where: X, Y and Z")
+            return False
+        x, y, z = first
+        self._writer.move((x, y, READY_MM[2], 0.0, TRAVEL_MM_S))
+        self._writer.move((x, y, z, 0.0, LOWER_MM_S))
+        self._arrived = True
+        return True
+
+    def _print(self, old: list[float], target: list[float], fed_mm: float) -> None:
+        if self._objection is not None:
+            raise GcodeRefused(self._objection)
+        extent, z = self.extent, target[2]
+        if z <= 0:
+            self._refuse(f"prints at Z {z:g}: it has to be above the bed")
+        if not self._survey.marks_layers and z > self._flat_z + 0.01 and old[2] == z and extent.path_mm:
+            self._writer.layer()
+        path_mm = math.dist(old, target)
+        if old[2] == z and z != self._flat_z:
+            self._step_mm = round(z - self._flat_z, 3) if z > self._flat_z else self._step_mm
+            self._flat_z = z
+        extent.path_on_step_mm[self._step_mm] += path_mm
+        extent.path_mm += path_mm
+        for axis in range(3):
+            extent.low[axis] = min(extent.low[axis], old[axis], target[axis])
+            extent.high[axis] = max(extent.high[axis], old[axis], target[axis])
+        self._writer.commit()
+
+    # --- refusing ---
+
+    def _object(self, why: str) -> None:
+        """Refuse the file as soon as something is printed after this line."""
+        self._objection = self._objection or f"line {self._number}: {why}"
+
+    def _refuse(self, why: str) -> None:
+        raise GcodeRefused(f"line {self._number}: {why}")

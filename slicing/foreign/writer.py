@@ -1,0 +1,107 @@
+"""The body of a print as the farm writes it: absolute moves, E in mm of filament, a timeline of its own."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+RESET_E_MM = 1000.0
+"""The firmware counts in single precision: E starts anew before its steps get coarse."""
+MARK_S = 60.0
+"""Where a layer takes longer, the timeline has more marks."""
+
+Step = tuple[float, float, float, float, float]
+"""x, y, z, filament fed, all in mm, and mm/s."""
+
+
+class Stopwatch(Protocol):
+    """Follows the moves as the printer would make them, and tells the time that they take."""
+
+    def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
+        """Go there, in mm; `e` counts all filament fed so far."""
+
+    def wait(self, seconds: float) -> None:
+        """Stand still."""
+
+    def seconds(self, finish: bool = False) -> float:
+        """How long all that ended took so far; with `finish`, until everything has ended."""
+
+
+class Writer:
+    """Lines and marks. What comes after the last `commit` is never written."""
+
+    def __init__(self, stopwatch: Stopwatch) -> None:
+        self.text = bytearray()
+        self.layers = 0
+        self._stopwatch = stopwatch
+        self._tail: list[Step | bytes | float | None] = []
+        self._fed_mm = self._base_mm = 0.0
+        self._said = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
+        self._marked_s = 0.0
+
+    def move(self, step: Step) -> None:
+        self._tail.append(step)
+
+    def line(self, line: bytes) -> None:
+        self._tail.append(line)
+
+    def dwell(self, seconds: float) -> None:
+        self._tail.append(seconds)
+
+    def layer(self) -> None:
+        """A layer begins."""
+        self._tail.append(None)
+
+    def commit(self) -> None:
+        """What was told up to now belongs to the print."""
+        for item in self._tail:
+            if isinstance(item, tuple):
+                self._write(item)
+            elif item is None:
+                self._begin_layer()
+            elif isinstance(item, bytes):
+                self.text += item + b"\n"
+            else:
+                self.text += b"G4 P%d\n" % round(1000 * item)
+                self._stopwatch.wait(item)
+        self._tail.clear()
+
+    def finish(self) -> float:
+        """Close the timeline; the seconds that the print takes."""
+        self._tail.clear()
+        seconds = self._stopwatch.seconds(finish=True)
+        self.text += b";TIME_ELAPSED:%.3f\n" % seconds
+        return seconds
+
+    def _begin_layer(self) -> None:
+        if self.layers:
+            self._mark(self._stopwatch.seconds())
+        self.text += b";LAYER:%d\n" % self.layers
+        self.layers += 1
+
+    def _mark(self, seconds: float) -> None:
+        self.text += b";TIME_ELAPSED:%.3f\n" % seconds
+        self._marked_s = seconds
+
+    def _write(self, step: Step) -> None:
+        x, y, z, fed_mm, speed_mm_s = step
+        said = self._said
+        self._fed_mm += fed_mm
+        if self._fed_mm - self._base_mm > RESET_E_MM:
+            self.text += b"G92 E0\n"
+            self._base_mm += float(said[4])
+            said[4] = "0.00000"
+        words = (
+            f"{speed_mm_s * 60:.0f}",
+            f"{x:.3f}",
+            f"{y:.3f}",
+            f"{z:.3f}",
+            f"{self._fed_mm - self._base_mm:.5f}",
+        )
+        new = [letter + word for letter, word, old in zip("FXYZE", words, said, strict=True) if word != old]
+        if not new or (len(new) == 1 and words[0] != said[0]):
+            return  # nothing moves
+        self._said = list(words)
+        self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(new)}\n".encode()
+        self._stopwatch.move(x, y, z, self._fed_mm, speed_mm_s)
+        if self._stopwatch.seconds() - self._marked_s > MARK_S:
+            self._mark(self._stopwatch.seconds())
