@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PrintState
+from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState
 
 SCHEMA = 1
 
@@ -43,6 +43,7 @@ class PlateStatus(_View):
     grams: float
     filament_mm: float
     price: float | None
+    cached: bool  # its G-code was there already: the engine did not run
     printing: bool
     hold: Hold | None
 
@@ -55,6 +56,7 @@ class JobView(_View):
     reason: str | None
     exit_code: int
     hold: Hold | None
+    progress: PlanProgress | None  # while it is being planned
     submitted: str
     options: JobOptions
     parts: list[PartView]

@@ -23,12 +23,20 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+class ComputeSection(_Section):
+    """The keys under `fleet.compute`: what planning may use of this machine."""
+
+    workers: Annotated[int, Field(ge=1, le=256)] | None = None  # as many as cores
+    memory_gb: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None  # for each worker
+
+
 class FleetSection(_Section):
     """The keys under `fleet`."""
 
     name: Name = "farm"
     timezone: str = "UTC"
     time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
+    compute: ComputeSection = ComputeSection()
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
 
     @field_validator("timezone")
@@ -176,6 +184,8 @@ def _first_mistake(path: Path, node: yaml.Node | None, error: ValidationError) -
         owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
         owners |= {"printers": PrinterSection, "defaults": PrinterSection}
         owner = owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
+        if place[:2] == ("fleet", "compute") and len(place) > 2:
+            owner = ComputeSection
         message = f"unknown key; known are {', '.join(owner.model_fields)}"
     else:
         message = first["msg"].removeprefix("Value error, ")

@@ -181,6 +181,7 @@ class Plate(Entity):
     material: str
     nozzle_mm: float
     printer: str  # as planned
+    cached: bool = False  # sliced before: the engine did not run
     prints: tuple[str, ...] = ()
     hold: Hold | None = None
 

@@ -12,9 +12,9 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from farm import api
 from farm.cli.client import Client
-from farm.cli.words import filament, span
+from farm.cli.words import filament, from_cache, planning, span
 from farm.errors import DaemonUnreachable
-from farm.model import JobState
+from farm.model import JobState, PlanStep
 
 T = TypeVar("T")
 _PATIENCE_S = 60.0  # a daemon that is being restarted comes back within this
@@ -74,12 +74,15 @@ class _Lines:
                 self._say(f"waits for a person: {text}", loud=True)
         elif view.hold is not None and view.state == JobState.QUEUED:
             self._say(f"waits: {view.hold.text}")
-        if view.state == JobState.PLANNING:
-            self._say("decomposing and slicing")
+        if view.progress is not None:
+            slicing = view.progress.step is PlanStep.SLICING
+            self._say(f"slicing {view.progress.of} plates" if slicing else planning(view.progress))
         if view.estimated_s is not None:
             amount = filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = "1 part" if len(view.parts) == 1 else f"{len(view.parts)} parts"
-            self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}")
+            cached = sum(plate.cached for plate in view.plates)
+            sliced = f"; {from_cache(cached)}" if cached else ""
+            self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}{sliced}")
         done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
         if done:
             self._say(f"printed {done} of {len(view.parts)} parts")
@@ -95,6 +98,8 @@ class _Lines:
 
 
 def _progress(view: api.JobView) -> tuple[float, str]:
+    if view.progress is not None:
+        return view.progress.done / (view.progress.of or 1), planning(view.progress)
     if view.state != JobState.PRINTING or not view.estimated_s:
         return (1.0 if view.state == JobState.PRINTED else 0.0), str(view.state)
     done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))

@@ -13,7 +13,7 @@ from rich.text import Text
 from farm import api
 from farm.cli.client import Client
 from farm.cli.follow import patiently
-from farm.cli.words import filament, moment, span
+from farm.cli.words import filament, from_cache, moment, planning, span
 from farm.model import JobState
 
 _REFRESH_S = 1.0
@@ -111,7 +111,7 @@ def _status(view: api.Status) -> RenderableType:
             jobs.add_row(
                 str(one.id),
                 one.name if len(one.name) <= _NAME_WIDTH else one.name[: _NAME_WIDTH - 1] + "…",
-                one.state,
+                planning(one.progress) if one.progress else one.state,
                 f"{_printed(one)}/{len(one.parts)}" if one.parts else "",
                 span(one.estimated_s),
                 span(one.elapsed_s),
@@ -132,6 +132,10 @@ def _job(view: api.JobView) -> RenderableType:
     facts = Table.grid(padding=(0, 2, 0, 0))
     facts.add_column(no_wrap=True)
     facts.add_column(overflow="fold")
+    if view.progress is not None:
+        facts.add_row("planning", planning(view.progress))
+    if cached := sum(plate.cached for plate in view.plates):
+        facts.add_row("sliced before", from_cache(cached))
     if view.estimated_s is not None:
         facts.add_row("parallel printing time expected", span(view.estimated_s))
     if view.elapsed_s is not None:

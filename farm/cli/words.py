@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from datetime import datetime
 
+from farm.model import PlanProgress, PlanStep
+
 
 def span(seconds: float | None) -> str:
     """Hours and minutes, or seconds where it is short; a dash where it is not known."""
@@ -22,6 +24,20 @@ def filament(grams: float, length_mm: float, price: float | None = None, currenc
     if price is not None:
         parts.append(f"{price:.2f} {currency or ''}".rstrip())
     return ", ".join(parts)
+
+
+def planning(progress: PlanProgress) -> str:
+    """Where the planning of a job is."""
+    if progress.step is PlanStep.DECOMPOSING:
+        return "decomposing"
+    return f"slicing {progress.done} of {progress.of}" + (
+        f" ({from_cache(progress.cached)})" if progress.cached else ""
+    )
+
+
+def from_cache(plates: int) -> str:
+    """That the engine did not run for these plates."""
+    return f"{plates} {'plate' if plates == 1 else 'plates'} from the cache"
 
 
 def moment(iso: str | None) -> str:

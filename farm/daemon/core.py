@@ -329,7 +329,13 @@ class Core:
     def scene(self, state: StateFolder) -> Scene:
         """All that a view is drawn from."""
         return Scene(
-            self.fleet, self.books, self.snapshots, state, self.clock.now(), settled=not self._arriving()
+            self.fleet,
+            self.books,
+            self.snapshots,
+            state,
+            self.clock.now(),
+            settled=not self._arriving(),
+            progress=self.progress,
         )
 
     def _arriving(self) -> bool:

@@ -49,12 +49,13 @@ class Daemon:
         self._fleet = fleet
         self._places = places
         self._state = places.state
-        self._workers = Workers()
         self._clock = farm_clock(fleet, self._state)
         self._store = Store(self._state.books)
+        compute = fleet.fleet.compute
+        self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
         self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
         self._links = Links(fleet, self._state, self._clock, self._core)
-        self._planner = Planner(self._state, self._workers, self._core.planned)
+        self._planner = Planner(self._state, self._workers, self._core.planned, self._core.progressed)
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
 
@@ -73,7 +74,8 @@ class Daemon:
 
     def _name_files(self, job: Job) -> None:
         books = self._core.books
-        names = {f"{Path(part.id).name}.stl": part.file for part in map(books.parts.__getitem__, job.parts)}
+        parts = map(books.parts.__getitem__, job.parts)
+        names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
         names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in books.plates_of(job)}
         if job.picture:
             names["assembly.png"] = job.picture
@@ -95,7 +97,6 @@ class Daemon:
         self._server = uvicorn.Server(config)
         self._core.start()
         self._links.start({attempt.printer for attempt in self._core.books.open_prints()})
-        self._workers.warm(warm)
         timers = Timers()
         timers.every(_WATCH_S, "watch agents", self._links.watch)
         timers.every(_SETTLE_S, "settle", self._core.settle)

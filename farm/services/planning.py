@@ -25,7 +25,7 @@ from farm.services.files import store_file
 from farm.services.models import read_inspected
 from farm.services.plates import SliceTask
 from farm.services.recipe import prelude_seconds, recipe
-from farm.services.rooms import printer_room
+from farm.services.rooms import model_sizes, printer_room
 from farm.services.trouble import in_farm_words
 from slicing.plate import PlateResult
 from slicing.resources import Resources, find_engine, find_resources
@@ -169,7 +169,7 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
         section.name: printer_settings(section, task.options.quality, resources) for section in task.printers
     }
     rooms = [
-        PrinterRoom(section.name, tuple(box.size_mm for box in room))
+        PrinterRoom(section.name, model_sizes(room, settings[section.name]))
         for _ in range(task.rounds)
         for section in task.printers
         for room in (printer_room(section, settings[section.name].brim_width_mm),)
@@ -306,6 +306,7 @@ def make_plan(
                 material=section.material,
                 nozzle_mm=section.nozzle_mm,
                 printer=section.name,
+                cached=sliced.cached,
             )
         )
     prelude_s = prelude_seconds(sections[decomposed.parts[0].printer], tasks[0].settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 
 from farm import api
@@ -17,6 +17,7 @@ from farm.model import (
     Job,
     JobState,
     Link,
+    PlanProgress,
     Plate,
     Print,
     PrintState,
@@ -37,6 +38,7 @@ class Scene:
     state: StateFolder
     now_s: float
     settled: bool = True  # the farm has been up long enough for every printer to have connected
+    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
 
     def moment(self, at_s: float | None) -> str | None:
         """ISO 8601 in the fleet's zone."""
@@ -68,6 +70,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         reason=job.reason,
         exit_code=int(exit_code),
         hold=job.hold,
+        progress=scene.progress.get(job.id) if job.state is JobState.PLANNING else None,
         submitted=scene.moment(job.submitted_s) or "",
         options=job.options,
         parts=[_part_view(scene, name) for name in job.parts],
@@ -243,6 +246,7 @@ def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
         grams=plate.grams,
         filament_mm=plate.filament_mm,
         price=plate.price,
+        cached=plate.cached,
         printing=any(not attempt.state.ended for attempt in scene.books.prints_of(plate)),
         hold=plate.hold,
     )

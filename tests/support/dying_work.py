@@ -2,8 +2,11 @@
 
 import os
 import signal
+import tempfile
+from pathlib import Path
 
 from farm.errors import FarmError
+from slicing.engine import run_engine
 
 
 def die_once(marker):
@@ -14,9 +17,47 @@ def die_once(marker):
     return "alive"
 
 
-def die():
-    os.kill(os.getpid(), signal.SIGKILL)
+def die(signal_number=signal.SIGKILL):
+    os.kill(os.getpid(), signal_number)
 
 
 def complain():
     raise FarmError("no such thing")
+
+
+class Unspeakable(Exception):
+    """An exception that pickle cannot make again."""
+
+    def __init__(self, one, two):
+        super().__init__(one + two)
+
+
+def complain_unspeakably():
+    raise Unspeakable("this cannot ", "travel")
+
+
+def hoard(gigabytes):
+    return len(bytes(int(gigabytes * 2**30)))
+
+
+def whoami():
+    return os.getpid()
+
+
+def temporary_folder():
+    return Path(tempfile.gettempdir())
+
+
+def speak(fifo, word):
+    """Say a word, as soon as somebody listens."""
+    fifo.write_text(word)
+    return word
+
+
+def hang(folder):
+    """Run an engine that never ends and holds a FIFO open; what it says first is its process id."""
+    engine = folder / "engine"
+    engine.write_text(f"#!/bin/sh\nexec 3>{folder / 'fifo'}\necho $$ >&3\nexec sleep 1000\n")
+    engine.chmod(0o755)
+    (folder / "part.stl").touch()
+    run_engine(engine, folder / "part.stl", {}, {}, layers=1, timeout_s=1000.0)

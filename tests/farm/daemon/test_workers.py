@@ -1,33 +1,131 @@
-"""Worker processes: what dies in them is tried once more, and then named."""
+"""Worker processes: what dies in them, takes too long, eats memory or is not wanted any more."""
 
 import asyncio
+import os
+import signal
+from pathlib import Path
 
 import pytest
 
-from dying_work import complain, die, die_once
-from farm.daemon.workers import Workers
-from farm.errors import FarmError
+import dying_work as work
+from farm.daemon.workers import DECOMPOSING, Limit, Workers, memory_for_each
+from farm.errors import ErrorCode, FarmError
+
+
+class Pool:
+    """A pool on a folder; each `run` is an event loop of its own."""
+
+    def __init__(self, scratch):
+        self.scratch = scratch
+
+    def run(self, use, **options):
+        """The answer of `use(workers)`; nothing of the pool may be left after it."""
+
+        async def main():
+            workers = Workers(self.scratch, **{"count": 1, **options})
+            try:
+                return await use(workers)
+            finally:
+                workers.close()
+
+        answer = asyncio.run(main())
+        assert not self.scratch.exists()
+        return answer
 
 
 @pytest.fixture
-def workers():
-    pool = Workers(1)
-    yield pool
-    pool.close()
+def pool(tmp_path):
+    return Pool(tmp_path / "workers")
 
 
-def test_work_whose_worker_died_is_done_by_another(workers, tmp_path):
-    assert asyncio.run(workers.run(die_once, tmp_path / "died")) == "alive"
+def gone(pid):
+    return not Path(f"/proc/{pid}").exists()
 
 
-def test_work_that_kills_every_worker_is_named_and_the_next_goes_on(workers, tmp_path):
-    with pytest.raises(FarmError, match="died 2 times"):
-        asyncio.run(workers.run(die))
-    (tmp_path / "died").touch()
-    assert asyncio.run(workers.run(die_once, tmp_path / "died")) == "alive"
+def test_work_whose_worker_died_is_done_by_another(pool, tmp_path):
+    assert pool.run(lambda workers: workers.run(work.die_once, tmp_path / "died")) == "alive"
 
 
-def test_an_error_passes_between_processes_whole(workers):
-    with pytest.raises(FarmError, match="no such thing") as error:
-        asyncio.run(workers.run(complain))
-    assert error.value.code == "failed"
+def test_work_that_kills_every_worker_is_named_and_the_next_goes_on(pool, tmp_path):
+    async def use(workers):
+        with pytest.raises(FarmError, match=r"decomposing ended its worker process 2 times \(SIGSEGV\)"):
+            await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)
+        return await workers.run(work.whoami)
+
+    assert gone(pool.run(use))
+
+
+def test_a_worker_that_dies_takes_no_other_work_with_it(pool, tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+
+    async def use(workers):
+        other = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
+        with pytest.raises(FarmError, match="2 times"):
+            await workers.run(work.die)
+        assert not other.done()  # it cannot end before somebody listens
+        assert await asyncio.to_thread((tmp_path / "fifo").read_text) == "hello"
+        return await other
+
+    # Done again after a death, nobody would listen any more.
+    assert pool.run(use, count=2) == "hello"
+
+
+def test_an_error_passes_between_processes_whole(pool):
+    async def use(workers):
+        with pytest.raises(FarmError, match="no such thing") as error:
+            await workers.run(work.complain)
+        assert error.value.code is ErrorCode.FAILED
+        assert "in complain" in error.value.__notes__[0]
+        with pytest.raises(FarmError, match="Unspeakable: this cannot travel"):
+            await workers.run(work.complain_unspeakably)
+
+    pool.run(use)
+
+
+@pytest.mark.parametrize("how", ["cancelled", "too long", "closed"])
+def test_work_that_is_ended_leaves_no_process_and_no_file(pool, tmp_path, how):
+    """The engine holds a FIFO open: its end is read when nobody runs it any more."""
+    os.mkfifo(tmp_path / "fifo")
+
+    async def use(workers):
+        limit = Limit("hanging", 0.0 if how == "too long" else 1000.0)
+        before = workers.pids
+        task = asyncio.ensure_future(workers.run(work.hang, tmp_path, limit=limit))
+        if how == "too long":
+            with pytest.raises(FarmError, match="hanging did not end within 0 min") as error:
+                await task
+            assert error.value.code is ErrorCode.LIMIT
+        else:
+            with await asyncio.to_thread((tmp_path / "fifo").open) as fifo:
+                engine = int(await asyncio.to_thread(fifo.readline))
+                assert not gone(engine)
+                assert list(pool.scratch.glob("worker-*/farm-engine-*"))
+                workers.close() if how == "closed" else task.cancel()
+                with pytest.raises(FarmError if how == "closed" else asyncio.CancelledError):
+                    await task
+                assert await asyncio.to_thread(fifo.read) == ""
+        assert all(gone(pid) for pid in before)
+        if how != "closed":
+            # A fresh worker takes its place, and only its folder is there.
+            assert await workers.run(work.whoami) not in before
+            assert list(pool.scratch.iterdir()) == [await workers.run(work.temporary_folder)]
+
+    pool.run(use)
+
+
+def test_a_monstrous_model_ends_with_what_to_do(pool):
+    async def use(workers):
+        assert await workers.run(work.hoard, 0.1) > 10**8
+        with pytest.raises(FarmError, match=r"not enough memory for decomposing \(.* 2.0 GB\)") as error:
+            await workers.run(work.hoard, 3.0, limit=DECOMPOSING)
+        assert error.value.code is ErrorCode.LIMIT
+        return await workers.run(work.hoard, 0.1)
+
+    assert pool.run(use, memory_gb=2.0) > 10**8
+
+
+def test_each_worker_has_its_share_of_the_machine_but_enough_for_a_model():
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    assert memory_for_each(1, None) == pytest.approx(0.8 * machine)
+    assert memory_for_each(10_000, None) == min(4 * 2**30, machine // 2)
+    assert memory_for_each(8, 1.5) == 1.5 * 2**30
