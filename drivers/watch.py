@@ -19,6 +19,7 @@ from drivers.replies import Report
 __all__ = ["Finding", "Rule", "Watch"]
 
 NEARER_C = 1.0  # less than this in `Rule.stall_s` is no progress
+BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, of which the firmware says nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +132,9 @@ class _Heater:
         if len(self._last) < 3:
             return None
         now_c = self.now_c
+        if now_c <= BROKEN_C:
+            self.cools = False
+            return self._finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
         if set_c == 0.0:
             return self._off(now_c, now_s)
         if abs(now_c - set_c) <= self._rule.band_c:

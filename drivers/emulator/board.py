@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from drivers.emulator.faults import Faults
-from drivers.emulator.thermal import Heater
+from dataclasses import replace
+
+from drivers.emulator.faults import WEAK_BED_C, WEAK_NOZZLE_C, Faults
+from drivers.emulator.thermal import AMBIENT_C, Heater
 from drivers.profiles import Profile
 
+SHORTED_C = -14.0  # [assumed] what a shorted bed sensor reads: colder than MINTEMP, which has no check here
 PARKED_MM = -20.0  # where the end code and the printer's own menu leave the filament's end
 BED_PERIOD_S = 5.0
 CHANGE_HEIGHT_MM = 5.0
@@ -34,8 +37,15 @@ class Board:
 
     def __init__(self, profile: Profile, faults: Faults) -> None:
         self.profile = profile
-        self.nozzle = Heater(profile.nozzle, dead=faults.dead_nozzle)
-        self.bed = Heater(profile.bed, BED_PERIOD_S, dead=faults.dead_bed)
+        self.faults = faults
+        nozzle, bed = profile.nozzle, profile.bed
+        if faults.weak_nozzle:
+            nozzle = replace(nozzle, gain_c=WEAK_NOZZLE_C - AMBIENT_C)
+        if faults.weak_bed:
+            bed = replace(bed, gain_c=WEAK_BED_C - AMBIENT_C)
+        self.nozzle = Heater(nozzle, dead=faults.dead_nozzle)
+        self.bed = Heater(bed, BED_PERIOD_S, dead=faults.dead_bed)
+        self.bed_shorted = False  # its sensor reads `SHORTED_C`
         self.head_mm = profile.home_mm
         self.filament_mm = 0.0
         self.filament_end_mm = PARKED_MM
@@ -62,12 +72,18 @@ class Board:
         self.bed_clear = True
         self.changes += 1
 
+    def bed_c(self, now_s: float) -> float:
+        """What the bed's sensor reads."""
+        return SHORTED_C if self.bed_shorted else self.bed.temperature_c(now_s)
+
     def set_nozzle(self, target_c: float, now_s: float) -> None:
         self.nozzle.set_target(target_c, now_s)
         self.changes += 1
 
     def set_bed(self, target_c: float, now_s: float) -> None:
         self.bed.set_target(target_c, now_s)
+        if self.bed_shorted:
+            self.bed.burns = target_c > 0.0  # its controller believes that it is cold
         self.changes += 1
 
     def heaters_off(self, now_s: float) -> None:

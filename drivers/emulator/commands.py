@@ -78,6 +78,13 @@ def _home(machine: Machine, line: bytes, now_s: float) -> Work:
     if axes[2]:
         took_s += way_s[2] + BUMP_S[1]
     yield begin_s + took_s
+    faults = machine.board.faults
+    if faults.no_endstop and axes[faults.no_endstop - 1]:
+        machine.stop(wording.NO_ENDSTOP, begin_s + took_s)
+        return
+    if faults.stuck_endstop and axes[2]:
+        machine.stop(wording.STUCK_ENDSTOP, begin_s + took_s)
+        return
     for i in range(3):
         if axes[i]:
             here[i] = machine.at[i] = home[i]
@@ -228,10 +235,10 @@ def _wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
     bed = machine.board.bed
     _set_bed(machine, line, now_s)
     report_s = now_s + REPORT_S
-    while bed.temperature_c(now_s) < bed.target_c - WINDOW_C:
+    while machine.board.bed_c(now_s) < bed.target_c - WINDOW_C:
         if now_s >= report_s:
             nozzle_c = machine.board.nozzle.temperature_c(now_s)
-            machine.say(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, bed.temperature_c(now_s)))
+            machine.say(b"T:%.2f E:0 B:%.1f\n" % (nozzle_c, machine.board.bed_c(now_s)))
             report_s = now_s + REPORT_S
         arrive_s = now_s + bed.seconds_to(bed.target_c - WINDOW_C, now_s)
         now_s = min(report_s, max(arrive_s, now_s + 0.001))
@@ -244,7 +251,7 @@ def temperatures(machine: Machine, now_s: float) -> bytes:
     return b"ok T:%.1f /%.1f B:%.1f /%.1f @:%d B@:%d\n" % (
         nozzle.temperature_c(now_s),
         nozzle.target_c,
-        bed.temperature_c(now_s),
+        machine.board.bed_c(now_s),
         bed.target_c,
         nozzle.power(now_s),
         bed.power(now_s),
@@ -268,7 +275,9 @@ def _report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _report_card(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(b"Not SD printing\nCard error:1\n")
+    machine.say(
+        b"SD printing byte %d/%d\n" % machine.sd if machine.sd else b"Not SD printing\nCard error:1\n"
+    )
 
 
 def _list_card(machine: Machine, line: bytes, now_s: float) -> None:
@@ -285,7 +294,7 @@ def _identify(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(wording.settings(machine.limits))
+    machine.say(wording.settings(machine.limits, machine.board.faults.levelled))
 
 
 def _beep(machine: Machine, line: bytes, now_s: float) -> Work:

@@ -20,22 +20,68 @@ from drivers.profiles import PROFILES, Profile
 class Faults:
     """Everything that may be asked for; the default is a printer in good health.
 
-    Counts are of lines that the firmware accepted since power on; each of them happens once.
+    ``*_after`` count lines that the firmware accepted since power on; each of them happens once.
     """
 
-    checksum: float = 0.0  # probability that a byte of a received line is flipped
-    drop_ok: float = 0.0  # probability that an ok is lost on its way to the host
-    reset_after: int = 0  # the board resets by itself (brown-out)
-    stop_after: int = 0  # the nozzle's sensor opens: MAXTEMP, and the firmware stops
-    silent_after: int = 0  # the board hears and says nothing more until it is reset; its heaters stay on
+    # on the wire, in both directions; each a probability of a byte
+    noise: float = 0.0  # one of its bits is flipped
+    lost: float = 0.0
+    doubled: float = 0.0
+    bytewise: bool = False  # answers leave in pieces, each a few bytes
+    wire: bool = False  # not a fault: bytes take the time that 250000 baud cost
+    # in the firmware's ears and mouth; each a probability of a line
+    checksum: float = 0.0  # a byte of a received line is flipped
+    drop_ok: float = 0.0  # an ok is lost on its way to the host
+    garble_ok: float = 0.0  # an ok arrives as something else
+    swallow: float = 0.0  # a line is neither carried out nor answered
+    resend: float = 0.0  # a line is refused that was all right
+    mute_resend: bool = False  # Resend comes without its ok
+    # the board by itself
+    reset_after: int = 0  # resets (brown-out)
+    silent_after: int = 0  # hears and says nothing more until it is reset; its heaters stay on
+    sleep_after: int = 0  # does nothing for `SLEEP_S`, and then goes on as if nothing had been
+    stuck_after: int = 0  # asks for the same line for ever
+    kill_after: int = 0  # kill(), as where its dead-man ran out
+    zero_after: int = 0  # sets the nozzle's target to 0, and says nothing
+    # heaters and sensors
     dead_nozzle: bool = False  # the element gives no heat
     dead_bed: bool = False
-    wire: bool = False  # not a fault: bytes take the time that 250000 baud cost
+    weak_nozzle: bool = False  # gets no warmer than `WEAK_NOZZLE_C`
+    weak_bed: bool = False  # gets no warmer than `WEAK_BED_C`
+    nozzle_dies_after: int = 0
+    bed_dies_after: int = 0
+    nozzle_burns_after: int = 0  # its switch is shorted: full power whatever is set
+    bed_burns_after: int = 0
+    stop_after: int = 0  # the nozzle's sensor opens: MAXTEMP, and the firmware stops
+    nozzle_short_after: int = 0  # the nozzle's sensor is shorted: MINTEMP
+    bed_open_after: int = 0  # the bed's sensor opens: MAXTEMP
+    bed_short_after: int = 0  # the bed's sensor is shorted: reads cold, and the firmware says nothing
+    # switches
+    no_endstop: int = 0  # 1, 2, 3: the switch of X, Y, Z is never pressed
+    stuck_endstop: bool = False  # Z's stays pressed
+    # not a fault: what tells two printers apart
+    levelled: int = 0  # how many hundredths of a millimetre M206's Z lies below -10
 
     @property
     def on_lines(self) -> bool:
         """Whether every single line has to be looked at."""
-        return bool(self.checksum or self.drop_ok or self.reset_after or self.stop_after or self.silent_after)
+        drawn = self.checksum or self.drop_ok or self.garble_ok or self.swallow or self.resend
+        return bool(drawn or self.stuck_after or self.due)
+
+    @property
+    def on_bytes(self) -> bool:
+        """Whether every byte has to be looked at."""
+        return bool(self.noise or self.lost or self.doubled)
+
+    @property
+    def due(self) -> dict[str, int]:
+        """What happens at a line of its own, by name."""
+        named = ((field.name, getattr(self, field.name)) for field in fields(self))
+        return {name: line for name, line in named if name.endswith("_after") and line}
+
+
+SLEEP_S = 25.0
+WEAK_NOZZLE_C, WEAK_BED_C = 140.0, 45.0
 
 
 class Dice:
@@ -53,8 +99,20 @@ class Dice:
             return line[:at] + bytes((flipped,)) + line[at + 1 :]
         return line
 
-    def ok_is_lost(self) -> bool:
-        return bool(self._faults.drop_ok) and self._rng.random() < self._faults.drop_ok
+    def ok(self, text: bytes) -> bytes:
+        """An ok as it leaves: as it is, not at all, or with its first letter as another."""
+        faults = self._faults
+        if faults.drop_ok and self._rng.random() < faults.drop_ok:
+            return b""
+        if faults.garble_ok and self._rng.random() < faults.garble_ok:
+            return bytes((text[0] ^ 1 << self._rng.randrange(6),)) + text[1:]
+        return text
+
+    def swallows(self) -> bool:
+        return bool(self._faults.swallow) and self._rng.random() < self._faults.swallow
+
+    def refuses(self) -> bool:
+        return bool(self._faults.resend) and self._rng.random() < self._faults.resend
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,9 @@ from enum import StrEnum
 from drivers.emulator import wording
 from drivers.emulator.board import Board
 from drivers.emulator.commands import Work, execute, temperatures
-from drivers.emulator.faults import Dice, Faults
+from drivers.emulator.faults import SLEEP_S, Dice, Faults
 from drivers.emulator.machine import Machine, value
+from drivers.emulator.noise import Noise
 from drivers.profiles import Profile
 
 RING_BYTES = 127
@@ -90,10 +91,16 @@ class Firmware:
         self.resets = -1  # the boot at power on is none
         self._faults = faults
         self._dice = Dice(faults, rng)
+        self.noise = Noise(faults, rng) if faults.on_bytes else None
+        self._due: dict[int, list[str]] = {}
+        for name, line in faults.due.items():
+            self._due.setdefault(line, []).append(name)
+        self._stuck_n = -1  # the line that is asked for for ever
+        self._asleep_s = -math.inf
         self._out: list[bytes] = []
         self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation of the lives before this one
         self._time_s = now_s
-        self.machine = Machine(self.board, self._say, now_s)
+        self.machine = Machine(self.board, self._say, self._stop, now_s)
         self.reset(now_s)
 
     # --- from outside ---
@@ -111,7 +118,7 @@ class Firmware:
         self.resets += 1
         self.board.changes += 1
         self.phase = Phase.BOOTLOADER
-        self.machine = Machine(self.board, self._say, now_s)
+        self.machine = Machine(self.board, self._say, self._stop, now_s)
         self._ring = b""
         self._partial = b""
         self._comment = False
@@ -120,6 +127,10 @@ class Firmware:
         self._resume_s = math.inf
         self._last_n = 0
         self._stopped_n = 0
+        self._stuck_n = -1
+        self._asleep_s = -math.inf
+        if self.noise is not None:
+            self.noise.forget()
         start_s = now_s + boot_s
         self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(
             (
@@ -132,6 +143,8 @@ class Firmware:
 
     def feed(self, data: bytes, now_s: float) -> bytes:
         """Bytes that came from the host by now (perhaps none); returns those that go to it."""
+        if self.noise is not None and data:
+            data = self.noise.carry_in(data)
         machine = self.machine
         if data and machine.dead_man_s < math.inf and self._running is None and not machine.waiting:
             # Nobody knows when in the last wait they came: the host gets the benefit of it.
@@ -145,7 +158,9 @@ class Firmware:
             return b""
         out = b"".join(self._out)
         self._out.clear()
-        return b"" if self.phase is Phase.MUTE else out
+        if self.phase is Phase.MUTE:
+            return b""
+        return out if self.noise is None else self.noise.carry(out)
 
     def deadline_s(self, slack_s: float = 0.0) -> float:
         """When it has to be fed at the latest; infinite where nothing is due.
@@ -155,6 +170,8 @@ class Firmware:
         """
         due_s = self._alarm_s()
         if self.phase is Phase.RUNNING:
+            if self._asleep_s > self._time_s:
+                return min(due_s, self._asleep_s)
             if self.machine.waiting:
                 planner = self.machine.planner
                 room_s = planner.free_s()
@@ -212,6 +229,9 @@ class Firmware:
         machine = self.machine
         planner = machine.planner
         while self.phase is Phase.RUNNING:
+            if self._asleep_s > now_s:
+                break
+            self._time_s = max(self._time_s, self._asleep_s)
             if machine.waiting:
                 free_s = planner.free_s()
                 if free_s > now_s:
@@ -272,6 +292,8 @@ class Firmware:
         self._ring = self._ring[end:]
         self._last_n += 1
         self.lines += 1
+        if self.noise is not None:
+            self.noise.accepted(self._last_n, found[0])
         self._out.append(wording.OK)
         machine.planner.advance(self._time_s)
         machine.linear(
@@ -312,6 +334,8 @@ class Firmware:
     def _accept(self, line: bytes) -> None:
         """Check number and checksum, and put the line into the buffer; or refuse it."""
         if self._faults.on_lines:
+            if self._dice.swallows():
+                return
             line = self._dice.disturb(line)
         line = line.partition(b"\0")[0]
         star = line.find(b"*")
@@ -327,7 +351,12 @@ class Firmware:
             if int(value(line, b"*") or 0.0) != checksum(line[:star]):
                 self._refuse(wording.CHECKSUM)
                 return
+            if self._faults.on_lines and (n == self._stuck_n or self._dice.refuses()):
+                self._refuse(wording.CHECKSUM)
+                return
             self._last_n = n
+            if self.noise is not None:
+                self.noise.accepted(n, line)
         elif star >= 0:
             self._error(wording.line_error(wording.NO_LINE_NUMBER, self._last_n))
             return
@@ -348,7 +377,8 @@ class Firmware:
     def _request_resend(self) -> None:
         self._ring = b""
         self._say(b"Resend: %d\n" % (self._last_n + 1))
-        self._ok()
+        if not self._faults.mute_resend:
+            self._ok()
 
     def _process(self, line: bytes) -> None:
         """Carry out one line of the buffer."""
@@ -365,9 +395,8 @@ class Firmware:
             self._ok()
             return
         m_code = None if code is not None else value(line, b"M")
-        if m_code == 105:
+        if m_code == 105:  # does not feed the dead-man
             self._say(temperatures(machine, now_s))
-            machine.heard_s = now_s
             return
         if m_code == 999:
             machine.stopped = False
@@ -401,8 +430,7 @@ class Firmware:
         self._acknowledge()
 
     def _acknowledge(self) -> None:
-        if not self._dice.ok_is_lost():
-            self._say(wording.OK)
+        self._say(self._dice.ok(wording.OK))
 
     def _error(self, text: bytes) -> None:
         self.errors += 1
@@ -412,7 +440,9 @@ class Firmware:
 
     def _start(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
-        self._say(wording.START + wording.banner(self.board.profile, self.machine.limits))
+        self._say(
+            wording.START + wording.banner(self.board.profile, self.machine.limits, self._faults.levelled)
+        )
 
     def _run(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
@@ -442,13 +472,43 @@ class Firmware:
 
     def _break_down(self) -> None:
         """The faults that happen at a line of their own."""
-        faults, now_s = self._faults, self._time_s
-        if self.lines == faults.stop_after:
-            self._stop(wording.NOZZLE_MAXTEMP, now_s)
-        if self.lines == faults.silent_after:
-            self.phase = Phase.MUTE
-        if self.lines == faults.reset_after:
-            self.reset(now_s)
+        for name in self._due.get(self.lines, ()):
+            self._happen(name, self._time_s)
+
+    def _happen(self, name: str, now_s: float) -> None:
+        """One fault of those that count lines."""
+        board = self.board
+        match name:
+            case "reset_after":
+                self.reset(now_s)
+            case "silent_after":
+                self.phase = Phase.MUTE
+            case "sleep_after":
+                self._asleep_s = now_s + SLEEP_S
+            case "stuck_after":
+                self._stuck_n = self._last_n + 1
+            case "kill_after":
+                self._kill(now_s)
+            case "zero_after":
+                board.set_nozzle(0.0, now_s)
+            case "nozzle_dies_after" | "nozzle_burns_after":
+                board.nozzle.temperature_c(now_s)
+                board.nozzle.dead, board.nozzle.burns = "dies" in name, "burns" in name
+                self.machine.foresee(now_s)
+            case "bed_dies_after" | "bed_burns_after":
+                board.bed.temperature_c(now_s)
+                board.bed.dead, board.bed.burns = "dies" in name, "burns" in name
+            case "stop_after":
+                self._stop(wording.NOZZLE_MAXTEMP, now_s)
+            case "nozzle_short_after":
+                self._stop(wording.NOZZLE_MINTEMP, now_s)
+            case "bed_open_after":
+                self._stop(wording.BED_MAXTEMP, now_s)
+            case "bed_short_after":
+                board.bed_shorted = True
+                board.set_bed(board.bed.target_c, now_s)
+            case _:
+                raise AssertionError(f"nobody knows how {name} happens")
 
 
 def _is_move(line: bytes) -> bool:

@@ -48,11 +48,15 @@ class Machine:
         The printer. Its coordinates are the true ones; the firmware's differ by a shift until it is homed.
     say
         Called with what is sent to the host.
+    stop
+        Called with words and the time where the firmware stops itself (``Stop()``).
     now_s
         When this life began; all times are on that clock.
     """
 
-    def __init__(self, board: Board, say: Callable[[bytes], None], now_s: float) -> None:
+    def __init__(
+        self, board: Board, say: Callable[[bytes], None], stop: Callable[[bytes, float], None], now_s: float
+    ) -> None:
         self.board = board
         self.limits = Limits.of(board.profile)
         x, y, z = board.head_mm
@@ -67,6 +71,8 @@ class Machine:
         self.dead_man_s = math.inf  # M85: longest silence of the host
         self.heard_s = now_s  # when the last command was done
         self.say = say
+        self.stop = stop
+        self.sd: tuple[int, int] | None = None  # a file on the card is printed: bytes read, and of how many
         self.shift = [x, y, z, board.filament_mm]  # true position less the host's
         self.homed_axes = [False, False, False]
         self.relative = False
@@ -179,14 +185,18 @@ class Machine:
 
     def heat_nozzle(self, target_c: float, now_s: float) -> None:
         """Set the nozzle's target, and foresee whether that will trip a safety."""
-        nozzle = self.board.nozzle
         self.board.set_nozzle(target_c, now_s)
-        self.trip_s = math.inf
         if target_c <= 0.0:
             self.streaming = False
-        if nozzle.dead and target_c > nozzle.temperature_c(now_s):
+        self.foresee(now_s)
+
+    def foresee(self, now_s: float) -> None:
+        """When the nozzle as it is will trip a safety."""
+        nozzle = self.board.nozzle
+        self.trip_s = math.inf
+        if nozzle.dead and nozzle.target_c > nozzle.temperature_c(now_s):
             self.trip_s, self.trip_words = now_s + DEAD_HEATER_S, b""
-        elif target_c > NOZZLE_MAX_C:
+        elif nozzle.burns or nozzle.target_c > NOZZLE_MAX_C:
             self.trip_s = now_s + nozzle.seconds_to(NOZZLE_MAX_C, now_s)
             self.trip_words = wording.NOZZLE_MAXTEMP
 

@@ -22,13 +22,29 @@ class Heater:
         Above 0: on or off, decided once every so many seconds (the bed: 5 s, um2-serial section 1).
     dead
         The element gives no heat; the sensor works.
+
+    Attributes
+    ----------
+    burns
+        Its switch is shorted: full power, whatever the target is.
     """
 
-    __slots__ = ("_decide_s", "_on", "_period_s", "_s", "_temperature_c", "dead", "model", "target_c")
+    __slots__ = (
+        "_decide_s",
+        "_on",
+        "_period_s",
+        "_s",
+        "_temperature_c",
+        "burns",
+        "dead",
+        "model",
+        "target_c",
+    )
 
     def __init__(self, model: HeaterModel, period_s: float = 0.0, dead: bool = False) -> None:
         self.model = model
         self.dead = dead
+        self.burns = False
         self.target_c = 0.0
         self._period_s = period_s
         self._temperature_c = AMBIENT_C
@@ -44,7 +60,10 @@ class Heater:
     def temperature_c(self, now_s: float) -> float:
         """Temperature at a time that is not before the last one asked for."""
         if now_s > self._s:
-            if self._period_s > 0.0:
+            if self.burns:
+                self._relax(now_s - self._s, on=True)
+                self._decide_s = now_s
+            elif self._period_s > 0.0:
                 self._switch(now_s)
             else:
                 self._regulate(now_s)

@@ -14,6 +14,10 @@ STOPPED = (
 )
 KILLED = b"Error:Printer halted. kill() called!\n"
 NOZZLE_MAXTEMP = b"Error:0\n: Extruder switched off. MAXTEMP triggered !\n"
+NOZZLE_MINTEMP = b"Error:0\n: Extruder switched off. MINTEMP triggered !\n"
+BED_MAXTEMP = b"Error:Temperature heated bed switched off. MAXTEMP triggered !!\n"
+NO_ENDSTOP = b"Error:Endstop not pressed after homing down. Endstop broken?\n"
+STUCK_ENDSTOP = b"Error:Endstop still pressed after backing off. Endstop stuck?\n"
 COLD_EXTRUSION = b"echo: cold extrusion prevented\n"
 LONG_EXTRUSION = b"echo: too long extrusion prevented\n"
 IDENTITY = (
@@ -34,8 +38,8 @@ def unknown(line: bytes) -> bytes:
     return b'echo:Unknown command: "%b"\n' % line
 
 
-def banner(profile: Profile, limits: Limits) -> bytes:
-    """What follows ``start`` at every boot."""
+def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
+    """What follows ``start`` at every boot; `levelled` as in `Faults`."""
     head = (
         "echo:Marlin 1.0.0\n"
         "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0"
@@ -44,10 +48,10 @@ def banner(profile: Profile, limits: Limits) -> bytes:
         "echo: Free Memory: 2055  PlannerBufferBytes: 1232\n"
         "echo:Stored settings retrieved\n"
     )
-    return head.encode() + settings(limits)
+    return head.encode() + settings(limits, levelled)
 
 
-def settings(limits: Limits) -> bytes:
+def settings(limits: Limits, levelled: int = 0) -> bytes:
     """``M503``, and the end of the banner."""
     steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
     return (
@@ -65,7 +69,7 @@ def settings(limits: Limits) -> bytes:
         f"echo:  M205 S0.00 T0.00 B20000 X{limits.jerk_xy_mm_s:.2f} Z{limits.jerk_z_mm_s:.2f} "
         f"E{limits.jerk_e_mm_s:.2f}\n"
         "echo:Home offset (mm):\n"
-        "echo:  M206 X0.00 Y0.00 Z-10.00\n"
+        f"echo:  M206 X0.00 Y0.00 Z{-10 - levelled / 100:.2f}\n"
         "echo:PID settings:\n"
         "echo:   M301 P10.03 I1.50 D70.00\n"
     ).encode()

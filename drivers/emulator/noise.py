@@ -1,0 +1,81 @@
+"""What a bad cable does to bytes, and which damage an 8-bit checksum let through."""
+
+from __future__ import annotations
+
+import math
+import random
+
+from drivers.emulator.faults import Faults
+
+_REMEMBERED = 64
+
+
+class Noise:
+    """The wire between host and board.
+
+    Attributes
+    ----------
+    damaged
+        Bytes that were flipped, lost or doubled, both ways.
+    altered
+        Lines that the firmware accepted otherwise than they were sent: checksum collisions.
+    """
+
+    def __init__(self, faults: Faults, rng: random.Random) -> None:
+        self.damaged = 0
+        self.altered = 0
+        self._rng = rng
+        self._share = faults.noise, faults.lost, faults.doubled
+        self._rate = sum(self._share)
+        self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
+        self._gap = self._draw()  # bytes until the next one that is damaged
+        self._sent: dict[bytes, bytes] = {}  # lines that were damaged, by their number as it was sent
+
+    def _draw(self) -> int:
+        return int(math.log(1.0 - self._rng.random()) / self._scale)
+
+    def carry(self, data: bytes) -> bytes:
+        """The bytes as they arrive."""
+        if len(data) <= self._gap:
+            self._gap -= len(data)
+            return data
+        out = bytearray()
+        at = 0
+        while at + self._gap < len(data):
+            out += data[at : at + self._gap]
+            at += self._gap
+            out += self._damage(data[at])
+            at += 1
+            self._gap = self._draw()
+        out += data[at:]
+        self._gap -= len(data) - at
+        return bytes(out)
+
+    def carry_in(self, data: bytes) -> bytes:
+        """From the host to the board."""
+        arrives = self.carry(data)
+        if arrives != data:
+            for line in data.split(b"\n"):
+                if line.startswith(b"N"):
+                    self._sent[line[1:].partition(b" ")[0]] = line.partition(b"*")[0]
+            while len(self._sent) > _REMEMBERED:
+                del self._sent[next(iter(self._sent))]
+        return arrives
+
+    def accepted(self, number: int, line: bytes) -> None:
+        """The firmware took this for line `number`."""
+        sent = self._sent.get(b"%d" % number)
+        if sent is not None and sent != line.partition(b"*")[0]:
+            self.altered += 1
+
+    def forget(self) -> None:
+        """The board was reset: numbers begin anew."""
+        self._sent.clear()
+
+    def _damage(self, byte: int) -> bytes:
+        self.damaged += 1
+        flipped, lost, _ = self._share
+        roll = self._rng.random() * self._rate
+        if roll < flipped:
+            return bytes((byte ^ 1 << self._rng.randrange(8),))
+        return b"" if roll < flipped + lost else bytes((byte, byte))

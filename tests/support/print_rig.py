@@ -1,0 +1,122 @@
+"""Whole prints against the emulator's firmware, in one process and on a clock of its own."""
+
+import io
+import math
+import random
+from collections.abc import Callable
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.gcode import strip
+from drivers.marlin import Link
+from drivers.messages import Filament
+from drivers.profiles import PROFILES
+from drivers.session import Pace, Session
+
+PLUS = PROFILES["ultimaker2_plus"]
+GCODE = """;FLAVOR:Marlin
+G21
+G90
+M82
+M107
+M220 S100
+M221 S100
+M140 S60
+G28
+G1 F12000 X5 Y10
+M190 S60
+M109 S210
+G1 F2400 Z20
+G92 E0
+G1 F47 E7.8
+G92 E0
+;LAYER:0
+G0 F9000 X50 Y50 Z0.27
+{moves}
+;TIME_ELAPSED:100
+G1 F1500 E{end:.2f}
+M104 S0
+M140 S0
+M107
+G91
+G1 F1500 E-13.5
+G90
+G28
+M84
+"""
+
+
+def gcode(moves: int = 200) -> str:
+    path = "\n".join(f"G1 F3000 X{50 + 40 * (i % 2)} Y{50 + i * 0.2:.2f} E{i + 1}" for i in range(moves))
+    return GCODE.format(moves=path, end=moves - 6.5)
+
+
+class Rig:
+    """Link, session and firmware on one clock; a step is whatever comes next."""
+
+    def __init__(
+        self,
+        faults: Faults = Faults(),  # noqa: B008
+        text: str | None = None,
+        model: str = "ultimaker2_plus",
+        filament: Filament = Filament.PARKED,
+        seed: int = 0,
+    ) -> None:
+        self.now_s = 1000.0
+        self.firmware = Firmware(PROFILES[model], faults, random.Random(seed), self.now_s)
+        self.link = Link(2.0)
+        program = strip(io.BytesIO((text or gcode()).encode()))
+        self.session = Session(self.link, program, PLUS, filament, Pace(), self.now_s)
+        self.plugged = True
+        self.back_s = math.inf  # when it is plugged in again
+        self.sent = b""
+        self.phases = [self.session.phase]
+
+    def step(self) -> None:
+        session, link = self.session, self.link
+        self.plugged = self.plugged or self.now_s >= self.back_s
+        if session.wants_reset and self.plugged:
+            session.wants_reset = False
+            self.firmware.reset(self.now_s)
+            link.opened(self.now_s)
+            session.advance((), self.now_s)
+        out = link.take()
+        self.sent += out
+        if not out:
+            due_s = min(self.firmware.deadline_s(), link.deadline_s, session.deadline_s)
+            due_s = due_s if self.plugged else min(due_s, self.back_s)
+            assert due_s < math.inf, "nothing would ever happen again"
+            self.now_s = max(self.now_s + 1e-4, due_s)
+        else:
+            self.now_s += 0.005
+        back = self.firmware.feed(out if self.plugged else b"", self.now_s)
+        events = (link.receive(back, self.now_s) or ()) if back and self.plugged else ()
+        events = [*events, *link.tick(self.now_s)]
+        session.advance(events, self.now_s)
+        if session.phase is not self.phases[-1]:
+            self.phases.append(session.phase)
+
+    def run(self, until: Callable[[], bool] = lambda: False, limit_s: float = 20_000.0) -> "Rig":
+        while not self.session.ended and not until():
+            assert self.now_s < 1000.0 + limit_s, "it does not end"
+            self.step()
+        return self
+
+    def targets(self) -> tuple[float, float]:
+        board = self.firmware.board
+        return board.nozzle.target_c, board.bed.target_c
+
+    def printing(self, lines: int = 100) -> "Rig":
+        return self.run(until=lambda: self.session.streamed >= lines)
+
+
+def hopping(moves: int) -> str:
+    """Every stroke is followed by a retraction, a way and an un-retraction."""
+    path = []
+    for i in range(moves):
+        e_mm, x = 0.7 * (i + 1), 50 + 40 * (i % 2)
+        path.append(f"G1 F1500 X{x} Y{50 + i * 0.2:.2f} E{e_mm:.5f}\nG1 F1500 E{e_mm - 6.5:.5f}")
+        path.append(f"G0 F9000 X{x} Y{52 + i * 0.2:.2f}\nG1 F1500 E{e_mm:.5f}")
+        if not i % 50:
+            path.append("G92 E0\nG1 F600 E-1\nG92 E%.5f" % (e_mm - 1))
+    return GCODE.format(moves="\n".join(path), end=0.7 * moves - 6.5)
