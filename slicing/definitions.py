@@ -1,38 +1,16 @@
-"""Cura's settings, resolved: two stacks of profiles over two definitions, and the formulas in them.
-
-The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraFormulaFunctions``):
-
-- Layers, first wins: user, quality, material, variant, definition. The extruder's stack falls through to
-  the global one.
-- What is not settable per extruder is always asked of the global stack.
-- The global stack tries ``resolve`` (unless a layer of it sets the value), then the extruder, where
-  ``limit_to_extruder`` says so, then its own value. In a definition a ``value`` beats any ``default_value``.
-- A formula's names are looked up in the stack that was asked, even where the formula comes from the other.
-
-One extruder, as the Ultimaker 2+ has.
-"""
+"""What Cura's definition files say of each setting: its type, default, formulas, limits and scope."""
 
 from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 from slicing.errors import BadSetting, DefinitionError, nearest
-from slicing.formula import Formula, evaluate
-
-Layer = Mapping[str, Any]
-"""A profile: a value or a Formula for each key that it sets."""
-
-
-class Scope(StrEnum):
-    """Which stack is asked."""
-
-    GLOBAL = "global"
-    EXTRUDER = "extruder"
+from slicing.formula import Formula
 
 
 class SettingType(StrEnum):
@@ -50,8 +28,10 @@ class SettingType(StrEnum):
     POLYGONS = "polygons"
 
 
+_NUMBERS = (SettingType.INT, SettingType.FLOAT)
 _LISTS = (SettingType.INTS, SettingType.POLYGON, SettingType.POLYGONS)
 _EXTRUDERS = (SettingType.EXTRUDER, SettingType.OPTIONAL_EXTRUDER)
+_EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or "none in particular"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +48,6 @@ class Setting:
     minimum: Any = None
     maximum: Any = None
     options: tuple[str, ...] = ()
-
-
-def _formula(raw: Any) -> Formula | None:
-    return None if raw is None else Formula(str(raw))
-
-
-def _limit(raw: Any) -> Any:
-    return Formula(raw) if isinstance(raw, str) else raw
 
 
 def merge(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
@@ -107,7 +79,7 @@ def _setting(key: str, entry: Mapping[str, Any]) -> Setting:
         kind = SettingType(entry["type"])
     except ValueError:
         raise DefinitionError(
-            f"Cura's setting {key} has the unknown type {entry['type']!r}; Cura 4.13 is needed"
+            f"Cura's setting {key} has the unknown type {entry['type']!r}; take those of Cura 4.13 or 5"
         ) from None
     return Setting(
         key=key,
@@ -123,13 +95,21 @@ def _setting(key: str, entry: Mapping[str, Any]) -> Setting:
     )
 
 
+def _formula(raw: Any) -> Formula | None:
+    return None if raw is None else Formula(str(raw))
+
+
+def _limit(raw: Any) -> Any:
+    return Formula(raw) if isinstance(raw, str) else raw
+
+
 def parse_value(setting: Setting, raw: Any) -> Any:
     """A value as a profile or a person writes it, in the setting's own type.
 
     Raises
     ------
     BadSetting
-        Where it is of another type, not finite, or not one of the options.
+        Where it is of another type, not finite, or not one of the options; with what is allowed.
     """
     text = str(raw).strip()
     try:
@@ -146,7 +126,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 hint = nearest(text, setting.options) or f"; one of {', '.join(setting.options)}"
                 raise BadSetting(f"{setting.key}={raw}: there is no such choice{hint}")
             case kind if kind in _EXTRUDERS:
-                if text not in ("0", "-1"):
+                if text not in _EXTRUDER_NUMBERS:
                     raise ValueError
                 return text
             case kind if kind in _LISTS:
@@ -154,144 +134,53 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 if not isinstance(items, list):
                     raise ValueError
                 return items
-    except (KeyError, ValueError, SyntaxError):
-        raise BadSetting(f"{setting.key}={raw}: not a value of type {setting.type}") from None
+    except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
+        raise BadSetting(
+            f"{setting.key}={raw}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
+        ) from None
     return str(raw)
 
 
-class Resolver:
-    """The value of every setting, for one combination of profiles.
+def as_cura_reads(text: str) -> Any:
+    """A value of another type than the setting's: Cura reads a literal, and tells the engine what it read."""
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return text
 
-    Parameters
-    ----------
-    machine, extruder
-        The two definitions, merged.
-    global_layers, extruder_layers
-        Profiles by precedence, the user's first.
-    """
 
-    def __init__(
-        self,
-        machine: Mapping[str, Setting],
-        extruder: Mapping[str, Setting],
-        global_layers: Sequence[Layer],
-        extruder_layers: Sequence[Layer],
-    ) -> None:
-        self._definitions = {Scope.GLOBAL: machine, Scope.EXTRUDER: extruder}
-        self._layers = {Scope.GLOBAL: tuple(global_layers), Scope.EXTRUDER: tuple(extruder_layers)}
-        self._memo: dict[tuple[Scope, str, frozenset[str]], Any] = {}
-        self._active: set[tuple[Scope, str, frozenset[str]]] = set()
-        self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being worked out
-        self._functions: dict[str, Callable[..., Any]] = {
-            "extruderValue": lambda _, key: self._own(Scope.EXTRUDER, key),
-            "extruderValues": lambda key: [self._own(Scope.EXTRUDER, key)],
-            "resolveOrValue": lambda key: self.value(Scope.GLOBAL, key),
-            "defaultExtruderPosition": lambda: "0",
-        }
+_ALLOWED: Mapping[SettingType, str] = {
+    SettingType.BOOL: "true or false",
+    SettingType.INT: "a whole number",
+    SettingType.FLOAT: "a number like 0.2",
+    SettingType.EXTRUDER: "0",
+    SettingType.OPTIONAL_EXTRUDER: "0 or -1",
+    SettingType.INTS: "a list like [0, 90]",
+    SettingType.POLYGON: "a list of points",
+    SettingType.POLYGONS: "a list of lists of points",
+}
 
-    def setting(self, key: str) -> Setting:
-        """What the definitions say of a key. Raises BadSetting with the nearest keys where there is none."""
-        machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
-        found = machine.get(key) or extruder.get(key)
-        if found is None:
-            raise BadSetting(f"{key}: Cura has no such setting{nearest(key, (*machine, *extruder))}")
-        return found
 
-    def keys(self, scope: Scope) -> list[str]:
-        """The keys that the engine wants in a scope: all of the machine's, or what an extruder may set."""
-        machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
-        if scope is Scope.GLOBAL:
-            return list(machine)
-        return [key for key in {**machine, **extruder} if self._per_extruder(key)]
+def fits_type(setting: Setting, value: Any) -> bool:
+    """Whether a value that was worked out is one that the engine reads as this type."""
+    match setting.type:
+        case SettingType.BOOL:
+            return isinstance(value, bool | int)
+        case SettingType.INT:
+            return isinstance(value, int | float) and math.isfinite(value) and float(value).is_integer()
+        case SettingType.FLOAT:
+            return isinstance(value, int | float) and math.isfinite(value)
+        case SettingType.ENUM:
+            return value in setting.options
+        case kind if kind in _EXTRUDERS:
+            return str(value) in _EXTRUDER_NUMBERS
+        case kind if kind in _LISTS:
+            return isinstance(value, list) or _is_list(value)
+    return isinstance(value, str)
 
-    def value(self, scope: Scope, key: str) -> Any:
-        """The value of a setting as one of the stacks has it.
 
-        Raises
-        ------
-        KeyError
-            Where no definition has the key.
-        DefinitionError
-            Where a formula cannot be worked out.
-        """
-        if scope is Scope.EXTRUDER:
-            return self._own(scope, key) if self._per_extruder(key) else self.value(Scope.GLOBAL, key)
-        setting = self._definitions[Scope.GLOBAL].get(key)
-        if setting is None:
-            raise KeyError(key)
-        if setting.resolve and key not in self._resolving and not self._is_set_globally(key):
-            outer = self._resolving
-            self._resolving = outer | {key}
-            try:
-                return self._evaluate(Scope.GLOBAL, key, setting.resolve)
-            finally:
-                self._resolving = outer
-        if setting.limit_to_extruder and self._per_extruder(key):
-            return self._own(Scope.EXTRUDER, key)
-        return self._own(Scope.GLOBAL, key)
-
-    def check_range(self, key: str) -> None:
-        """Raise BadSetting where the value of a key is below its least or above its greatest."""
-        setting = self.setting(key)
-        value = self.value(Scope.EXTRUDER, key)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return
-        least = self._limit(key, setting.minimum)
-        greatest = self._limit(key, setting.maximum)
-        if (least is not None and value < least) or (greatest is not None and value > greatest):
-            bounds = " and ".join(
-                f"{word} {bound:g}"
-                for word, bound in (("least", least), ("greatest", greatest))
-                if bound is not None
-            )
-            raise BadSetting(f"{key}={value:g} is out of range; {bounds}")
-
-    def _limit(self, key: str, raw: Any) -> float | None:
-        limit = self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw
-        return None if limit is None else float(limit)
-
-    def _per_extruder(self, key: str) -> bool:
-        machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
-        setting = extruder.get(key) or machine.get(key)
-        if setting is None:
-            raise KeyError(key)
-        raw = setting.per_extruder
-        return bool(self._evaluate(Scope.GLOBAL, key, raw) if isinstance(raw, Formula) else raw)
-
-    def _is_set_globally(self, key: str) -> bool:
-        return any(key in layer for layer in self._layers[Scope.GLOBAL])
-
-    def _raw(self, scope: Scope, key: str) -> Any:
-        """The first value or formula on the way down a stack."""
-        for layer in self._layers[scope]:
-            if key in layer:
-                return layer[key]
-        setting = self._definitions[scope].get(key)
-        if setting is not None:
-            return setting.default if setting.value is None else setting.value
-        if scope is Scope.EXTRUDER:
-            return self._raw(Scope.GLOBAL, key)
-        raise KeyError(key)
-
-    def _own(self, scope: Scope, key: str) -> Any:
-        """A stack's own value, its formula worked out in that stack."""
-        raw = self._raw(scope, key)
-        if not isinstance(raw, Formula):
-            return raw
-        step = (scope, key, self._resolving)
-        if step in self._memo:
-            return self._memo[step]
-        if step in self._active:
-            raise DefinitionError(f"Cura's setting {key} depends on itself")
-        self._active.add(step)
-        try:
-            self._memo[step] = self._evaluate(scope, key, raw)
-        finally:
-            self._active.discard(step)
-        return self._memo[step]
-
-    def _evaluate(self, scope: Scope, key: str, formula: Formula) -> Any:
-        try:
-            return evaluate(formula, lambda name: self.value(scope, name), self._functions)
-        except DefinitionError as error:
-            raise DefinitionError(f"{key}: {error}") from error
+def _is_list(value: Any) -> bool:
+    try:
+        return isinstance(value, str) and isinstance(ast.literal_eval(value), list)
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return False

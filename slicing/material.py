@@ -74,8 +74,12 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     density = root.findtext("m:properties/m:density", namespaces=_SPACE)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
-    kind = root.findtext("m:metadata/m:name/m:material", default="", namespaces=_SPACE)
-    return Material(values, float(density), kind)
+    return Material(values, float(density), kind_of(root))
+
+
+def kind_of(root: ET.Element) -> str:
+    """What a material is, like PLA: all colours and brands of it share their qualities."""
+    return root.findtext("m:metadata/m:name/m:material", default="", namespaces=_SPACE)
 
 
 def _printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:

@@ -18,6 +18,8 @@ class Quality:
 
     bases: tuple[str, ...]  # the first that there is for the nozzle and the material
     changes: Mapping[str, Any]
+    exact_height: bool = False  # layer heights are fitted to each part's height
+    compensates_shrinkage: bool = False  # parts are printed larger by what their material shrinks
 
 
 OURS: Mapping[str, Quality] = {
@@ -50,6 +52,8 @@ OURS: Mapping[str, Quality] = {
                 "max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"
             ),
         },
+        exact_height=True,
+        compensates_shrinkage=True,
     ),
 }
 DEFAULT_QUALITY = "glue"

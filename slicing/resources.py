@@ -15,6 +15,7 @@ from typing import Any
 
 from slicing.definitions import Setting, merge
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, nearest
+from slicing.material import kind_of
 
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _HOW = "run 'make install', or set {}"
@@ -59,7 +60,11 @@ class Machine:
     model: str
     name: str  # the product, as material files call it
     quality_definition: str
+    has_variants: bool  # a profile for each nozzle
+    has_materials: bool  # a quality for each material
     excluded_materials: frozenset[str]
+    nozzle_mm: float  # without a variant
+    diameter_mm: float  # of the filament
     settings: Mapping[str, Setting]
     extruder: Mapping[str, Setting]
 
@@ -89,6 +94,13 @@ class Resources:
     def material(self, name: str) -> ET.Element:
         """A material's parsed XML. Raises BadSetting where there is none."""
         return _material(self.root, name)
+
+    def material_kind(self, name: str) -> str | None:
+        """What a material is, like PLA; None where there is no such material."""
+        try:
+            return kind_of(self.material(name))
+        except BadSetting:
+            return None
 
 
 def _read_json(path: Path) -> dict[str, Any]:
@@ -124,14 +136,18 @@ def _machine(root: Path, model: str) -> Machine:
     metadata: dict[str, Any] = {}
     for file in chain:
         metadata |= file.get("metadata", {})
-    train = metadata["machine_extruder_trains"]["0"]
+    extruder = merge(_chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"]))
     return Machine(
         model=model,
         name=chain[-1]["name"],
         quality_definition=metadata.get("quality_definition", model),
+        has_variants=bool(metadata.get("has_variants", False)),
+        has_materials=bool(metadata.get("has_materials", False)),
         excluded_materials=frozenset(metadata.get("exclude_materials", ())),
+        nozzle_mm=float(extruder["machine_nozzle_size"].default),
+        diameter_mm=float(extruder["material_diameter"].default),
         settings=merge(chain),
-        extruder=merge(_chain(root, ("extruders", "definitions"), train)),
+        extruder=extruder,
     )
 
 
@@ -154,7 +170,7 @@ def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
     return tuple(found)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=256)
 def _material(root: Path, name: str) -> ET.Element:
     suffix = ".xml.fdm_material"
     path = root / "materials" / f"{name}{suffix}"

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
-from slicing.definitions import Layer, Resolver, Scope, parse_value
-from slicing.errors import BadSetting, nearest
+from slicing.definitions import parse_value
+from slicing.errors import BadSetting, DefinitionError
 from slicing.formula import Formula
-from slicing.material import Material, read_material
+from slicing.heights import LayerHeights, fit_heights
+from slicing.limits import Violation, violations, why_reserved
+from slicing.material import Material
 from slicing.qualities import DEFAULT_QUALITY, OURS
-from slicing.resources import Machine, Profile, Resources
+from slicing.resolver import Layer, Place, Resolver, Scope
+from slicing.resources import Resources
+from slicing.shrinkage import NONE, compensation
+from slicing.stacks import Stacks, find_stacks
 from slicing.startcode import FLAVOR, end_code, start_code
 
-# What a file that is streamed needs; a person's setting must not undo it.
+# What a file that is streamed needs.
 _FIXED: Mapping[str, Any] = {
     "machine_gcode_flavor": FLAVOR,
     "machine_firmware_retract": False,
@@ -25,8 +30,10 @@ _FIXED: Mapping[str, Any] = {
     "material_print_temp_prepend": False,
     "relative_extrusion": False,
 }
-_RESERVED = frozenset(
-    {*_FIXED, "machine_start_gcode", "machine_end_gcode", "material_diameter", "extruder_nr"}
+_SHRINKAGE = (
+    "material_shrinkage_percentage",
+    "material_shrinkage_percentage_xy",  # from Cura 5 on
+    "material_shrinkage_percentage_z",
 )
 # Directions in which a pattern lays its lines `infill_line_distance` apart (Cura's formula for that setting).
 _DIRECTIONS = {
@@ -103,6 +110,8 @@ class Settings:
     bed_c: float  # of the first layer
     density_g_cm3: float
     filament_diameter_mm: float
+    scale_xy: float  # a part is printed larger by these, because it shrinks
+    scale_z: float
 
     @property
     def filament_mm2(self) -> float:
@@ -122,49 +131,114 @@ def resolve_settings(
     ResourcesMissing, DefinitionError
         Where Cura's files are not as expected.
     """
-    overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
-    words = (request.printer_model, request.quality, request.material, request.nozzle_mm)
-    settings = _resolve(resources, part, words, overrides)
-    if settings.brim_width_mm > _resolve(resources, ANY_PART, words, overrides).brim_width_mm:
-        return _resolve(resources, replace(part, brim_width_mm=None), words, overrides)
+    words = _Words.of(request)
+    quality = OURS.get(request.quality)
+    every = _resolve(resources, words, ANY_PART, None)
+    heights = None
+    if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
+        wanted = LayerHeights(every.layer_height_0_mm, every.layer_height_mm)
+        fixed = "layer_height_0" in request.overrides
+        heights = fit_heights(part.height_mm, wanted, fixed_first=fixed)
+    part = replace(part, height_mm=None)
+    settings = _resolve(resources, words, part, heights)
+    if settings.brim_width_mm > every.brim_width_mm:
+        return _resolve(resources, words, replace(part, brim_width_mm=None), heights)
     return settings
+
+
+def _has_own_heights(request: SettingsRequest) -> bool:
+    """Whether the user says how high layers are, or which of them are printed."""
+    return not request.overrides.keys().isdisjoint(
+        ("layer_height", "adaptive_layer_height_enabled", "slicing_tolerance")
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Words:
+    """A request that can be looked up."""
+
+    printer_model: str
+    quality: str
+    material: str
+    nozzle_mm: float
+    overrides: tuple[tuple[str, str], ...]
+
+    @classmethod
+    def of(cls, request: SettingsRequest) -> _Words:
+        overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
+        return cls(request.printer_model, request.quality, request.material, request.nozzle_mm, overrides)
 
 
 @lru_cache(maxsize=256)
 def _resolve(
-    resources: Resources,
-    part: PartSettings,
-    words: tuple[str, str, str, float],
-    overrides: tuple[tuple[str, str], ...],
+    resources: Resources, words: _Words, part: PartSettings, heights: LayerHeights | None
 ) -> Settings:
-    request = SettingsRequest(*words, overrides=dict(overrides))
-    machine = resources.machine(request.printer_model)
-    hotend = f"{request.nozzle_mm:g} mm"
-    variant = _variant(machine, hotend, resources)
-    material = _material(request, machine, hotend, resources)
-    global_quality, quality = _qualities(request, machine, hotend, material, resources)
-    ours = OURS[request.quality].changes if request.quality in OURS else {}
+    stacks = find_stacks(resources, words.printer_model, words.nozzle_mm, words.material, words.quality)
+    resolver = _resolver(stacks, words, part, heights)
+    user_keys = [key for key, _ in words.overrides]
+    try:
+        for found in violations(resolver, first=user_keys):
+            if found.ours or not _is_cura_s(found, resources, words):
+                raise BadSetting(_refusal(found, words))
+    except DefinitionError as error:
+        if not user_keys:
+            raise
+        raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
+    quality = OURS.get(words.quality)
+    ours = quality is not None and quality.compensates_shrinkage and {*_SHRINKAGE}.isdisjoint(user_keys)
+    scale = _scale(resolver, stacks.material.kind if ours else "")
+    return _settings(words.printer_model, resolver, stacks.material, scale)
 
-    def layer(values: Mapping[str, str]) -> Layer:
-        return {key: _written(machine, key, text) for key, text in values.items() if _known(machine, key)}
 
+def _scale(resolver: Resolver, kind: str) -> tuple[float, float]:
+    """Factors (XY, Z) by which a part is printed larger: Cura's; where it has none, a material kind's."""
+    known = resolver.keys(Scope.GLOBAL)
+    both, xy, z = (
+        float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in _SHRINKAGE
+    )
+    scale = (xy or both or 1.0, z or both or 1.0)
+    return compensation(kind) if scale == NONE else scale
+
+
+def _is_cura_s(found: Violation, resources: Resources, words: _Words) -> bool:
+    """Whether Cura's own profiles go beyond the limits of its definitions here: it prints all the same."""
+    bare = replace(words, overrides=())
+    stacks = find_stacks(resources, words.printer_model, words.nozzle_mm, words.material, words.quality)
+    return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
+
+
+def _refusal(found: Violation, words: _Words) -> str:
+    value = f"{found.value:.6g}" if isinstance(found.value, float) else found.value
+    chosen = [key for key, _ in words.overrides]
+    cause = "" if found.key in chosen else f" follows from {', '.join(chosen)} and"
+    if chosen:
+        return f"{found.key}={value}{cause} is out of range; {found.allowed}"
+    where = f"{words.quality} with {words.material}"
+    return f"{found.key}={value}, from {where}, is out of range; {found.allowed}: take another, or set it"
+
+
+def _resolver(stacks: Stacks, words: _Words, part: PartSettings, heights: LayerHeights | None) -> Resolver:
+    """The stacks under a user's layer: a person's settings, ours for streaming, the part's, the quality's."""
     user: dict[str, Any] = {}
-    on_top = (user, _FIXED, _part_layer(part), ours)
-    global_layers = (*on_top, layer(global_quality.values))
-    extruder_layers = (*on_top, layer(quality.values), layer(material.values), layer(variant.values))
-    resolver = Resolver(machine.settings, machine.extruder, global_layers, extruder_layers)
-    for key, raw in request.overrides.items():
+    quality = OURS.get(words.quality)
+    if quality is not None:
+        user |= quality.changes
+    user |= {**_part_layer(part, heights), **_FIXED}
+    layers = {scope: {Place.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
+    resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
+    for key, raw in words.overrides:
         setting = resolver.setting(key)
-        if key in _RESERVED:
-            raise BadSetting(f"{key}: set by this program, for streaming; leave it out")
+        why = why_reserved(key)
+        if why is not None:
+            raise BadSetting(f"{key}: {why}")
         user[key] = parse_value(setting, raw)
-    for key in user:
-        resolver.check_range(key)
-    return _settings(request.printer_model, resolver, material.density_g_cm3)
+    return resolver
 
 
-def _part_layer(part: PartSettings) -> Layer:
+def _part_layer(part: PartSettings, heights: LayerHeights | None) -> Layer:
     layer: dict[str, Any] = {}
+    if heights is not None:
+        layer |= {"layer_height": heights.other_mm, "layer_height_0": heights.first_mm}
     if part.brim_width_mm is not None:
         layer["adhesion_type"] = "brim" if part.brim_width_mm > 0 else "none"
         layer["brim_width"] = part.brim_width_mm
@@ -173,11 +247,15 @@ def _part_layer(part: PartSettings) -> Layer:
     return layer
 
 
-def _settings(model: str, resolver: Resolver, density_g_cm3: float) -> Settings:
+def _settings(model: str, resolver: Resolver, material: Material, scale: tuple[float, float]) -> Settings:
     global_ = {key: _text(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
     extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
     # The engine reads it in both places, and prints no support where either says no.
     extruder["support_enable"] = global_["support_enable"]
+    # The mesh is scaled before it is placed, so that the checks see what is printed.
+    told = dict.fromkeys(_SHRINKAGE, "100.0")
+    global_ |= {key: told[key] for key in told.keys() & global_.keys()}
+    extruder |= {key: told[key] for key in told.keys() & extruder.keys()}
 
     def number(key: str) -> float:
         return float(resolver.value(Scope.EXTRUDER, key))
@@ -190,7 +268,7 @@ def _settings(model: str, resolver: Resolver, density_g_cm3: float) -> Settings:
     diameter_mm = number("material_diameter")
     filament_mm2 = math.pi * diameter_mm**2 / 4
     nozzle_c = number("material_print_temperature_layer_0")
-    bed_c = number("material_bed_temperature_layer_0")
+    bed_c = number("material_bed_temperature_layer_0") if flag("machine_heated_bed") else 0.0
     global_["machine_start_gcode"] = start_code(nozzle_c, bed_c, filament_mm2)
     global_["machine_end_gcode"] = end_code(number("retraction_amount") if flag("retraction_enable") else 0.0)
     directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
@@ -220,8 +298,10 @@ def _settings(model: str, resolver: Resolver, density_g_cm3: float) -> Settings:
         brim_width_mm=_brim_mm(global_["adhesion_type"], number),
         nozzle_c=nozzle_c,
         bed_c=bed_c,
-        density_g_cm3=density_g_cm3,
+        density_g_cm3=material.density_g_cm3,
         filament_diameter_mm=diameter_mm,
+        scale_xy=scale[0],
+        scale_z=scale[1],
     )
 
 
@@ -238,58 +318,3 @@ def _brim_mm(adhesion: str, number: Any) -> float:
 def _text(value: Any) -> str:
     """As CuraEngine reads it: Python's own words for numbers, booleans and lists."""
     return "" if value is None else str(value)
-
-
-def _known(machine: Machine, key: str) -> bool:
-    return key in machine.settings or key in machine.extruder
-
-
-def _written(machine: Machine, key: str, text: str) -> Any:
-    """A profile's value: a formula where it starts with an equals sign."""
-    if text.startswith("="):
-        return Formula(text[1:])
-    return parse_value(machine.settings.get(key) or machine.extruder[key], text)
-
-
-def _variant(machine: Machine, hotend: str, resources: Resources) -> Profile:
-    variants = {
-        profile.metadata["name"]: profile for profile in resources.profiles("variants", machine.model)
-    }
-    if hotend not in variants:
-        have = ", ".join(sorted(variants)) or "none"
-        raise BadSetting(f"nozzle {hotend}: the {machine.name} has no such nozzle; it has {have}")
-    return variants[hotend]
-
-
-def _material(request: SettingsRequest, machine: Machine, hotend: str, resources: Resources) -> Material:
-    root = resources.material(request.material)
-    if request.material in machine.excluded_materials:
-        raise BadSetting(f"material {request.material} is not for the {machine.name}")
-    return read_material(root, request.material, machine.name, hotend)
-
-
-def _qualities(
-    request: SettingsRequest, machine: Machine, hotend: str, material: Material, resources: Resources
-) -> tuple[Profile, Profile]:
-    """The global profile and the extruder's; a brand's material without its own takes the generic one's."""
-    profiles = resources.profiles("quality", machine.quality_definition)
-    shared = {p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"}
-    own: dict[str, Profile] = {}
-    for name in (f"generic_{material.kind.lower()}", request.material):  # the later one wins
-        own |= dict(_of(profiles, name, hotend))
-    have = sorted(own.keys() & shared.keys())
-    bases = OURS[request.quality].bases if request.quality in OURS else (request.quality,)
-    base = next((base for base in bases if base in have), None)
-    if base is None:
-        have += [name for name, quality in OURS.items() if {*quality.bases} & {*have}]
-        where = f"{request.material} and a nozzle of {hotend} on the {machine.name}"
-        offer = nearest(request.quality, have) or (f"; there is {', '.join(have)}" if have else "")
-        raise BadSetting(f"quality {request.quality}: there is none for {where}{offer}")
-    return shared[base], own[base]
-
-
-def _of(profiles: tuple[Profile, ...], material: str, hotend: str) -> Iterator[tuple[str, Profile]]:
-    for profile in profiles:
-        data = profile.metadata
-        if data.get("material") == material and data.get("variant") == hotend:
-            yield data["quality_type"], profile

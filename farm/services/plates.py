@@ -47,7 +47,8 @@ def slice_part(task: SliceTask) -> PlateResult:
         `no_fit` where the bed has no place for it, `engine` or `slice` with CuraEngine's trouble.
     """
     mesh = trimesh.load_mesh(task.stl)
-    extents = tuple(map(float, mesh.extents))
+    scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
+    extents = tuple(map(float, mesh.extents * scale))  # as printed
     placement = place((extents[0], extents[1], extents[2]), task.room)
     if placement is None:
         size = " x ".join(f"{side:.1f}" for side in extents)
@@ -55,7 +56,7 @@ def slice_part(task: SliceTask) -> PlateResult:
             f"part {task.part} ({size} mm) has no place on the bed of its printer", ErrorCode.NO_FIT
         )
     placed = task.out.with_suffix(".placed.stl")
-    mesh.apply_transform(_transform(mesh, placement))
+    mesh.apply_transform(_transform(mesh, placement, scale))
     mesh.export(placed)
     bed = tuple(
         (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
@@ -75,12 +76,15 @@ def slice_part(task: SliceTask) -> PlateResult:
         return slice_plate(request)
 
 
-def _transform(mesh: trimesh.Trimesh, placement: Placement) -> npt.NDArray[np.float64]:
-    """(4, 4) To the placement: the bounding box's centre there, its underside on the bed."""
+def _transform(
+    mesh: trimesh.Trimesh, placement: Placement, scale: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """(4, 4) To the placement, larger by `scale` (3,): the bounding box's centre there, its underside at Z 0."""
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)
     if placement.turned:
         transform[:2, :2] = ((0.0, -1.0), (1.0, 0.0))
+    transform[:3, :3] *= scale
     transform[:3, 3] = -transform[:3, :3] @ (centre[0], centre[1], mesh.bounds[0][2])
     transform[:2, 3] += (placement.x_mm, placement.y_mm)
     return transform

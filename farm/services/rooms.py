@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from drivers.profiles import PROFILES, RoomBox, part_room
 from farm.config import PrinterSection
+from slicing.settings import Settings
 
 
 def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]:
     """The boxes that a part with a brim of `brim_mm` may fill on this printer."""
     return part_room(PROFILES[section.model], brim_mm, section.volume_mm)
+
+
+def model_sizes(room: tuple[RoomBox, ...], settings: Settings) -> tuple[tuple[float, float, float], ...]:
+    """Sizes in mm (x, y, z) that a part may have in the model: it is printed larger, because it shrinks."""
+    xy, z = settings.scale_xy, settings.scale_z
+    return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))
 
 
 def bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:

@@ -2,9 +2,10 @@
 
 import pytest
 
-from slicing.definitions import Resolver, Scope, merge, parse_value
+from slicing.definitions import merge, parse_value
 from slicing.errors import BadSetting, DefinitionError
 from slicing.formula import Formula
+from slicing.resolver import Place, Resolver, Scope
 
 
 def entry(kind="float", **rest):
@@ -48,9 +49,11 @@ TRAIN = {"settings": {"nozzle": entry(default_value=0.4)}}
 
 def resolver(user=(), extruder=(), shared=()):
     user = dict(user)
-    return Resolver(
-        merge([ROOT, CHILD, GRANDCHILD]), merge([TRAIN]), [user, dict(shared)], [user, dict(extruder)]
-    )
+    layers = {
+        Scope.GLOBAL: {Place.USER: user, Place.QUALITY: dict(shared)},
+        Scope.EXTRUDER: {Place.USER: user, Place.MATERIAL: dict(extruder)},
+    }
+    return Resolver(merge([ROOT, CHILD, GRANDCHILD]), merge([TRAIN]), layers)
 
 
 def test_a_formula_of_a_parent_beats_a_plain_value_of_a_child():
@@ -72,8 +75,10 @@ def test_resolve_asks_the_extruder_unless_the_value_is_set():
     assert resolver(user={"bed": 45.0}).value(Scope.GLOBAL, "bed") == 45.0
 
 
-def test_a_limited_setting_is_the_extruders():
-    assert resolver(extruder={"width": 0.7}).value(Scope.GLOBAL, "limited") == 0.7
+@pytest.mark.parametrize(("number", "value"), [("0", 0.7), (-1, 0.7), ("-1", 0.5)])
+def test_a_limited_setting_is_the_extruders_unless_it_is_nobodys(number, value):
+    limited = resolver(extruder={"width": 0.7}, shared={"nr": number})
+    assert limited.value(Scope.GLOBAL, "limited") == value
 
 
 def test_the_user_wins_over_a_formula():
@@ -133,11 +138,9 @@ def test_values_of_another_type_are_refused(key, raw):
         parse_value(resolver().setting(key), raw)
 
 
-@pytest.mark.parametrize(("key", "value"), [("height", 0.0), ("width", 10.3)])
-def test_limits_are_worked_out_and_kept(key, value):
-    with pytest.raises(BadSetting, match="out of range"):
-        resolver(user={key: value}).check_range(key)
-    resolver(user={key: 0.1}).check_range(key)
+def test_limits_are_worked_out():
+    assert resolver(user={"height": 0.25}).bounds(Scope.EXTRUDER, "width") == (None, 10.5)
+    assert resolver().bounds(Scope.GLOBAL, "height") == (0.001, None)
 
 
 def test_only_the_extruders_own_keys_are_listed_for_it():

@@ -1,0 +1,146 @@
+"""What a person must not set, and which values are refused: for the printer's sake, or as Cura defines it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any
+
+from slicing.definitions import fits_type
+from slicing.resolver import Resolver, Scope
+from slicing.startcode import PARKED_MM
+
+NOZZLE_MAX_C = 260.0  # the firmware's own menu ends there
+BED_MAX_C = 115.0
+_LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
+_LINE_SHARE = 2.0  # of the nozzle, where Cura warns
+_MOST_HOP_MM = 10.0
+
+_PRINTER = "it describes the printer; choose another printer model or nozzle"
+_STREAM = "set by this program, for streaming; leave it out"
+_PLACE = "where the part lies is this program's matter; leave it out"
+_ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out"
+_ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
+_ALONE = "a plate has one part; leave it out"
+_SHAPE = "it does not print the part as it is; leave it out"
+_MOTION = "the printer keeps its own accelerations; leave it out"
+
+_RESERVED: Mapping[str, str] = {
+    "material_diameter": _PRINTER,
+    "gantry_height": _PRINTER,
+    "material_guid": _PRINTER,
+    **dict.fromkeys(
+        (
+            "machine_gcode_flavor",
+            "machine_firmware_retract",
+            "machine_start_gcode",
+            "machine_end_gcode",
+            "relative_extrusion",
+            "material_bed_temp_prepend",
+            "material_bed_temp_wait",
+            "material_print_temp_prepend",
+            "material_print_temp_wait",
+            "prime_blob_enable",
+            "clean_between_layers",
+        ),
+        _STREAM,
+    ),
+    "center_object": _PLACE,
+    "support_mesh": _ONE_MESH,
+    "support_mesh_drop_down": _ONE_MESH,
+    "support_meshes_present": _ONE_MESH,
+    "anti_overhang_mesh": _ONE_MESH,
+    "cutting_mesh": _ONE_MESH,
+    "infill_mesh": _ONE_MESH,
+    "infill_mesh_order": _ONE_MESH,
+    "extruder_nr": _ONE_EXTRUDER,
+    "extruders_enabled_count": _ONE_EXTRUDER,
+    "ooze_shield_enabled": _ONE_EXTRUDER,
+    "print_sequence": _ALONE,
+    "mold_enabled": _SHAPE,
+    "magic_spiralize": _SHAPE,
+    "magic_mesh_surface_mode": _SHAPE,
+    "wireframe_enabled": _SHAPE,
+    "acceleration_enabled": _MOTION,
+    "acceleration_travel_enabled": _MOTION,
+    "jerk_enabled": _MOTION,
+    "jerk_travel_enabled": _MOTION,
+}
+_RESERVED_STARTS: Mapping[str, str] = {
+    "machine_": _PRINTER,
+    "extruder_prime_pos_": _PRINTER,
+    "nozzle_offsetting_": _PRINTER,
+    "mesh_": _PLACE,
+    "prime_tower_": _ONE_EXTRUDER,
+    "switch_extruder_": _ONE_EXTRUDER,
+}
+
+
+def why_reserved(key: str) -> str | None:
+    """Why a person must not set a key; None where one may."""
+    if key.endswith("_extruder_nr"):
+        return _ONE_EXTRUDER
+    starts = (why for start, why in _RESERVED_STARTS.items() if key.startswith(start))
+    return _RESERVED.get(key) or next(starts, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A value that is not of its type, not an option, or beyond a limit."""
+
+    scope: Scope
+    key: str
+    value: Any
+    allowed: str
+    ours: bool  # a limit of ours: Cura's own profiles have to keep it too
+
+
+def violations(resolver: Resolver, first: Iterable[str] = ()) -> Iterator[Violation]:
+    """What is wrong in either stack; some keys can be looked at first."""
+    for scope in Scope:
+        for key in {**dict.fromkeys(first), **dict.fromkeys(resolver.keys(scope))}:
+            yield from _violations(resolver, scope, key)
+
+
+def _violations(resolver: Resolver, scope: Scope, key: str) -> Iterator[Violation]:
+    setting = resolver.setting(key)
+    value = resolver.value(scope, key)
+    if value is None and setting.default is None:
+        return
+    if not fits_type(setting, value):
+        allowed = (
+            f"one of {', '.join(setting.options)}" if setting.options else f"a value of type {setting.type}"
+        )
+        yield Violation(scope, key, value, allowed, ours=False)
+        return
+    if isinstance(value, bool | str) or not isinstance(value, int | float):
+        return
+    for (least, greatest), ours in ((_our_bounds(resolver, key), True), (resolver.bounds(scope, key), False)):
+        low, high = (-inf if least is None else least), (inf if greatest is None else greatest)
+        if not low <= value <= high:
+            ends = (("at least", low), ("at most", high))
+            allowed = ", ".join(f"{word} {_shown(end)}" for word, end in ends if isfinite(end))
+            yield Violation(scope, key, value, allowed, ours)
+
+
+def _our_bounds(resolver: Resolver, key: str) -> tuple[float | None, float | None]:
+    nozzle_mm = float(resolver.value(Scope.EXTRUDER, "machine_nozzle_size"))
+    match key:
+        case "layer_height" | "layer_height_0":
+            return None, _LAYER_SHARE * nozzle_mm
+        case "retraction_amount":
+            return 0.0, PARKED_MM
+        case "retraction_hop" | "wipe_hop_amount":
+            return 0.0, _MOST_HOP_MM
+        case _ if key.endswith("line_width"):
+            return None, _LINE_SHARE * nozzle_mm
+        case _ if "bed_temperature" in key:
+            return 0.0, BED_MAX_C
+        case _ if "print_temperature" in key or key == "material_standby_temperature":
+            return 0.0, NOZZLE_MAX_C
+    return None, None
+
+
+def _shown(number: float) -> str:
+    return f"{number:.4g}"
