@@ -95,7 +95,9 @@ def stop(target: Target, show_s: float = _SHOW_S) -> Stopped:
             stopped = Stopped(stopped.printer, stopped.cut_s, False, text)
         if lock is not None:
             with suppress(DriverError, OSError):  # a full disk: the next agent doubts the bed all the same
-                Journal(target.folder / "journal.jsonl").write(time.time(), look=LOOK)
+                Journal(target.folder / "journal.jsonl").write(
+                    time.time(), look=LOOK, hot=not stopped.seen_off
+                )
     finally:
         if lock is not None:
             os.close(lock)

@@ -101,6 +101,7 @@ class Snapshot(_Said):
     starved_s: float = 0.0  # emulator only: farm seconds in which it waited for the host
     board_resets: int = 0  # resets since the agent started that it did not cause itself
     doubt: str | None = None  # why bed and filament are not known, until `BedCleared`
+    reset_verified: bool = True  # DTR was seen to reset the board behind this port
     print: PrintSnapshot | None = None
 
 
@@ -164,6 +165,13 @@ class BedCleared(_Message):
     filament: Filament | None = None  # what the person says of it, if anything
 
 
+class Commission(_Message):
+    """Pulse DTR, and see whether the board starts again; a person has seen that the printer is idle."""
+
+    do: Literal["commission"] = "commission"
+    id: int
+
+
 class Shutdown(_Message):
     """End the agent: with `now` an open print is ended safely first; without, refused while printing."""
 
@@ -172,7 +180,17 @@ class Shutdown(_Message):
     now: bool = False
 
 
-Request = Hello | StartPrint | CancelPrint | PausePrint | ResumePrint | ForgetPrint | BedCleared | Shutdown
+Request = (
+    Hello
+    | StartPrint
+    | CancelPrint
+    | PausePrint
+    | ResumePrint
+    | ForgetPrint
+    | BedCleared
+    | Commission
+    | Shutdown
+)
 
 
 class Reply(_Said):

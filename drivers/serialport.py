@@ -157,6 +157,22 @@ def resolve(url: str, folder: Path, clock: Clock) -> Path:
     raise PortError(f"{url}: a port is a device path or sim://MODEL; run an agent beside the printer instead")
 
 
+def plugged_in(path: Path) -> str:
+    """A name for this device that changes when it is plugged in anew or the host starts anew.
+
+    Raises
+    ------
+    PortError
+        It is not there.
+    """
+    try:
+        node = path.stat()
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError as error:
+        raise PortError(f"{path}: is not there; is the printer plugged in and switched on?") from error
+    return f"{boot}:{node.st_rdev}:{node.st_ino}:{node.st_ctime_ns}"
+
+
 def _cause(error: BaseException) -> str:
     """The innermost reason: pyserial wraps the system's own words twice."""
     number = getattr(error, "errno", None)

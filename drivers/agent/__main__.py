@@ -37,7 +37,8 @@ def main() -> int:
         return 1
     sign(lock, printer=given.printer, model=given.model, port=given.port, power_off_cmd=given.power_off_cmd)
     clock = Clock(given.scale, given.anchor)
-    Agent(given.printer, PROFILES[given.model], given.port, folder, clock).run()
+    profile = PROFILES[given.model]
+    Agent(given.printer, profile, given.port, folder, clock, given.power_off_cmd).run()
     return 0
 
 

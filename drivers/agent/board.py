@@ -61,6 +61,7 @@ class Board:
         self.doubt: str | None = None  # what happened here that we did not cause: is the bed still clear?
         self.resets = 0  # that the agent did not cause
         self.wants_power_off = False  # a heater cannot be switched off any other way
+        self.hot = False  # heat of ours may still be on
         self.opened: str | None = None  # the device, as it was plugged in, that was opened last
         self.reset_verified: str | None = None  # the port over which DTR was seen to reset the board
         self.idle = IdleWatch()
@@ -115,7 +116,8 @@ class Board:
         try:
             path = resolve(self._url, self._folder, self._clock)
             device = None if self.simulated else plugged_in(path)
-            if not (self.simulated or self.session or self._said_idle or device == self.opened):
+            ours = self.session is not None or self.hot  # whatever prints there is ours to stop
+            if not (self.simulated or ours or self._said_idle or device == self.opened):
                 raise PortNotIdle(NOT_IDLE)
             self._port = SerialPort(path)
             self.opened = device
@@ -126,7 +128,7 @@ class Board:
             self.absent = str(error)
             self._retry_wall_s = time.time() + RETRY_S
             return
-        if self.simulated or (self.session is None and self.look is None):
+        if self.simulated or not ours:
             self._opened()
         else:
             self._reset()  # opening alone resets no board whose last host left DTR up, as ours do
@@ -156,6 +158,7 @@ class Board:
         if self.idle.card:
             raise AgentError(CARD)
         self.doubt = None
+        self.hot = False
         well = self.look is None and self.link.phase is not Phase.DEAD
         self.look = None
         if not (well and self.proven and self._port is not None):
@@ -271,6 +274,7 @@ class Board:
         self._proving = False
 
     def _idle_report(self, report: Report, now_s: float) -> None:
+        self.hot = self.hot and not report.off
         doubt, trouble = self.idle.report(report)
         if doubt is not None:
             self._doubt(doubt)

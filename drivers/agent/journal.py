@@ -33,6 +33,12 @@ class Memory:
         What happened at the printer that this farm did not cause, until a person has cleared its bed.
     identity
         What tells this printer from others (`Session.identity`); None where nobody has seen it yet.
+    hot
+        Heat of ours may still be on.
+    opened
+        The device, as it was plugged in, that was opened last (`serialport.plugged_in`).
+    reset_verified
+        The port over which DTR was seen to reset the board.
     """
 
     print: PrintSnapshot | None = None
@@ -40,6 +46,9 @@ class Memory:
     look: str | None = None
     doubt: str | None = None
     identity: str | None = None
+    hot: bool = False
+    opened: str | None = None
+    reset_verified: str | None = None
     ended: set[str] = field(default_factory=set)
 
     def take(self, record: dict[str, Any]) -> None:
@@ -55,6 +64,9 @@ class Memory:
             self.look = record["look"]
         if "doubt" in record:
             self.doubt = record["doubt"]
+        self.hot = record.get("hot", self.hot)
+        self.opened = record.get("opened", self.opened)
+        self.reset_verified = record.get("reset_verified", self.reset_verified)
         if "identity" in record:
             self.identity = record["identity"]
 

@@ -10,7 +10,8 @@ import socket
 import time
 from pathlib import Path
 
-from drivers.agent.board import Board
+from drivers import mains
+from drivers.agent.board import UNWATCHED, Board
 from drivers.agent.journal import Journal
 from drivers.agent.server import Server
 from drivers.agent.spool import Spool
@@ -21,6 +22,7 @@ from drivers.marlin import Phase
 from drivers.messages import (
     BedCleared,
     CancelPrint,
+    Commission,
     Filament,
     ForgetPrint,
     Heater,
@@ -46,6 +48,8 @@ PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
 IDLE_PUSH_S = 5.0
 WARM_C = 40.0
 _PARKED_SLACK_MM = 1.0
+UNPROVEN = "nobody has seen that DTR resets its board: that is tried when somebody says that it is idle"
+_KEPT = ("look", "doubt", "hot", "opened", "reset_verified")  # of the board, in the journal
 _NEEDS_A_LOOK = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
@@ -69,9 +73,20 @@ class Agent:
         The agent's own: socket, journal, spool, and an emulator's folder.
     clock
         The farm's clock.
+    power_off_cmd
+        See `mains.cut`.
     """
 
-    def __init__(self, printer: str, profile: Profile, url: str, folder: Path, clock: Clock) -> None:
+    def __init__(
+        self,
+        printer: str,
+        profile: Profile,
+        url: str,
+        folder: Path,
+        clock: Clock,
+        power_off_cmd: str | None = None,
+    ) -> None:
+        self._power_off_cmd = power_off_cmd
         self._printer = printer
         self._profile = profile
         self._clock = clock
@@ -82,10 +97,10 @@ class Agent:
         self._journal = Journal(folder / "journal.jsonl")
         self._spool = Spool(folder / "spool")
         self._board = Board(url, folder / EMULATOR, clock, self._remember, self._port_moved)
-        self._board.look = self._journal.memory.look
-        self._board.doubt = self._journal.memory.doubt
+        for name in _KEPT:
+            setattr(self._board, name, getattr(self._journal.memory, name))
         if self._board.doubt is None and not self._board.simulated:
-            self._board.doubt = "nobody watched it before its agent was started"
+            self._board.doubt = UNWATCHED
         self._url = url
         self._program: Program | None = None
         self._starved_before_s = 0.0
@@ -162,16 +177,24 @@ class Agent:
 
     def _write_down(self) -> None:
         session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
-        if (self._board.look, self._board.doubt) != (memory.look, memory.doubt):
-            self._journal.write(now_s, look=self._board.look, doubt=self._board.doubt)
+        if self._board.wants_power_off:
+            self._cut_mains()
+        kept = {name: getattr(self._board, name) for name in _KEPT}
+        if any(getattr(memory, name) != value for name, value in kept.items()):
+            self._journal.write(now_s, **kept)
         if session is None or memory.print is None:
             return
+        if session.wants_power_off:
+            session.wants_power_off = False
+            session.reason = f"{session.reason or 'heaters were not shown off'}; {self._cut_mains()}"
         told = memory.print
         changed = (session.phase, session.extruded) != (told.phase, told.extruded)
         if not changed and session.filament is memory.filament:
             return
         if session.ended and (session.fault in _NEEDS_A_LOOK or not session.heaters_off):
             self._board.look = session.reason
+        if session.ended:
+            self._board.hot = not session.heaters_off
         shot = self._shot(told, session)
         self._journal.write(
             now_s,
@@ -185,6 +208,16 @@ class Agent:
             self._board.session = None
             self._program = None
             self._over = self._over or self._ending
+
+    def _cut_mains(self) -> str:
+        """Switch the printer off by its relay, if it has one; nothing else goes on meanwhile."""
+        self._board.wants_power_off = False
+        if self._power_off_cmd is None:
+            return "it has no power_off_cmd: switch it off by hand"
+        said = mains.cut(self._power_off_cmd, self._printer)
+        if self._board.look is not None:
+            self._board.look = f"{self._board.look}; {said}"
+        return said
 
     def _shot(self, told: PrintSnapshot, session: Session) -> PrintSnapshot:
         """The open print as it is now."""
@@ -208,12 +241,16 @@ class Agent:
 
     def _link_state(self) -> tuple[LinkState, str | None]:
         board = self._board
+        if board.untouched:
+            return LinkState.FAULT, board.absent
         if board.session is not None:
             return LinkState.BUSY, board.absent or self._unsaid
         if board.absent is not None:
             return LinkState.ABSENT, board.absent
         if board.look is not None:
             return LinkState.FAULT, board.look
+        if not board.proven:
+            return LinkState.FAULT, UNPROVEN
         return (LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING), None
 
     def _snapshot(self) -> Snapshot:
@@ -242,6 +279,7 @@ class Agent:
             starved_s=status.starved_s if status is not None else 0.0,
             board_resets=board.resets,
             doubt=board.doubt,
+            reset_verified=board.proven,
             print=told,
         )
 
@@ -297,6 +335,8 @@ class Agent:
                     self._spool.drop(request.print_id)
             case BedCleared():
                 self._cleared(request)
+            case Commission():
+                self._board.prove()
             case Shutdown():
                 if self._board.session is None:
                     self._over = True
@@ -373,7 +413,8 @@ class Agent:
         if self._board.session is None:
             self._over = True
         else:
-            log.warning("asked to end by a signal while a print is open: it goes on; shut down with `now`")
+            self._ending = True
+            log.warning("asked to end by a signal: when the open print has ended")
 
 
 def _filament(end_mm: float) -> Filament:

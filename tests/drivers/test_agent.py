@@ -23,7 +23,7 @@ from drivers.agent.spool import Spool
 from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
-from drivers.emulator.launch import control, read_status
+from drivers.emulator.launch import control, launch, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, BadGcode, JournalError
 from drivers.profiles import PROFILES
@@ -64,6 +64,7 @@ class Printer:
 
     def __init__(self, folder: Path, url: str) -> None:
         self.folder, self.url = folder, url
+        self.power_off_cmd: str | None = None
         self.clock = Clock(SCALE, time.time())
         self.process: subprocess.Popen[bytes] | None = None
         self.client = AgentClient(folder)
@@ -71,7 +72,7 @@ class Printer:
         self._following: asyncio.Task[None] | None = None
 
     def spawn(self) -> None:
-        self.process = spawn("um2-01", MODEL, self.url, self.folder, self.clock)
+        self.process = spawn("um2-01", MODEL, self.url, self.folder, self.clock, self.power_off_cmd)
 
     async def connect(self) -> None:
         self.last = None
@@ -196,7 +197,7 @@ def test_when_an_agent_is_killed_the_next_one_shows_heaters_off_and_fails_the_pr
 
 
 @pytest.mark.system
-def test_a_print_goes_on_without_a_daemon_and_in_spite_of_a_signal(tmp_path: Path):
+def test_a_print_goes_on_without_a_daemon_and_a_signal_ends_the_agent_after_it(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:
             await one.start(gcode(3000))
@@ -214,9 +215,13 @@ def test_a_print_goes_on_without_a_daemon_and_in_spite_of_a_signal(tmp_path: Pat
             await one.client.request(m.CancelPrint(id=0, print_id="p-1", reason="enough"))
             cancelled = await one.phase(m.PrintPhase.CANCELLED)
             assert cancelled.reason == "enough"
-            last = await one.ready()
-            assert last.heaters_off and last.filament is m.Filament.PARKED
+            assert cancelled.ended_s is not None
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0  # as the signal asked
             assert one.targets() == (0.0, 0.0)
+            one.spawn()
+            await one.connect()
+            last = await one.until(lambda s: s.heaters_off)
+            assert last.filament is m.Filament.PARKED
             one.process.send_signal(signal.SIGTERM)  # idle now
             assert await asyncio.to_thread(one.process.wait, 10.0) == 0
 
@@ -317,6 +322,85 @@ def test_a_port_that_is_not_there_is_said_to_be_absent_and_the_agent_lives(tmp_p
             assert alive(one.folder)
         finally:
             await one.close()
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_its_reset_is_seen(
+    tmp_path: Path,
+):
+    tty = tmp_path / "emulator" / "tty"
+    one = Printer(tmp_path / "agent", str(tty))
+
+    def link_open() -> bool:
+        return read_status(tmp_path / "emulator").link_open
+
+    async def story() -> None:
+        try:
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)
+            one.spawn()
+            await one.connect()
+            said = await one.until(lambda s: s.link is m.LinkState.FAULT)
+            assert "does not print" in str(said.reason) and said.doubt is not None
+            assert not link_open()
+            refused = await one.start(gcode(10))
+            assert refused.error is not None and not link_open()
+            assert (await one.client.request(m.BedCleared(id=0))).error is None
+            ready = await one.ready()
+            assert ready.reset_verified and ready.doubt is None
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            one.spawn()  # DTR has been up since: opening changes nothing
+            await one.connect()
+            ready = await one.ready()
+            assert ready.doubt is not None
+            control(tmp_path / "emulator", "power_off")
+            await one.until(lambda s: s.link is m.LinkState.ABSENT)
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)  # plugged in anew
+            await one.until(lambda s: s.link is m.LinkState.FAULT)
+            assert not link_open()
+            assert (await one.client.request(m.Commission(id=0))).error is None
+            await one.ready()
+        finally:
+            await one.close()
+            if emulator_alive(tmp_path / "emulator"):
+                control(tmp_path / "emulator", "power_off")
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_printer_that_goes_away_hot_loses_its_mains_and_a_person_is_told(tmp_path: Path):
+    one = Printer(tmp_path / "agent", str(tmp_path / "emulator" / "tty"))
+    relay = tmp_path / "relay.sh"
+    relay.write_text(f'#!/bin/sh\necho "$1" >> {tmp_path}/cut\n')
+    relay.chmod(0o700)
+    one.power_off_cmd = f"{relay} {{printer}}"
+
+    async def story() -> None:
+        try:
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)
+            one.spawn()
+            await one.connect()
+            await one.until(lambda s: s.link is m.LinkState.FAULT)
+            await one.client.request(m.BedCleared(id=0))
+            await one.ready()
+            assert (await one.start(gcode(50_000))).error is None
+            await one.phase(m.PrintPhase.PRINTING)
+            control(tmp_path / "emulator", "power_off")
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "port_lost" and "mains" in str(failed.reason)
+            assert (tmp_path / "cut").read_text() == "um2-01\n"
+            assert not (await one.until(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)
+            back = await one.until(lambda s: s.heaters_off)  # heat of ours may be on there: it is opened
+            assert back.link is m.LinkState.FAULT and "mains" in str(back.reason)
+        finally:
+            await one.close()
+            if emulator_alive(tmp_path / "emulator"):
+                control(tmp_path / "emulator", "power_off")
 
     run(story())
 
