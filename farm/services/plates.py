@@ -79,7 +79,7 @@ def slice_part(task: SliceTask) -> PlateResult:
 def _transform(
     mesh: trimesh.Trimesh, placement: Placement, scale: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """(4, 4) To the placement, larger by `scale` (3,): the bounding box's centre there, its underside at Z 0."""
+    """(4, 4) To the placement, larger by `scale` (3,): centre of the bounding box there, underside at Z 0."""
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)
     if placement.turned:
