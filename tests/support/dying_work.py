@@ -40,6 +40,10 @@ def hoard(gigabytes):
     return len(bytes(int(gigabytes * 2**30)))
 
 
+def pause():
+    signal.pause()
+
+
 def whoami():
     return os.getpid()
 

@@ -55,18 +55,28 @@ def test_work_that_kills_every_worker_is_named_and_the_next_goes_on(pool, tmp_pa
     assert gone(pool.run(use))
 
 
-def test_a_worker_that_dies_takes_no_other_work_with_it(pool, tmp_path):
+@pytest.mark.parametrize("how", ["dies", "is cancelled"])
+def test_a_worker_that_ends_takes_no_other_work_with_it(pool, tmp_path, how):
     os.mkfifo(tmp_path / "fifo")
 
     async def use(workers):
         other = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
-        with pytest.raises(FarmError, match="2 times"):
-            await workers.run(work.die)
+        if how == "dies":
+            with pytest.raises(FarmError, match="2 times"):
+                await workers.run(work.die)
+        else:
+            before = workers.pids
+            task = asyncio.ensure_future(workers.run(work.pause))
+            await asyncio.sleep(0)  # it has its worker now
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert len(workers.pids - before) == 1
         assert not other.done()  # it cannot end before somebody listens
         assert await asyncio.to_thread((tmp_path / "fifo").read_text) == "hello"
         return await other
 
-    # Done again after a death, nobody would listen any more.
+    # Were it done again after an end, nobody would listen any more.
     assert pool.run(use, count=2) == "hello"
 
 

@@ -1,0 +1,74 @@
+"""The planner with workers that work at once: what it tells while it plans, and what it does not do twice."""
+
+import asyncio
+
+import pytest
+import trimesh
+
+from farm.config import Fleet
+from farm.daemon.planner import Planner
+from farm.model import Job, JobOptions, PlanProgress, PlanStep
+from farm.paths import StateFolder
+from farm.services.models import inspect_model
+from farm.services.planning import Plan
+
+MODEL = "ultimaker2_plus"
+
+
+class SameProcess:
+    async def run(self, work, *args, limit=None):
+        return work(*args)
+
+
+@pytest.fixture
+def state(tmp_path):
+    folder = StateFolder(tmp_path / "state")
+    folder.make()
+    return folder
+
+
+def plan(state, job):
+    """What the planner told of a job, and its plan."""
+    printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
+    fleet = Fleet.model_validate({"printers": printers})
+    told = []
+
+    async def main():
+        done = asyncio.get_running_loop().create_future()
+        planner = Planner(
+            state, SameProcess(), lambda _, result: done.set_result(result), lambda _, far: told.append(far)
+        )
+        planner.start(job, list(fleet.printers), 1)
+        return await done
+
+    return told, asyncio.run(main())
+
+
+def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, tmp_path, monkeypatch):
+    path = tmp_path / "bar.stl"
+    trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
+    model = inspect_model(path, "bar.stl", JobOptions(), state.files)
+
+    def job(number):
+        return Job(
+            id=number,
+            request_id="r" * 8,
+            name="bar.stl",
+            model_file=model.file,
+            options=JobOptions(),
+            submitted_s=0.0,
+        )
+
+    def slicing(done, cached=0):
+        return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
+
+    decomposing = PlanProgress(step=PlanStep.DECOMPOSING)
+    told, first = plan(state, job(1))
+    assert isinstance(first, Plan), first
+    assert told == [decomposing, slicing(0), slicing(1), slicing(2)]
+    assert [plate.cached for plate in first.plates] == [False, False]
+    told, again = plan(state, job(2))
+    assert told == [decomposing, slicing(0), slicing(1, 1), slicing(2, 2)]
+    assert [plate.cached for plate in again.plates] == [True, True]
+    assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
+    assert not list(state.work.iterdir())

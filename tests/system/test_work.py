@@ -1,0 +1,73 @@
+"""Planning in real processes: what is not wanted any more is ended at once, and nothing is left of it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from real_farm import wait_for
+
+pytestmark = pytest.mark.system
+
+MODEL = "ultimaker2_plus"
+
+
+@pytest.fixture
+def hanging_engine(tmp_path):
+    """A CuraEngine that slices for ever, and holds a FIFO open: its end is read when none of it is left."""
+    os.mkfifo(tmp_path / "fifo")
+    engine = tmp_path / "engine"
+    version = "[ $1 = help ] && exec CuraEngine help"
+    engine.write_text(
+        f"#!/bin/sh\n{version}\nexec 3>{tmp_path / 'fifo'}\necho slicing >&3\nexec sleep 1000\n"
+    )
+    engine.chmod(0o755)
+    return engine
+
+
+def children(pid):
+    """The processes that a process has started and that still run."""
+    found = set()
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, parent = stat.read_text().rpartition(")")[2].split()[:2]
+        except OSError:
+            continue
+        if int(parent) == pid and state != "Z":
+            found.add(int(stat.parent.name))
+    return found
+
+
+def workers(daemon):
+    marks = {pid: Path(f"/proc/{pid}/cmdline").read_bytes() for pid in children(daemon)}
+    return {pid for pid, words in marks.items() if b"spawn_main" in words}
+
+
+def test_a_job_cancelled_while_it_is_planned_is_ended_at_once_and_down_leaves_nothing(
+    make_farm, bar, hanging_engine, tmp_path
+):
+    farm = make_farm({"one": (MODEL, f"sim://{MODEL}"), "two": (MODEL, f"sim://{MODEL}")})
+    farm.up(FARM_CURA_ENGINE=str(hanging_engine))
+    daemon = farm.status()["daemon"]["pid"]
+    farm.ok("submit", bar)
+    with (tmp_path / "fifo").open() as fifo:
+        assert fifo.readline() == "slicing\n"
+        assert farm.job()["progress"] == {"step": "slicing", "done": 0, "of": 2, "cached": 0}
+        assert "slicing 0 of 2" in farm.ok("status")
+        busy = workers(daemon)
+        farm.ok("cancel", 1)
+        fifo.read()  # to its end: no engine has it open any more
+    assert (farm.job()["state"], farm.job()["progress"]) == ("cancelled", None)
+    wait_for("fresh workers", lambda: len(workers(daemon) - busy) == len(busy))
+    assert not list((farm.state / "work").glob("job-*"))
+    # The next job is planned by the fresh ones; the farm goes down in the middle of it.
+    farm.ok("submit", bar)
+    with (tmp_path / "fifo").open() as fifo:
+        assert fifo.readline() == "slicing\n"
+        busy = workers(daemon)
+        farm.ok("down")
+        fifo.read()
+    assert not any(Path(f"/proc/{pid}").exists() for pid in busy)
+    assert not (farm.state / "work" / "workers").exists()
