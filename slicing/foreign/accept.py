@@ -97,7 +97,7 @@ def accept(
         walk.follow(raw, number)
     extent = walk.extent
     if not extent.path_mm:
-        raise GcodeRefused("it prints nothing: no move after its start extrudes")
+        raise GcodeRefused(walk.objection or "it prints nothing: no move after its start extrudes")
     _check_section(extent, filament_mm2, found.nozzle_mm or nozzle_mm)
     seconds = writer.finish()
     head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"

@@ -16,9 +16,12 @@ MOST_OTHER = 1e6
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
 _NUMBERED = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
 _ASIDE = re.compile(r"\([^()]*\)")
-_WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))?")
+_WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))")
 _RUN_TOGETHER = re.compile(r"[\d.]E")
 
+_PLAIN_MOVE = re.compile(rb"G[01](?: [FXYZE]-?\d{1,4}(?:\.\d{1,9})?)+\r?\n?\Z")
+
+Words = dict[str, float]
 Line = tuple[str, str, bytes]
 """Code like ``G1`` (empty where there is none), what follows it, and the comment."""
 
@@ -38,7 +41,7 @@ def split(raw: bytes, number: int) -> Line:
         raise GcodeRefused(f"line {number}: not plain text: is this a G-code file?")
     if not command or command.isspace():
         return "", "", comment.strip()
-    if b"*" in command or command.lstrip()[:1] in (b"N", b"n"):
+    if command.lstrip()[:1] in (b"N", b"n"):
         command = _without_number(command, number)
     try:
         text = command.decode("ascii").strip().replace("\t", " ").upper()
@@ -56,15 +59,24 @@ def split(raw: bytes, number: int) -> Line:
     return code[1] + code[2], text[code.end() :], comment.strip()
 
 
-def words(rest: str, number: int) -> dict[str, float | None]:
-    """What follows a code: letter -> number, None where a letter stands alone (``G28 X``).
+def plain_move(raw: bytes) -> Words | None:
+    """The words of a straight move, where it is written as slicers write nearly all of them: a short way."""
+    if _PLAIN_MOVE.match(raw) is None:
+        return None
+    parts = raw.decode("ascii").split()
+    given: Words = {part[0]: float(part[1:]) for part in parts[1:]}
+    return given if len(given) == len(parts) - 1 else None
+
+
+def words(rest: str, number: int) -> Words:
+    """What follows a code: letter -> number.
 
     Raises
     ------
     GcodeRefused
         Where it cannot be read as the firmware reads it, or a number is none that a printer can mean.
     """
-    found: dict[str, float | None] = {}
+    found: Words = {}
     at = 0
     if _RUN_TOGETHER.search(rest):  # the firmware reads X1E5 as a power of ten
         raise GcodeRefused(f"line {number}: write a blank before each E: {shown(rest)} is not clear")
@@ -72,8 +84,8 @@ def words(rest: str, number: int) -> dict[str, float | None]:
         letter, digits = word.groups()
         if letter in found:
             raise GcodeRefused(f"line {number}: {letter} stands twice in {shown(rest)}: take one out")
-        value = None if digits is None else float(digits)
-        if value is not None and abs(value) > _most(letter):
+        value = float(digits)
+        if abs(value) > _most(letter):
             raise GcodeRefused(
                 f"line {number}: {letter}{digits} is more than any printer has: is it damaged?"
             )

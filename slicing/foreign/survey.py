@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
 from slicing.foreign import rules
-from slicing.foreign.lines import split
+from slicing.foreign.lines import plain_move, split
 
 FILAMENT_MM = (2.75, 3.05)
 """What is sold as 2.85 mm, and also as 3 mm."""
@@ -21,7 +21,6 @@ _FACT = re.compile(
     rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
     rb"|use_volumetric_e|gcode_flavor)\s*[:=,]\s*([^,;|]*)"
 )
-_PLAIN_MOVE = re.compile(rb"G[01](?: [FXYZE]-?[0-9.]+)+\r?\n?\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +62,8 @@ def survey(lines: Iterable[bytes]) -> Survey:
     layer = waited = homed = ready = 0
     prints = False
     for number, raw in enumerate(lines, 1):
-        if _PLAIN_MOVE.match(raw):
-            prints = prints or (b" E" in raw and (b" X" in raw or b" Y" in raw))
+        if (move := plain_move(raw)) is not None:
+            prints = prints or ("E" in move and ("X" in move or "Y" in move))
             continue
         code, rest, comment = split(raw, number)
         if comment:

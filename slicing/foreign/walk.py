@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from slicing.errors import GcodeRefused
 from slicing.foreign import rules
 from slicing.foreign.arcs import Arc
-from slicing.foreign.lines import split, words
+from slicing.foreign.lines import Words, plain_move, split, words
 from slicing.foreign.survey import Survey, is_layer
 from slicing.foreign.writer import Writer
 from slicing.output import MIN_EXTRUSION_C
@@ -28,8 +28,6 @@ MOST_ARC_MM = 700.0  # round the whole bed
 ARC_TOLERANCE_MM = 0.2  # of its radius, between start and end
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
 _FIRMWARE_MM_S = 25.0  # what it moves with before the first F
-
-Words = dict[str, float | None]
 
 
 @dataclass(slots=True)
@@ -70,6 +68,7 @@ class Walk:
         self.extent = Extent()
         self.nozzle_c = nozzle_c if survey.ulticode else 0.0  # as last set before the print
         self.bed_c = bed_c if survey.ulticode else 0.0
+        self.objection: str | None = None  # why nothing more may be printed
         self.left_out: dict[str, str] = {}
         self._survey = survey
         self._writer = writer
@@ -77,7 +76,6 @@ class Walk:
         self._number = 0
         self._printing = False
         self._arrived = False
-        self._objection: str | None = None
         self._at = [math.nan] * 3
         self._e = 0.0  # in the file's own measure
         self._relative = self._relative_e = False
@@ -92,6 +90,9 @@ class Walk:
     def follow(self, raw: bytes, number: int) -> None:
         """Carry one line out."""
         self._number = number
+        if number != self._survey.begins and (move := plain_move(raw)) is not None:
+            self._move(move)
+            return
         code, rest, comment = split(raw, number)
         if number == self._survey.begins:
             self._begin()
@@ -157,7 +158,7 @@ class Walk:
     def _arc(self, clockwise: bool, given: Words) -> None:
         self._feed(given)
         x, y, z = self._at
-        i, j = given.get("I") or 0.0, given.get("J") or 0.0
+        i, j = given.get("I", 0.0), given.get("J", 0.0)
         if "R" in given or not (i or j):
             self._refuse("an arc needs I and J: switch arc fitting off in your slicer")
         old = (x, y, z)
@@ -178,8 +179,7 @@ class Walk:
             done = share
 
     def _dwell(self, given: Words) -> None:
-        seconds = given.get("S")
-        seconds = (given.get("P") or 0.0) / 1000 if seconds is None else seconds
+        seconds = given.get("S", given.get("P", 0.0) / 1000)
         if self._printing and seconds > 0:
             if seconds > MOST_DWELL_S:
                 self._object(f"G4 waits {seconds:g} s: at most {MOST_DWELL_S:g}")
@@ -199,7 +199,7 @@ class Walk:
     def _count(self, given: Words) -> None:
         if given.keys() - {"E"} or not given:
             self._refuse("G92 may count E anew, and nothing else: take it out of your slicer's scripts")
-        self._e = given["E"] or 0.0
+        self._e = given["E"]
 
     def _heat(self, code: str, given: Words) -> None:
         target_c = given.get("S", given.get("R"))
@@ -226,20 +226,20 @@ class Walk:
         if given.get("P"):
             return  # a fan that this printer has not
         power = given.get("S", 255.0)
-        power = 0.0 if code == "M107" or power is None else min(255.0, max(0.0, power))
+        power = 0.0 if code == "M107" else min(255.0, max(0.0, power))
         self._fan = b"M106 S%d" % round(power) if power else b"M107"
         if self._printing:
             self._writer.line(self._fan)
 
     def _factor(self, code: str, given: Words, least: float, most: float) -> float:
-        percent = given.get("S")
-        if percent is None or not least <= percent / 100 <= most:
+        factor = given.get("S", 0.0) / 100
+        if not least <= factor <= most:
             self._refuse(f"{code} needs S{100 * least:g} to S{100 * most:g}")
-        return (percent or 0.0) / 100
+        return factor
 
     def _feed(self, given: Words) -> None:
-        per_minute = given.get("F")
-        if per_minute is not None and per_minute > 0:  # the firmware, too, goes on as before at F0
+        per_minute = given.get("F", 0.0)
+        if per_minute > 0:  # the firmware, too, goes on as before at F0
             self._speed_mm_s = per_minute / 60
 
     # --- the head ---
@@ -279,9 +279,7 @@ class Walk:
         if z < 0:
             self._object(f"moves to Z {z:g}, into the bed")
         self._writer.move((x, y, z, pushed_mm, speed_mm_s))
-        for axis, value in enumerate(target):
-            self.extent.reach_low[axis] = min(self.extent.reach_low[axis], value)
-            self.extent.reach_high[axis] = max(self.extent.reach_high[axis], value)
+        _stretch(self.extent.reach_low, self.extent.reach_high, target)
         fed_mm = pushed_mm - back_mm
         if fed_mm > 0:
             self.extent.filament_mm += fed_mm
@@ -308,8 +306,8 @@ class Walk:
         return True
 
     def _print(self, old: list[float], target: list[float], fed_mm: float) -> None:
-        if self._objection is not None:
-            raise GcodeRefused(self._objection)
+        if self.objection is not None:
+            raise GcodeRefused(self.objection)
         extent, z = self.extent, target[2]
         if z <= 0:
             self._refuse(f"prints at Z {z:g}: it has to be above the bed")
@@ -321,16 +319,24 @@ class Walk:
             self._flat_z = z
         extent.path_on_step_mm[self._step_mm] += path_mm
         extent.path_mm += path_mm
-        for axis in range(3):
-            extent.low[axis] = min(extent.low[axis], old[axis], target[axis])
-            extent.high[axis] = max(extent.high[axis], old[axis], target[axis])
+        _stretch(extent.low, extent.high, old)
+        _stretch(extent.low, extent.high, target)
         self._writer.commit()
 
     # --- refusing ---
 
     def _object(self, why: str) -> None:
         """Refuse the file as soon as something is printed after this line."""
-        self._objection = self._objection or f"line {self._number}: {why}"
+        self.objection = self.objection or f"line {self._number}: {why}"
 
     def _refuse(self, why: str) -> None:
         raise GcodeRefused(f"line {self._number}: {why}")
+
+
+def _stretch(low: list[float], high: list[float], point: list[float]) -> None:
+    """Let a bounding box hold a point."""
+    for axis, value in enumerate(point):
+        if value < low[axis]:
+            low[axis] = value
+        if value > high[axis]:
+            high[axis] = value

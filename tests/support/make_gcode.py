@@ -1,0 +1,83 @@
+"""Small G-code files as slicers write them, for tests: the same square tower in several dialects."""
+
+import math
+
+FILAMENT_MM2 = math.pi * 2.85**2 / 4
+PURGE = ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000"]
+END = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
+
+
+class Summed:
+    """A stopwatch that knows no acceleration."""
+
+    def __init__(self):
+        self._here, self._s = (5.0, 50.0, 20.0, 0.0), 0.0
+
+    def move(self, x, y, z, e, speed_mm_s):
+        there = (x, y, z, e)
+        way_mm = math.dist(self._here[:3], there[:3]) or abs(e - self._here[3])
+        self._here, self._s = there, self._s + way_mm / speed_mm_s
+
+    def wait(self, seconds):
+        self._s += seconds
+
+    def seconds(self, finish=False):
+        return self._s
+
+
+def square(side_mm=20.0, at_mm=100.0, layers=3, layer_mm=0.2, e_per_mm=0.4 * 0.2 / FILAMENT_MM2):
+    """Layers of (x, y, z, fed mm) in mm: travels feed nothing."""
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)]
+    path = [(at_mm + side_mm * x, at_mm + side_mm * y) for x, y in corners]
+    result = []
+    for layer in range(layers):
+        z = layer_mm * (layer + 1)
+        moves = [(*path[0], z, 0.0)]
+        moves += [(*p, z, side_mm * e_per_mm) for p in path[1:]]
+        result.append(moves)
+    return result
+
+
+def marlin(layers=None, *, start=None, comments=True, relative=False, tail=None, body=()):
+    """As Cura writes for Marlin; `body` stands before the second layer."""
+    lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28", *PURGE]
+    if not comments:  # as Slic3r does, with no purge line
+        lines = ["G28", "M190 S60", "M109 S205"]
+    lines = list(lines if start is None else start)
+    lines += ["M83" if relative else "M82", "G92 E0"]
+    e = 0.0
+    for number, layer in enumerate(square() if layers is None else layers):
+        if number == 1:
+            lines += body
+        if comments:
+            lines.append(f";LAYER:{number}")
+        for x, y, z, fed in layer:
+            if not fed:
+                lines.append(f"G0 F9000 X{x:.3f} Y{y:.3f} Z{z:.3f}")
+                continue
+            e += fed
+            lines.append(f"G1 F1800 X{x:.3f} Y{y:.3f} E{fed if relative else e:.5f}")
+    return lines + (END if tail is None else tail)
+
+
+def ultigcode(layers=None, nozzle="0.4", body=()):
+    """As Cura writes for these printers: E in mm3, retractions by G10, nothing heated."""
+    lines = [";FLAVOR:UltiGCode", ";TIME:60", ";MATERIAL:99", ";MATERIAL2:0", f";NOZZLE_DIAMETER:{nozzle}"]
+    lines += [";Generated with Cura_SteamEngine 4.13.0", "M82", "G92 E0", "G10", ";LAYER_COUNT:3"]
+    e = 0.0
+    for number, layer in enumerate(square() if layers is None else layers):
+        if number == 1:
+            lines += body
+        lines.append(f";LAYER:{number}")
+        for x, y, z, fed in layer:
+            if not fed:
+                lines += [*(["G10"] if number else []), f"G0 F9000 X{x:.3f} Y{y:.3f} Z{z:.3f}", "G11"]
+                continue
+            e += fed * FILAMENT_MM2
+            lines.append(f"G1 F1800 X{x:.3f} Y{y:.3f} E{e:.5f}")
+        lines.append(f";TIME_ELAPSED:{10 * number + 10}.0")
+    return [*lines, "G10", "M107", ";End of Gcode"]
+
+
+def as_bytes(lines, end=b"\n"):
+    return [line.encode() + end for line in lines]
