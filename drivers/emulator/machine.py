@@ -194,7 +194,7 @@ class Machine:
         """When the nozzle as it is will trip a safety."""
         nozzle = self.board.nozzle
         self.trip_s = math.inf
-        if nozzle.dead and nozzle.target_c > nozzle.temperature_c(now_s):
+        if nozzle.dead and nozzle.target_c >= nozzle.temperature_c(now_s):
             self.trip_s, self.trip_words = now_s + DEAD_HEATER_S, b""
         elif nozzle.burns or nozzle.target_c > NOZZLE_MAX_C:
             self.trip_s = now_s + nozzle.seconds_to(NOZZLE_MAX_C, now_s)

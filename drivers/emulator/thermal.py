@@ -102,6 +102,9 @@ class Heater:
 
     def _regulate(self, now_s: float) -> None:
         target_c = max(self.target_c, AMBIENT_C)
+        if self.dead:
+            self._relax(now_s - self._s, on=False)
+            return
         below = self._temperature_c < target_c
         self._relax(now_s - self._s, on=below)
         if (self._temperature_c >= target_c) == below:

@@ -4,7 +4,9 @@ import pytest
 
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Phase
 from drivers.errors import Fault
+from drivers.filament import Walk
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session
 from print_rig import GCODE, PLUS, Rig, gcode, hopping
@@ -76,14 +78,70 @@ def test_a_cancel_before_homing_moves_nothing():
     ("faults", "fault"),
     [
         (Faults(reset_after=100), Fault.REBOOT),
-        (Faults(stop_after=100), Fault.MAXTEMP),
-        (Faults(silent_after=100), Fault.NO_ANSWER),
+        (Faults(kill_after=700), Fault.KILL),
+        (Faults(stop_after=700), Fault.MAXTEMP),
+        (Faults(bed_open_after=700), Fault.MAXTEMP),
+        (Faults(nozzle_short_after=700), Fault.MINTEMP),
+        (Faults(silent_after=700), Fault.NO_ANSWER),
+        (Faults(stuck_after=700), Fault.NOISY_LINE),
+        (Faults(zero_after=700), Fault.TARGET_CHANGED),
         (Faults(dead_bed=True), Fault.HEATER_TIMEOUT),
+        (Faults(weak_bed=True), Fault.HEATER_TIMEOUT),
+        (Faults(weak_nozzle=True), Fault.HEATER_TIMEOUT),
+        (Faults(nozzle_dies_after=700), Fault.STOPPED),
+        (Faults(bed_dies_after=700), Fault.THERMAL_RUNAWAY),
+        (Faults(no_endstop=1), Fault.ENDSTOP),
+        (Faults(no_endstop=3), Fault.ENDSTOP),
+        (Faults(stuck_endstop=True), Fault.ENDSTOP),
         (Faults(checksum=0.2), Fault.NOISY_LINE),
     ],
 )
 def test_faults_of_the_board_fail_the_print_by_name_and_end_with_heaters_off(faults: Faults, fault: Fault):
-    assert_ended_off(Rig(faults).run(), PrintPhase.FAILED, fault)
+    assert_ended_off(Rig(faults, text=gcode(1000)).run(), PrintPhase.FAILED, fault)
+
+
+@pytest.mark.parametrize(
+    ("faults", "fault"),
+    [
+        (Faults(bed_burns_after=700), Fault.HEATER_STUCK_ON),
+        (Faults(nozzle_burns_after=700), Fault.HEATER_STUCK_ON),
+        (Faults(bed_short_after=700), Fault.MINTEMP),
+    ],
+)
+def test_off_is_not_claimed_where_a_heater_does_not_cool_and_the_mains_have_to_go(
+    faults: Faults, fault: Fault
+):
+    rig = Rig(faults, text=gcode(1000)).run()
+    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, fault), rig.session.reason
+    assert rig.session.wants_power_off and not rig.session.heaters_off
+    assert "switch the printer off" in str(rig.session.reason)
+    assert rig.targets() == (0.0, 0.0)  # which is not enough
+
+
+def test_a_heater_that_burns_on_at_the_end_fails_a_print_that_was_all_right():
+    rig = Rig(text=gcode(50))
+    rig.printing(rig.program.count - 12)
+    rig.firmware.board.bed.burns = True
+    rig.run()
+    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.HEATER_STUCK_ON)
+    assert rig.session.wants_power_off
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Faults(sleep_after=100),
+        Faults(mute_resend=True, checksum=0.004),
+        Faults(garble_ok=0.01),
+        Faults(resend=0.005),
+        Faults(swallow=0.004),
+        Faults(noise=0.00005, lost=0.00002, doubled=0.00002),
+    ],
+)
+def test_what_can_be_made_good_prints_the_same_thing(faults: Faults):
+    good, bad = Rig(text=gcode(1000)).run(), Rig(faults, text=gcode(1000), seed=3).run()
+    assert_ended_off(bad, PrintPhase.DONE, None)
+    assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
 
 
 def test_a_dead_nozzle_fails_by_the_firmware_s_stop_or_by_our_own_watch():
@@ -219,3 +277,140 @@ def test_at_the_end_the_filament_is_where_the_file_left_it(end: str, filament: F
     assert rig.session.filament is filament
     end_mm = {Filament.UNKNOWN: -6.5, Filament.AT_NOZZLE: 0.0, Filament.PARKED: -20.0}[filament]
     assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=0.1)
+
+
+# --- pause ---
+
+
+@pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])
+def test_a_pause_parks_keeps_the_bed_warm_and_goes_on_as_if_nothing_had_been(lines: int):
+    text = hopping(60)
+    straight = Rig(text=text).run()
+    rig = Rig(text=text).printing(lines)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    board = rig.firmware.board
+    pause_s = rig.now_s
+    rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the dead-man
+    assert rig.session.phase is PrintPhase.PAUSED
+    assert rig.targets() == (0.0, 60.0)
+    assert rig.session.filament is Filament.PARKED
+    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+    assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)
+    rig.session.resume(rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert board.filament_mm == pytest.approx(straight.firmware.board.filament_mm, abs=0.01)
+    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+    assert rig.moves() == straight.moves()
+
+
+def test_after_a_pause_the_head_is_back_before_the_filament():
+    rig = Rig(text=gcode(200)).printing(100)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    x, y, z, _ = Walk(rig.program, rig.session.streamed).at
+    rig.session.resume(rig.now_s)
+    at = len(rig.sent)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PRINTING)
+    back = rig.sent[at:]
+    order = [
+        b"E13.500",
+        b"G1 F9000 X%.3f Y%.3f" % (x, y),
+        b"G1 F1200 Z%.3f" % z,
+        b"G1 F1500 E6.500",
+        b"G92 E",
+    ]
+    places = [back.index(word) for word in order]
+    assert places == sorted(places)
+
+
+def test_a_pause_that_nobody_ends_ends_the_print_safely():
+    rig = Rig(text=gcode(200)).printing(100)
+    rig.session.pause(rig.now_s)
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PAUSE_TIMEOUT)
+    assert rig.session.filament is Filament.PARKED
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+
+
+@pytest.mark.parametrize("lines", [0, 5])
+def test_a_pause_before_the_first_extrusion_is_nothing(lines: int):
+    rig = Rig().printing(lines)
+    rig.session.pause(rig.now_s)
+    assert_ended_off(rig.run(), PrintPhase.DONE, None)
+    assert PrintPhase.PAUSED not in rig.phases
+
+
+# --- which printer it is ---
+
+
+def test_the_printer_behind_the_cable_is_known_by_its_home_offset():
+    first = Rig(Faults(levelled=243)).run()
+    assert first.session.identity == "X0.00 Y0.00 Z-12.43"
+    again = Rig(Faults(levelled=243), identity=first.session.identity).run()
+    assert_ended_off(again, PrintPhase.DONE, None)
+    other = Rig(Faults(levelled=187), identity=first.session.identity).run()
+    assert_ended_off(other, PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert b"M140" not in other.sent.replace(b"M140 S0", b"") and not other.session.extruded
+
+
+@pytest.mark.parametrize("word", [b"Vers:", b"M206"])
+def test_a_banner_that_does_not_tell_is_asked_for_again_and_then_refused(word: bytes):
+    rig = Rig()
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(word, b"?????"), now_s)  # type: ignore[method-assign]
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert rig.firmware.resets == 3
+    once = Rig()
+    listen = once.link.receive
+    once.link.receive = lambda data, now_s: listen(  # type: ignore[method-assign]
+        data.replace(word, b"?????") if once.firmware.resets < 2 else data, now_s
+    )
+    assert_ended_off(once.run(), PrintPhase.DONE, None)
+
+
+def test_an_extended_that_calls_itself_a_plain_one_is_found_by_its_height():
+    rig = Rig(model="ultimaker2_extended_plus")
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert "315" in str(rig.session.reason) and b"M104 S210" not in rig.sent
+
+
+# --- dead-man ---
+
+
+def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
+    rig = Rig(text=gcode(200)).printing(100)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    pause_s = rig.now_s
+    rig.run(until=lambda: rig.now_s > pause_s + 60.0)
+    assert rig.firmware.machine.dead_man_s == 120.0
+    rig.session.resume(rig.now_s)
+    rig.run()
+    armed = [int(word.split(b"*")[0]) for word in rig.sent.split(b"M85 S")[1:]]
+    assert armed[0] == 1200 and armed[-1] == 0
+    assert {seconds: armed.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
+    assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
+
+
+def test_a_host_that_dies_hot_leaves_a_board_that_ends_its_heat_by_itself():
+    rig = Rig(text=gcode(200)).printing(100)
+    dead_s = rig.now_s
+    while (due_s := rig.firmware.deadline_s()) < dead_s + 1000.0:
+        rig.firmware.feed(b"", due_s)
+    assert rig.targets() == (0.0, 0.0)
+
+
+# --- a reset in the middle ---
+
+
+def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
+    rig = Rig().printing(100)
+    rig.firmware.phase = Phase.MUTE
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    cut = rig.sent.rindex(b"M110")
+    assert rig.sent.index(b"G28 Z0", cut) < rig.sent.index(b"G28 X0 Y0", cut)

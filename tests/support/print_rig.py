@@ -61,12 +61,13 @@ class Rig:
         model: str = "ultimaker2_plus",
         filament: Filament = Filament.PARKED,
         seed: int = 0,
+        identity: str | None = None,
     ) -> None:
         self.now_s = 1000.0
         self.firmware = Firmware(PROFILES[model], faults, random.Random(seed), self.now_s)
         self.link = Link(2.0)
-        program = strip(io.BytesIO((text or gcode()).encode()))
-        self.session = Session(self.link, program, PLUS, filament, Pace(), self.now_s)
+        self.program = strip(io.BytesIO((text or gcode()).encode()))
+        self.session = Session(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
         self.plugged = True
         self.back_s = math.inf  # when it is plugged in again
         self.sent = b""
@@ -108,6 +109,13 @@ class Rig:
 
     def printing(self, lines: int = 100) -> "Rig":
         return self.run(until=lambda: self.session.streamed >= lines)
+
+    def moves(self) -> list[bytes]:
+        """The file's own moves in the order of their numbers, as they were sent."""
+        frames = (line.partition(b" ") for line in self.sent.splitlines())
+        numbered = {number: rest.partition(b"*")[0] for number, _, rest in frames}
+        file = set(self.program.text.splitlines())
+        return [command for command in numbered.values() if command.startswith(b"G1 ") and command in file]
 
 
 def hopping(moves: int) -> str:
