@@ -1,0 +1,165 @@
+"""However a print ends, the next one's first line finds the filament at the nozzle, or a person is asked."""
+
+import random
+from collections.abc import Callable
+from dataclasses import fields
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.errors import Fault
+from drivers.messages import Filament, PrintPhase
+from drivers.session import Pace, Session
+from print_rig import PLUS, Rig, gcode, hopping
+
+NEAR_MM = 0.5
+
+Way = Callable[[Rig], None]
+
+
+def done(rig: Rig) -> None:
+    pass
+
+
+def cancelled(rig: Rig) -> None:
+    rig.session.cancel("no more", rig.now_s)
+
+
+def pause(rig: Rig, seconds: float) -> None:
+    """`seconds` after a pause was asked for, wherever its script is then."""
+    rig.session.pause(rig.now_s)
+    until_s = rig.now_s + seconds
+    rig.run(until=lambda: rig.now_s >= until_s)
+
+
+def the_agent_is_killed(rig: Rig) -> None:
+    """The next one knows the filament of the last journal record, and finds the print open."""
+    written = rig.session.filament
+    rig.link.closed()
+    rig.session = Session(rig.link, None, PLUS, written, Pace(), rig.now_s)
+
+
+def the_port_is_lost_for_a_while(rig: Rig) -> None:
+    rig.plugged = False
+    rig.link.closed()
+    rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
+    rig.back_s = rig.now_s + 10.0
+
+
+def somebody_turns_the_knob(rig: Rig) -> None:
+    rig.firmware.board.set_nozzle(150.0, rig.now_s)
+
+
+def the_board_goes_mute_and_it_is_cancelled(rig: Rig) -> None:
+    rig.firmware._happen("silent_after", rig.now_s)
+    cancelled(rig)
+
+
+def it_happens(name: str) -> Way:
+    def way(rig: Rig) -> None:
+        rig.firmware._happen(name, rig.now_s)
+
+    way.__name__ = name
+    return way
+
+
+def cancelled_after_a_pause_of(seconds: float) -> Way:
+    def way(rig: Rig) -> None:
+        pause(rig, seconds)
+        cancelled(rig)
+
+    way.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
+    return way
+
+
+def killed_after_a_pause_of(seconds: float) -> Way:
+    def way(rig: Rig) -> None:
+        pause(rig, seconds)
+        the_agent_is_killed(rig)
+
+    way.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
+    return way
+
+
+def cancelled_after_a_resume_of(seconds: float) -> Way:
+    def way(rig: Rig) -> None:
+        pause(rig, 60.0)
+        rig.session.resume(rig.now_s)
+        until_s = rig.now_s + seconds
+        rig.run(until=lambda: rig.now_s >= until_s)
+        cancelled(rig)
+
+    way.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
+    return way
+
+
+def nobody_resumes(rig: Rig) -> None:
+    pause(rig, 60.0)
+
+
+EVERYDAY: list[Way] = [
+    done, cancelled, nobody_resumes, cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
+]  # fmt: skip
+WAYS: list[Way] = [
+    *EVERYDAY,
+    *(cancelled_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
+    *(cancelled_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
+    *(killed_after_a_pause_of(seconds) for seconds in (3.0, 60.0)),
+    the_agent_is_killed,
+    the_port_is_lost_for_a_while,
+    somebody_turns_the_knob,
+    the_board_goes_mute_and_it_is_cancelled,
+    *(it_happens(field.name) for field in fields(Faults) if field.name.endswith("_after")),
+]
+
+
+def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
+    """A print that goes `way` so many lines and seconds after its start."""
+    rig = Rig(text=text)
+    rig.run(until=lambda: rig.session.streamed >= lines)
+    until_s = rig.now_s + seconds
+    rig.run(until=lambda: rig.now_s >= until_s)
+    if not rig.session.ended:
+        way(rig)
+    rig.run()
+    assert rig.session.ended
+    return rig
+
+
+def print_again(rig: Rig) -> float:
+    """How far from the nozzle's tip the filament is at the file's first feeding line of the next print."""
+    board = rig.firmware.board
+    fresh = Faults()
+    after = Rig(text=gcode(20), filament=rig.session.filament)
+    after.firmware = Firmware(PLUS, fresh, random.Random(0), after.now_s)
+    after.firmware.board.filament_end_mm = board.filament_end_mm
+    after.run(until=lambda: after.session.phase is PrintPhase.PRINTING)
+    return after.firmware.board.filament_end_mm
+
+
+@pytest.mark.parametrize("lines", [0, 12, 60, 137])
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+def test_the_next_first_line_finds_the_filament_or_a_person_is_asked(way: Way, lines: int):
+    rig = ended(way, lines, 0.7, hopping(50))
+    if rig.session.filament is not Filament.UNKNOWN:
+        assert abs(print_again(rig)) <= NEAR_MM
+        end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.filament]
+        assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=NEAR_MM)
+
+
+@given(way=st.sampled_from(WAYS), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
+@settings(max_examples=40, deadline=None)
+def test_wherever_it_happens(way: Way, lines: int, seconds: float):
+    rig = ended(way, lines, seconds, hopping(50))
+    if rig.session.filament is not Filament.UNKNOWN:
+        assert abs(print_again(rig)) <= NEAR_MM
+
+
+@pytest.mark.parametrize("lines", [60, 137, 210])
+def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
+    """The ways that are everyday work ask nobody."""
+    for way in EVERYDAY:
+        assert ended(way, lines, 0.7, hopping(50)).session.filament is Filament.PARKED
