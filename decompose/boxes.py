@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decompose.cost import CostModel, PrinterRoom
-from decompose.grid import Grid
+from decompose.cost import CostModel, PrinterRoom, price
+from decompose.grid import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME, Grid
 from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
@@ -175,20 +175,23 @@ def _all_boxes(
                                 if not _fits(rooms, width, depth, height):
                                     continue
                                 flat = face[2 * up] + face[2 * up + 1]
-                                over = min(
-                                    s[13 + 2 * up] - s[7 + 2 * up] * e[up],
-                                    s[8 + 2 * up] * e[up + 3] - s[14 + 2 * up],
-                                )
-                                t = (
-                                    c[0]
-                                    + c[1] * s[0]
-                                    + c[2] * (s[1 + up] + cut - flat)
-                                    + c[3] * (s[4 + up] + flat)
-                                    + c[4] * over
-                                    + c[5] * c[7] * (2.0 * (width + depth) + np.pi * c[7])
-                                    + c[6] * height
-                                )
-                                best = min(best, t)
+                                for over in range(2):  # as it is, and turned over
+                                    pose = 2 * up + over
+                                    column = s[MOMENT + pose] - s[OVERHANG + pose] * e[up]
+                                    if over == 1:
+                                        column = s[OVERHANG + pose] * e[up + 3] - s[MOMENT + pose]
+                                    t = price(
+                                        c,
+                                        s[VOLUME],
+                                        s[LATERAL + up] + cut - flat,
+                                        s[SKIN + up] + flat,
+                                        s[SLOPE + up],
+                                        column,
+                                        width,
+                                        depth,
+                                        height,
+                                    )
+                                    best = min(best, t)
                             seconds[box] = best
     return seconds, trimmed, pieces
 

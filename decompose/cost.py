@@ -1,14 +1,17 @@
-"""What a part costs: its print time in seconds, as a sum of terms that tables can add up.
+"""What a part costs: its print time in seconds, from features that need no slicing.
 
-The terms are those that decide CuraEngine's print time: volume (infill), lateral area (walls), horizontal
-area (top and bottom skin), columns under overhangs (support), brim, and height (layer changes). Cut faces are
-ordinary faces: wall or skin by their direction in the pose that is printed.
+Two kinds of feature. The additive ones (`ADDITIVE`) are integrals over volume and surface: the sum over the
+cells of a grid is that of a part, cut faces being ordinary faces, so that `decompose.boxes` prices any box
+from tables. The brim and the least time of a layer follow from the extents of a part.
+
+The time of each term is the length of its lines over their speed. What lengths and speeds leave out (travel,
+acceleration, retraction) is measured: `FACTORS`, by bench/print_time_model.py.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -18,7 +21,36 @@ from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
 
-SKIN_COS = math.cos(math.radians(47.0))  # faces flatter than this get top or bottom skin
+ADDITIVE = ("volume_mm3", "lateral_mm2", "skin_mm2", "slope_mm2", "column_mm3")
+"""Features that add up over the cells of a grid, n being the upward part of a face's unit normal.
+
+volume_mm3
+    Of the solid.
+lateral_mm2
+    Sum of A sqrt(1 - n^2) over all faces: walls, in every layer.
+skin_mm2, slope_mm2
+    Sums of A |n| and of A sqrt(1 - n^2) over the faces so flat that they get top or bottom skin.
+column_mm3
+    Sum of A |n| z over the faces that lean out further than the support angle, z being their height above the
+    bed: the support's volume, where it reaches the bed.
+"""
+FEATURES = (*ADDITIVE, "brim_mm2")
+"""And the ring of the brim about the part's rectangle, which does not add up."""
+
+FACTORS: Mapping[str, float] = {
+    "infill": 1.0,
+    "walls": 0.984,
+    "connections": 0.35,
+    "skin": 0.98,
+    "slope ends": 3.3,
+    "support": 1.25,
+    "brim": 0.92,
+    "infill ends": 0.51,
+    "travel": 1.04,
+}
+"""What the seconds of each term of `terms` are multiplied by: one set for all settings."""
+WALLED_PER_MM = 0.09
+"""Share of flat faces that a mm of wall covers at their edges, instead of skin."""
 
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
 POSES = 6
@@ -41,14 +73,16 @@ class PrinterRoom:
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """The settings of a slicer that decide print time, in mm and mm/s."""
+    """The settings of a slicer that decide print time, in mm, mm/s and s."""
 
     layer_height_mm: float = 0.25
     line_width_mm: float = 0.35
+    outer_line_width_mm: float = 0.35
     wall_count: int = 2
     skin_layers: float = 3.0  # mean of top and bottom
-    infill_line_distance_mm: float = 7.0
-    support_line_distance_mm: float = 2.333
+    infill_line_distance_mm: float = 7.0  # mean spacing, all directions together; 0 without infill
+    infill_connected: bool = True  # along the walls, as a zigzag is
+    support_line_distance_mm: float = 2.333  # 0 without support
     outer_wall_mm_s: float = 40.0
     inner_wall_mm_s: float = 50.0
     infill_mm_s: float = 60.0
@@ -57,28 +91,78 @@ class Recipe:
     support_angle_deg: float = 45.0  # from the vertical; faces that lean out further get support
     brim_mm: float = 8.0
     brim_mm_s: float = 30.0
-    prelude_s: float = 0.0  # heat-up and start code, once a part
+    travel_mm_s: float = 150.0
+    acceleration_mm_s2: float = 3000.0
+    least_layer_s: float = 5.0  # the slicer slows down for it
+    prelude_s: float = 0.0  # heat-up, homing, start and end code, once a part
+
+    @property
+    def walls_mm(self) -> float:
+        """Width of all walls together."""
+        return self.outer_line_width_mm + max(self.wall_count - 1, 0) * self.line_width_mm
+
+    @property
+    def skin_cos(self) -> float:
+        """Faces with a larger |n| get skin: there the next few layers leave bare more than the walls."""
+        bare_mm = self.skin_layers * self.layer_height_mm
+        return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
+
+
+def terms(recipe: Recipe) -> dict[str, Floats]:
+    """Seconds of each term for one unit of each of `FEATURES`: (6,) vectors, under the names of `FACTORS`.
+
+    An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
+    """
+
+    def vector(**features: float) -> Floats:
+        return np.array([features.get(name, 0.0) for name in FEATURES])
+
+    r, layer = recipe, recipe.layer_height_mm
+    skin_layers = r.skin_layers * max(0.0, 1.0 - WALLED_PER_MM * r.walls_mm)
+    inner_walls = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
+    walls = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls
+    lines = 1.0 / r.infill_line_distance_mm if r.infill_line_distance_mm > 0.0 else 0.0
+    supports = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
+    infill = lines / (layer * r.infill_mm_s)
+    connected = r.infill_connected and lines > 0.0
+    skin = 1.0 / (r.line_width_mm * r.skin_mm_s)
+    return {
+        "infill": vector(
+            volume_mm3=infill, lateral_mm2=-infill * r.walls_mm, skin_mm2=-infill * skin_layers * layer
+        ),
+        "walls": vector(lateral_mm2=walls / layer),
+        "connections": vector(lateral_mm2=1.0 / (layer * r.infill_mm_s) if connected else 0.0),
+        "skin": vector(skin_mm2=skin_layers * skin),
+        "slope ends": vector(slope_mm2=r.skin_mm_s / r.acceleration_mm_s2 / (layer * r.line_width_mm)),
+        "support": vector(column_mm3=supports / (layer * r.support_mm_s)),
+        "brim": vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
+        "infill ends": vector(lateral_mm2=lines * r.infill_mm_s / r.acceleration_mm_s2 / layer),
+        "travel": vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
+    }
 
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """Coefficients of the print time, all in seconds.
+    """Coefficients of the print time, in seconds for each unit of a feature, and what the features depend on.
 
-    ``t = fixed + volume V + lateral L + skin S + overhang O + brim B + height H``, with V in mm3; L and S the
-    areas ``A sqrt(1 - nz^2)`` and, of faces flatter than 47 degrees, ``A |nz|``; O the sum of projected area
-    times height above the bed of faces that lean out further than `support_angle_deg`; B the ring of the brim
-    about the part's rectangle; H the height in mm.
+    ``t = fixed + max(volume V + lateral L, least H) + skin S + slope X + overhang O + brim B``; see `ADDITIVE`
+    for V, L, S, X and O. B is the ring of the brim about the part's rectangle in mm2, H the height in mm.
+
+    Held out by model, over parts that the decomposition makes, it errs by 3.1 % on average, in each of five
+    settings by less than 4 %; bench/print_time_model.py measures it.
     """
 
     fixed_s: float
     volume_s_mm3: float
     lateral_s_mm2: float
     skin_s_mm2: float
+    slope_s_mm2: float
     overhang_s_mm3: float
     brim_s_mm2: float
-    height_s_mm: float
+    least_s_mm: float  # the least time of the layers in a mm of height
     brim_mm: float
     support_angle_deg: float = 45.0
+    skin_cos: float = 0.7  # faces with a larger |n| get skin
 
     @property
     def overhang_cos(self) -> float:
@@ -86,49 +170,57 @@ class CostModel:
         return math.sin(math.radians(self.support_angle_deg))
 
     @classmethod
-    def from_recipe(cls, recipe: Recipe) -> CostModel:
-        """Each term's line length over its speed, times a factor measured against CuraEngine 4.13.
-
-        The factors stand for what the line lengths leave out (travel, acceleration, retraction, minimum layer
-        time) and for what they count twice (infill where walls and skins are). One set for all settings:
-        fitted over 64 parts of four decomposed models at layers of 0.15 and 0.25 mm, where it errs by 3 % on
-        average (`bench/decompose_cost.py`).
-        """
-        layer = recipe.layer_height_mm
-        walls = 1.0 / recipe.outer_wall_mm_s + max(recipe.wall_count - 1, 0) / recipe.inner_wall_mm_s
-        infill = recipe.infill_line_distance_mm * layer * recipe.infill_mm_s
-        support = recipe.support_line_distance_mm * layer * recipe.support_mm_s
+    def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
+        """The terms of the settings, each times its factor."""
+        each = sum(
+            (factors[name] * vector for name, vector in terms(recipe).items()), np.zeros(len(FEATURES))
+        )
+        seconds = dict(zip(FEATURES, each.tolist(), strict=True))
         return cls(
-            fixed_s=recipe.prelude_s + 60.0,
-            volume_s_mm3=0.82 / infill if infill > 0.0 else 0.0,
-            lateral_s_mm2=1.23 * walls / layer,
-            skin_s_mm2=1.06 * recipe.skin_layers / (recipe.line_width_mm * recipe.skin_mm_s),
-            overhang_s_mm3=1.27 / support if support > 0.0 else 0.0,
-            brim_s_mm2=1.0 / (recipe.line_width_mm * recipe.brim_mm_s),
-            height_s_mm=3.0 / layer,
+            fixed_s=recipe.prelude_s,
+            volume_s_mm3=seconds["volume_mm3"],
+            lateral_s_mm2=max(0.0, seconds["lateral_mm2"]),
+            skin_s_mm2=max(0.0, seconds["skin_mm2"]),
+            slope_s_mm2=seconds["slope_mm2"],
+            overhang_s_mm3=seconds["column_mm3"],
+            brim_s_mm2=seconds["brim_mm2"],
+            least_s_mm=recipe.least_layer_s / recipe.layer_height_mm,
             brim_mm=recipe.brim_mm,
             support_angle_deg=recipe.support_angle_deg,
+            skin_cos=recipe.skin_cos,
         )
 
     def coefficients(self) -> Floats:
         """The coefficients in the order of the fields, for compiled code."""
         return np.array([getattr(self, f.name) for f in fields(self)], dtype=np.float64)
 
-    def seconds(
-        self, volume: float, lateral: float, skin: float, overhang: float, extents: Sequence[float]
-    ) -> float:
-        """The print time for one pose; `extents` are width, depth and height in mm."""
-        width, depth, height = extents
-        ring = self.brim_mm * (2.0 * (width + depth) + math.pi * self.brim_mm)
-        return (
-            self.fixed_s
-            + self.volume_s_mm3 * volume
-            + self.lateral_s_mm2 * lateral
-            + self.skin_s_mm2 * skin
-            + self.overhang_s_mm3 * overhang
-            + self.brim_s_mm2 * ring
-            + self.height_s_mm * height
-        )
+    def seconds(self, additive: Sequence[float] | Floats, extents: Sequence[float] | Floats) -> float:
+        """The print time for one pose: `ADDITIVE` features (5,), and width, depth and height in mm."""
+        c = self.coefficients()
+        return float(price(c, *map(float, additive), *map(float, extents)))
+
+
+@jit
+def price(
+    c: Floats,
+    volume: float,
+    lateral: float,
+    skin: float,
+    slope: float,
+    column: float,
+    width: float,
+    depth: float,
+    height: float,
+) -> float:
+    """Seconds, by `CostModel.coefficients`: one formula for tables and parts.
+
+    It is compiled into `boxes`, too, and the compiler's cache does not see a change made here alone: empty
+    decompose/__pycache__ after one.
+    """
+    ring = c[8] * (2.0 * (width + depth) + np.pi * c[8])
+    body = max(c[1] * volume + c[2] * lateral, c[7] * height)
+    seconds: float = c[0] + body + c[3] * skin + c[4] * slope + c[5] * column + c[6] * ring
+    return seconds
 
 
 def pose_axes(pose: int) -> tuple[int, int, int]:
@@ -151,26 +243,33 @@ POSE_ROTATIONS: Floats = np.array([_pose_rotation(pose) for pose in range(POSES)
 
 @jit
 def _surface_sums(
-    normals: Floats, areas: Floats, centres: Floats, up: Floats, skin_cos: float, overhang_cos: float
+    normals: Floats,
+    areas: Floats,
+    centres: Floats,
+    up: Floats,
+    bed_mm: float,
+    skin_cos: float,
+    overhang_cos: float,
 ) -> tuple[float, float, float, float]:
-    """Lateral area, skin area, area of overhangs as seen from above, and the same times height."""
-    lateral, skin, hanging, column = 0.0, 0.0, 0.0, 0.0
+    """The `ADDITIVE` features of faces, without the volume; the bed lies at `bed_mm` along `up`."""
+    lateral, skin, slope, column = 0.0, 0.0, 0.0, 0.0
     for i in range(len(areas)):
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
-        lateral += areas[i] * np.sqrt(max(0.0, 1.0 - n * n))
+        upright = areas[i] * np.sqrt(max(0.0, 1.0 - n * n))
+        lateral += upright
         if abs(n) > skin_cos:
             skin += areas[i] * abs(n)
+            slope += upright
         if n < -overhang_cos:
             z = centres[i, 0] * up[0] + centres[i, 1] * up[1] + centres[i, 2] * up[2]
-            hanging -= areas[i] * n
-            column -= areas[i] * n * z
-    return lateral, skin, hanging, column
+            column -= areas[i] * n * (z - bed_mm)
+    return lateral, skin, slope, column
 
 
-def pose_seconds(
+def pose_features(
     vertices: Floats, faces: npt.NDArray[np.int64], rotations: Floats, cost: CostModel
-) -> Floats:
-    """Print time (k,) in seconds of a closed mesh in each of k poses, by the sums that the tables have too.
+) -> tuple[Floats, Floats]:
+    """`ADDITIVE` features (k, 5) of a closed mesh in each of k poses, and its extents (k, 3) in mm.
 
     Parameters
     ----------
@@ -178,7 +277,6 @@ def pose_seconds(
         (n, 3) in mm and (m, 3), outward by the right-hand rule, closed.
     rotations
         (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
-        The brim is taken about the rectangle along the bed's x and y.
     """
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -186,16 +284,25 @@ def pose_seconds(
     keep = doubled > 0.0
     corners, cross, doubled = corners[keep], cross[keep], doubled[keep]
     normals, areas, centres = cross / doubled[:, None], doubled / 2.0, corners.mean(axis=1)
-    volume = float(np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0)
-    times = np.zeros(len(rotations))
+    features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
+    features[:, 0] = np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
         placed = vertices @ rotation.T
-        lo, hi = placed.min(axis=0), placed.max(axis=0)
-        lateral, skin, hanging, column = _surface_sums(
-            normals, areas, centres, rotation[2], SKIN_COS, cost.overhang_cos
+        bottom = placed.min(axis=0)
+        extents[i] = placed.max(axis=0) - bottom
+        up = rotation[2]
+        features[i, 1:] = _surface_sums(
+            normals, areas, centres, up, float(bottom[2]), cost.skin_cos, cost.overhang_cos
         )
-        times[i] = cost.seconds(volume, lateral, skin, column - hanging * float(lo[2]), (hi - lo).tolist())
-    return times
+    return features, extents
+
+
+def pose_seconds(
+    vertices: Floats, faces: npt.NDArray[np.int64], rotations: Floats, cost: CostModel
+) -> Floats:
+    """Print time (k,) in seconds of a closed mesh in each of k poses; see `pose_features`."""
+    features, extents = pose_features(vertices, faces, rotations, cost)
+    return np.array([cost.seconds(*each) for each in zip(features, extents, strict=True)])
 
 
 def pose_costs(vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel) -> Floats:

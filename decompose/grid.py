@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from decompose.cost import SKIN_COS
 from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
@@ -33,9 +32,10 @@ CLEAR_MM = (
 VOLUME = 0
 LATERAL = 1  # 3 columns, one for each axis as up
 SKIN = 4  # 3 columns
-OVERHANG = 7  # 6 columns: projected area of faces that look down in a pose
-MOMENT = 13  # 6 columns: the same times coordinate along the axis
-SUMS = 19
+SLOPE = 7  # 3 columns: lateral area of the faces that have skin
+OVERHANG = 10  # 6 columns: projected area of faces that look down in a pose
+MOMENT = 16  # 6 columns: the same times coordinate along the axis
+SUMS = 22
 
 
 class Cell(IntEnum):
@@ -97,7 +97,7 @@ def _clip_into_cells(
     nx, ny, nz = len(px) - 1, len(py) - 1, len(pz) - 1
     area = np.zeros((nx, ny, nz))
     flux = np.zeros((nx, ny, nz, 4))
-    sums = np.zeros((nx, ny, nz, 19))
+    sums = np.zeros((nx, ny, nz, SUMS))
     extents = np.full((nx, ny, nz, 6), np.inf)
     extents[:, :, :, 3:] = -np.inf
     planes = (px, py, pz)
@@ -203,13 +203,15 @@ def _clip_into_cells(
                 for k in range(3):
                     c = normal[k]
                     flux[x, y, z, k] += whole * c
-                    sums[x, y, z, 1 + k] += whole * np.sqrt(max(0.0, 1.0 - c * c))
+                    upright = whole * np.sqrt(max(0.0, 1.0 - c * c))
+                    sums[x, y, z, LATERAL + k] += upright
                     if abs(c) > skin_cos:
-                        sums[x, y, z, 4 + k] += whole * abs(c)
+                        sums[x, y, z, SKIN + k] += whole * abs(c)
+                        sums[x, y, z, SLOPE + k] += upright
                     if abs(c) > overhang_cos:
                         pose = 2 * k if c < 0.0 else 2 * k + 1
-                        sums[x, y, z, 7 + pose] += whole * abs(c)
-                        sums[x, y, z, 13 + pose] += whole * abs(c) * centre[k]
+                        sums[x, y, z, OVERHANG + pose] += whole * abs(c)
+                        sums[x, y, z, MOMENT + pose] += whole * abs(c) * centre[k]
             at[2] += 1
     return area, flux, sums, extents
 
@@ -255,7 +257,12 @@ def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
 
 
 def build_grid(
-    triangles: Floats, granularity: int, min_wall_mm: float, keep_interior: bool, overhang_cos: float
+    triangles: Floats,
+    granularity: int,
+    min_wall_mm: float,
+    keep_interior: bool,
+    overhang_cos: float,
+    skin_cos: float,
 ) -> Grid:
     """Lay a grid over a closed mesh.
 
@@ -271,6 +278,8 @@ def build_grid(
         Every internal cell is needed.
     overhang_cos
         Faces whose normal points down by more than this count as overhangs.
+    skin_cos
+        Faces whose normal points up or down by more than this get skin.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     counts = cell_counts(hi - lo, granularity)
@@ -278,7 +287,7 @@ def build_grid(
         place_planes(float(lo[a]), float(hi[a]), counts[a], flat_coordinates(triangles, a)) for a in range(3)
     )
     planes = (px, py, pz)
-    area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, SKIN_COS, overhang_cos)
+    area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, skin_cos, overhang_cos)
     steps = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):

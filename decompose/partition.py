@@ -66,7 +66,7 @@ def decompose(
     keep = options.interior is Interior.KEEP
     room_mm = [min(max(box[axis] for box in p.boxes) for p in printers) for axis in range(3)]
     cells = granularity(options.granularity, len(printers), max(model.extents_mm) / min(room_mm))
-    grid = build_grid(triangles, cells, options.min_wall_mm, keep, cost.overhang_cos)
+    grid = build_grid(triangles, cells, options.min_wall_mm, keep, cost.overhang_cos, cost.skin_cos)
     watch.lap("grid")
     boxes = all_boxes(grid, list(printers), cost)
     watch.lap("boxes")
@@ -122,14 +122,15 @@ def lower_bound_s(triangles: Floats, grid: Grid, printers: int, cost: CostModel)
     """A makespan that no partition into boxes of this grid undercuts, in seconds.
 
     Every partition prints the whole surface, each triangle as wall and skin in one of three up axes, and all
-    needed cells; cuts, supports, brims and heights only add. The work is shared by at most `printers` parts,
-    each with its fixed time.
+    needed cells; cuts, supports, brims and least times of layers only add. The work is shared by at most
+    `printers` parts, each with its fixed time.
     """
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(cross, axis=1) / 2.0
     n = np.abs(cross[area > 0.0]) / (2.0 * area[area > 0.0, None])
-    skin = np.where(n > math.cos(math.radians(47.0)), n, 0.0)
-    each = cost.lateral_s_mm2 * np.sqrt(np.maximum(0.0, 1.0 - n * n)) + cost.skin_s_mm2 * skin
+    upright = np.sqrt(np.maximum(0.0, 1.0 - n * n))
+    skin = np.where(n > cost.skin_cos, cost.skin_s_mm2 * n + cost.slope_s_mm2 * upright, 0.0)
+    each = cost.lateral_s_mm2 * upright + skin
     surface = float((area[area > 0.0] * each.min(axis=1)).sum())
     volume = float(grid.sums[grid.needed][:, VOLUME].sum())
     return cost.fixed_s + (surface + cost.volume_s_mm3 * volume) / printers

@@ -14,12 +14,16 @@ def recipe(settings: Settings, prelude_s: float) -> Recipe:
 
     `prelude_s` is what each plate takes beside its layers (heat-up, start and end code).
     """
+    extruder, shared = settings.extruder, settings.global_
+    connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
     return Recipe(
         layer_height_mm=settings.layer_height_mm,
         line_width_mm=settings.line_width_mm,
+        outer_line_width_mm=settings.line_width_0_mm,
         wall_count=settings.wall_count,
         skin_layers=(settings.top_layers + settings.bottom_layers) / 2,
         infill_line_distance_mm=settings.infill_line_distance_mm,
+        infill_connected=connected,
         support_line_distance_mm=settings.support_line_distance_mm,
         outer_wall_mm_s=settings.speed_wall_0_mm_s,
         inner_wall_mm_s=settings.speed_wall_x_mm_s,
@@ -27,8 +31,11 @@ def recipe(settings: Settings, prelude_s: float) -> Recipe:
         skin_mm_s=settings.speed_topbottom_mm_s,
         support_mm_s=settings.speed_support_mm_s,
         support_angle_deg=settings.support_angle_deg,
-        brim_mm=settings.brim_width_mm,
+        brim_mm=settings.brim_width_mm if shared["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
+        travel_mm_s=settings.speed_travel_mm_s,
+        acceleration_mm_s2=float(shared["machine_acceleration"]),
+        least_layer_s=float(extruder["cool_min_layer_time"]),
         prelude_s=prelude_s,
     )
 

@@ -14,7 +14,7 @@ PLUS = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def cost() -> CostModel:
     return CostModel.from_recipe(Recipe())
 

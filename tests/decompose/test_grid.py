@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -27,12 +29,15 @@ HUGE = PrinterRoom("huge", ((1e4, 1e4, 1e4),))
 
 @pytest.fixture(scope="module")
 def grid(triangles: Triangles) -> Grid:
-    return build_grid(triangles, granularity=7, min_wall_mm=0.0, keep_interior=True, overhang_cos=0.7)
+    return build_grid(
+        triangles, granularity=7, min_wall_mm=0.0, keep_interior=True, overhang_cos=0.7, skin_cos=0.75
+    )
 
 
 @pytest.fixture(scope="module")
 def recipe_cost() -> CostModel:
-    return CostModel.from_recipe(Recipe(support_angle_deg=np.degrees(np.arcsin(0.7))))
+    cost = CostModel.from_recipe(Recipe(support_angle_deg=np.degrees(np.arcsin(0.7))))
+    return replace(cost, skin_cos=0.75)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +99,9 @@ def test_classes_of_cells(grid: Grid, lump: Solid) -> None:
 @pytest.mark.parametrize("min_wall_mm", [0.0, 10.0, 25.0])
 def test_hollow_cells_keep_their_distance(min_wall_mm: float) -> None:
     corners = Solid.box((0, 0, 0), (200, 160, 120)).arrays()
-    grid = build_grid(corners[0][corners[1]], 12, min_wall_mm, keep_interior=False, overhang_cos=0.7)
+    grid = build_grid(
+        corners[0][corners[1]], 12, min_wall_mm, keep_interior=False, overhang_cos=0.7, skin_cos=0.75
+    )
     hollow = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
     assert len(hollow)
     lo = np.array([[grid.planes[a][c[a]] for a in range(3)] for c in hollow])
