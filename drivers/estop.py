@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import os
-import select
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -24,8 +23,9 @@ from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import DriverError, PortError
 from drivers.locks import AGENT_LOCK, hold, kill_holder, signed
-from drivers.marlin import Link, Phase, Report, Up
+from drivers.marlin import Link, Report, Up
 from drivers.serialport import SerialPort
+from drivers.talk import talk
 
 EMULATOR = "emulator"
 LOOK = "stopped by `farm estop`"
@@ -146,26 +146,18 @@ def _show(port: SerialPort, show_s: float) -> tuple[str, bool]:
     link, up, report = Link(), None, None
     link.only_ask = True
     link.poll_every_s = _ASK_S
-    now_s = time.monotonic()
-    until_s = now_s + show_s
-    link.opened(now_s)
-    while now_s < until_s and link.phase is not Phase.DEAD:
-        port.write(link.take())
-        wait_s = min(until_s, link.deadline_s) - now_s
-        select.select([port.fileno()], [], [], max(0.0, wait_s))
-        data, now_s = port.read(), time.monotonic()
-        for event in (*(link.receive(data, now_s) or ()), *link.tick(now_s)):
-            if isinstance(event, Up):
-                up = event
-                if not event.restarted:
-                    link.send(now_s, b"M104 S0", b"M140 S0")
-                link.poll(now_s)
-            elif isinstance(event, Report):
-                report = event
-                if up is not None and event.nozzle_target_c == 0 == event.bed_target_c:
-                    how = "its board was reset" if up.restarted else "by command: its board was not reset"
-                    now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
-                    return f"heaters seen off ({how}; {now})", True
+    for now_s, event in talk(port, link, show_s):
+        if isinstance(event, Up):
+            up = event
+            if not event.restarted:
+                link.send(now_s, b"M104 S0", b"M140 S0")
+            link.poll(now_s)
+        elif isinstance(event, Report):
+            report = event
+            if up is not None and event.off:
+                how = "its board was reset" if up.restarted else "by command: its board was not reset"
+                now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
+                return f"heaters seen off ({how}; {now})", True
     if report is None:
         return "was reset, but shows no temperatures: switch it off", False
     heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"

@@ -10,9 +10,11 @@ import os
 import termios
 import time
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import serial
+from serial.tools import list_ports
 
 from drivers.clock import Clock
 from drivers.emulator.launch import launch
@@ -155,6 +157,24 @@ def resolve(url: str, folder: Path, clock: Clock) -> Path:
             f"{url}: a plain socket has no DTR, so the board cannot be stopped; use a device path"
         )
     raise PortError(f"{url}: a port is a device path or sim://MODEL; run an agent beside the printer instead")
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """A serial device of this host, which nobody has opened for that."""
+
+    path: Path
+    what: str  # as its maker calls it
+
+
+def devices() -> list[Device]:
+    """All serial devices on USB, by name."""
+    found = (
+        Device(Path(port.device), port.description or "")
+        for port in list_ports.comports()
+        if port.vid is not None
+    )
+    return sorted(found, key=lambda device: device.path)
 
 
 def plugged_in(path: Path) -> str:

@@ -71,7 +71,7 @@ class Board:
         self._port: SerialPort | None = None
         self._retry_wall_s = 0.0
         self._said_idle = False  # by a person: its port may be opened
-        self._proving = False  # whether DTR resets the board
+        self.proving = False  # whether DTR resets the board
 
     # --- what the loop does ---
 
@@ -180,11 +180,13 @@ class Board:
         if self.session is not None or self.idle.card:
             raise AgentError(CARD if self.idle.card else "it prints")
         self._said_idle = True
+        self.reset_verified = None
         if self._port is None:
             self.open()
         if self._port is not None:
             self._reset()
-            self._proving = self._port is not None
+            self.proving = self._port is not None
+        self.stirred = True
 
     def cut(self) -> None:
         """Switch everything off by a reset, where a print is open: the agent is about to end."""
@@ -267,11 +269,11 @@ class Board:
     def _answers(self, up: Up) -> None:
         """See whether the pulse of DTR before had reset the board."""
         self.idle.anew()
-        if up.restarted and (self._proving or self.session is not None):
+        if up.restarted and (self.proving or self.session is not None):
             self.reset_verified = self._url
-        elif self._proving:
+        elif self.proving:
             self.look = NO_RESET
-        self._proving = False
+        self.proving = False
 
     def _idle_report(self, report: Report, now_s: float) -> None:
         self.hot = self.hot and not report.off
@@ -331,7 +333,7 @@ class Board:
         self.close()
         self.absent = str(error)
         self.report = None
-        self._said_idle = False
+        self._said_idle = self.proving = False
         self.link.closed()
         self._retry_wall_s = time.time() + RETRY_S
         session = self.session

@@ -247,6 +247,8 @@ class Agent:
             return LinkState.BUSY, board.absent or self._unsaid
         if board.absent is not None:
             return LinkState.ABSENT, board.absent
+        if board.proving:
+            return LinkState.CONNECTING, None
         if board.look is not None:
             return LinkState.FAULT, board.look
         if not board.proven:

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 import farm
 from drivers.profiles import PROFILES
-from farm.cli import follow, local, render, stop
+from farm.cli import follow, local, ports, render, stop
 from farm.cli.client import Client
 from farm.config import Fleet, load_fleet
 from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError, NoSuchThing
@@ -282,6 +282,7 @@ def cancel(
 
 app.command()(local.decompose)
 app.command("slice")(local.slice_model)
+app.command()(ports.discover)
 app.command()(stop.estop)
 
 

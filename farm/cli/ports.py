@@ -1,0 +1,138 @@
+"""`farm discover`: what is plugged in, and whether the farm can stop it."""
+
+from __future__ import annotations
+
+import asyncio
+import json as jsonlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers import discover as drv
+from drivers import messages as m
+from drivers.client import AgentClient, alive
+from drivers.errors import AgentError, DriverError
+from drivers.profiles import PROFILES
+from farm.config import PrinterSection, load_fleet
+from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
+from farm.paths import Places, find_places
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
+_PATIENCE_S = 60.0
+_MODEL = "ultimaker2_plus"
+
+
+def discover(
+    commission: Annotated[
+        str | None,
+        typer.Option(help="A printer of the fleet, or a port: reset its board and see it start again."),
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="It is idle: do not ask.")] = False,
+    json: Json = False,
+    state: Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")] = None,
+    fleet: Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")] = None,
+) -> None:
+    """List the serial ports that are plugged in, and which printer each is; opens none of them."""
+    places = find_places(state, None, fleet)
+    sections = _printers(places)
+    if commission is not None:
+        _commission(places, sections, commission, yes)
+        return
+    rows = drv.plugged((section.name, section.port) for section in sections)
+    if json:
+        ports = [
+            {"port": str(row.port), "device": str(row.device), "what": row.what, "printer": row.printer}
+            for row in rows
+        ]
+        print(jsonlib.dumps({"schema": 1, "ports": ports}, indent=2))
+        return
+    if not rows:
+        print("no serial port is plugged in; is the printer's cable in, and the printer switched on?")
+    for row in rows:
+        print(f"{row.port}  {row.what}  {row.printer or 'not in fleet.yaml'}")
+    new = [row for row in rows if row.printer is None]
+    if new:
+        print(f"\nfor the printers among them, under `printers` in {places.fleet}:")
+    taken = {section.name for section in sections}
+    for row in new:
+        print(_line(_name(taken), _MODEL, row.port))
+    if new:
+        print("then `farm discover --commission PORT` says its model, and whether it can be stopped")
+
+
+def _printers(places: Places) -> tuple[PrinterSection, ...]:
+    """The fleet's; none where there is no fleet file yet."""
+    if not places.fleet.exists():
+        return ()
+    return load_fleet(places.fleet, frozenset(PROFILES)).printers
+
+
+def _name(taken: set[str]) -> str:
+    """A name that no printer has."""
+    name = next(name for number in range(1, 1000) if (name := f"um2-{number:02}") not in taken)
+    taken.add(name)
+    return name
+
+
+def _line(name: str, model: str, port: Path) -> str:
+    return f'  - {{name: {name}, model: {model}, port: "{port}"}}'
+
+
+def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: str, yes: bool) -> None:
+    """Reset the board of an idle printer, by its agent where that is running."""
+    section = next((one for one in sections if wanted in (one.name, one.port)), None)
+    if section is None and not wanted.startswith("/"):
+        names = " ".join(one.name for one in sections)
+        raise NoSuchThing(f"there is no printer {wanted}; the fleet has {names or 'none'}; or name a port")
+    if section is not None and section.simulated:
+        print(f"{section.name}: is simulated: nothing to see to")
+        return
+    if not yes:
+        print(f"This resets the board of {wanted}, which ends what it prints from its card.")
+        typer.confirm("Is it idle, and its bed as you want it?", abort=True)
+    try:
+        if section is not None and alive(places.state.agent(section.name)):
+            asyncio.run(_ask_agent(places.state.agent(section.name)))
+            print(f"{section.name}: its board starts again when DTR is pulsed: it can be stopped")
+            return
+        folder = places.state.agent(section.name) if section is not None else None
+        model = drv.commission(Path(section.port if section is not None else wanted), folder)
+    except DriverError as error:
+        raise Refused(str(error)) from error
+    print(f"{wanted}: its board starts again when DTR is pulsed: it can be stopped; it is an {model}")
+    if section is None:
+        print(_line(_name({one.name for one in sections}), model, Path(wanted)))
+    elif section.model != model:
+        raise FarmError(f"{section.name}: fleet.yaml says {section.model}: change it", ErrorCode.FLEET_FILE)
+
+
+async def _ask_agent(folder: Path) -> None:
+    """Have the agent do it, and wait until it has seen what came of it.
+
+    Raises
+    ------
+    DriverError
+        It refuses, or the board did not start again.
+    """
+    client = AgentClient(folder)
+    try:
+        await client.connect()
+        reply = await client.request(m.Commission(id=0))
+        if reply.error is not None or reply.snapshot is None:
+            raise AgentError(reply.error or "its agent is of another version: restart it")
+        if reply.snapshot.link is not m.LinkState.CONNECTING:
+            raise AgentError(reply.snapshot.reason or "its board was not reset")
+        tried = False  # what was said before the reply is old
+        async with asyncio.timeout(_PATIENCE_S):
+            async for said in client.snapshots():
+                if said.link is m.LinkState.CONNECTING:
+                    tried = True
+                elif tried and said.reset_verified:
+                    return
+                elif tried:
+                    raise AgentError(said.reason or "it does not answer")
+    except TimeoutError as error:
+        raise AgentError(f"its board did not answer in {_PATIENCE_S:g} s") from error
+    finally:
+        await client.close()
