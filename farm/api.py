@@ -111,6 +111,7 @@ class PrinterView(_View):
     bed_c: float | None
     targets: Targets
     heaters_off: bool
+    time_factor: float  # its layers' time, reached over expected, as learned from its prints
     print: PrintProgress | None
     look: str | None
     hold: Hold | None

@@ -181,9 +181,19 @@ class Plate(Entity):
     material: str
     nozzle_mm: float
     printer: str  # as planned
+    time_factor: float = 1.0  # of that printer, when it was planned; it is in `estimated_s`
     cached: bool = False  # sliced before: the engine did not run
     prints: tuple[str, ...] = ()
     hold: Hold | None = None
+
+    @property
+    def prelude_s(self) -> float:
+        """What it takes beside its layers."""
+        return self.estimated_s - self.print_time_s * self.time_factor
+
+    def seconds(self, time_factor: float) -> float:
+        """What it takes on a printer with this factor."""
+        return self.prelude_s + self.print_time_s * time_factor
 
 
 class Print(Entity):
@@ -211,6 +221,7 @@ class Printer(Entity):
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
     look: str | None = None  # why a person has to look before it prints again
+    time_factor: float = 1.0  # its layers' time, reached over expected, as learned from its prints
 
 
 class AgentPrint(Entity):

@@ -70,7 +70,8 @@ class Daemon:
             self._links.perform(instruction, self._core.books, self._state.files)
 
     def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
-        self._planner.start(job, printers, rounds)
+        factors = {p.name: self._core.books.printer(p.name).time_factor for p in printers}
+        self._planner.start(job, printers, rounds, factors)
 
     def _name_files(self, job: Job) -> None:
         books = self._core.books

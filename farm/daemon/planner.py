@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from operator import itemgetter
 
 from farm.config import PrinterSection
@@ -36,23 +36,33 @@ class Planner:
         self._task: asyncio.Task[None] | None = None
         self._job: int | None = None
 
-    def start(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
-        """Begin to plan a job; returns at once."""
+    def start(
+        self, job: Job, printers: list[PrinterSection], rounds: int, factors: Mapping[str, float]
+    ) -> None:
+        """Begin to plan a job for printers of which these factors were learned; returns at once."""
+        task = DecomposeTask(
+            job=job.id,
+            model=self._state.files / job.model_file,
+            options=job.options,
+            printers=tuple(printers),
+            rounds=rounds,
+            folder=self._state.work / f"job-{job.id}",
+            factors=factors,
+        )
         self._job = job.id
-        self._task = asyncio.get_running_loop().create_task(self._run(job, printers, rounds))
+        self._task = asyncio.get_running_loop().create_task(self._run(job, task))
 
     def stop(self, job: int | None = None) -> None:
         """Give up the plan being made, if it is that job's (or whosever it is)."""
         if self._task is not None and job in (None, self._job):
             self._task.cancel()
 
-    async def _run(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
-        folder = self._state.work / f"job-{job.id}"
+    async def _run(self, job: Job, task: DecomposeTask) -> None:
         result: Plan | FarmError
         try:
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir()
-            result = await self._plan(job, printers, rounds)
+            shutil.rmtree(task.folder, ignore_errors=True)
+            task.folder.mkdir()
+            result = await self._plan(job, task)
         except FarmError as error:
             result = error
         except asyncio.CancelledError:
@@ -62,7 +72,7 @@ class Planner:
             log.exception("planning job %d", job.id)
             result = FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            shutil.rmtree(task.folder, ignore_errors=True)
         await self._tell(job.id, result)
 
     async def _tell(self, job: int, result: Plan | FarmError) -> None:
@@ -76,16 +86,7 @@ class Planner:
             else:
                 return
 
-    async def _plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> Plan:
-        folder = self._state.work / f"job-{job.id}"
-        task = DecomposeTask(
-            job=job.id,
-            model=self._state.files / job.model_file,
-            options=job.options,
-            printers=tuple(printers),
-            rounds=rounds,
-            folder=folder,
-        )
+    async def _plan(self, job: Job, task: DecomposeTask) -> Plan:
         if job.own_gcode is not None:
             return await self._workers.run(plan_gcode, task, self._state.files)
         self._progressed(job.id, PlanProgress(step=PlanStep.DECOMPOSING))

@@ -71,7 +71,7 @@ def inspect_gcode(
     accepted = _accept(path, matching[0], name)
     own = _own(accepted, _first_that_fits(matching, accepted, name))
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
-    path.rename(stored)
+    stored.hardlink_to(path)  # where its worker dies now, another one reads the upload again
     return Inspected(store_file(files, stored), accepted.notices, 1.0, own)
 
 
@@ -94,8 +94,9 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     settings = printer_settings(section, task.options.quality, find_resources())
     filament_mm3 = accepted.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
+    factor = task.factors.get(section.name, 1.0)
     estimated_s = plate_seconds(
-        PROFILES[section.model], accepted.print_time_s, accepted.nozzle_c, accepted.bed_c
+        PROFILES[section.model], accepted.print_time_s, accepted.nozzle_c, accepted.bed_c, factor
     )
     part = Part(
         id=f"{task.job}/p01",
@@ -124,6 +125,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         material=section.material,
         nozzle_mm=section.nozzle_mm,
         printer=section.name,
+        time_factor=factor,
     )
     return Plan((part,), (plate,), accepted.notices, 1.0, estimated_s, estimated_s, None)
 

@@ -5,8 +5,8 @@ The order is decompose, then slice every part, then price every plate. A plan is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import JobOptions, Part, Plate
-from farm.services.estimate import plate_seconds
+from farm.services.estimate import plate_seconds, quickest_first
 from farm.services.files import store_file
 from farm.services.models import read_inspected
 from farm.services.plates import SliceTask
@@ -53,6 +53,7 @@ class DecomposeTask:
     printers: tuple[PrinterSection, ...]
     rounds: int
     folder: Path
+    factors: Mapping[str, float] = field(default_factory=dict)  # learned of the printers; 1 where none is
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +191,7 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
         with in_farm_words():
             raise
     return Decomposed(
-        parts=tuple(_part(part, task.folder) for part in written.parts),
+        parts=_for_the_quickest([_part(part, task.folder) for part in written.parts], task),
         serial_s=written.serial_s,
         repairs=model.repairs,
         scale=model.scale,
@@ -223,6 +224,16 @@ def _part(part: Any, folder: Path) -> DecomposedPart:
         estimated_s=part.estimated_s,
         printer=part.printer,
     )
+
+
+def _for_the_quickest(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tuple[DecomposedPart, ...]:
+    """The parts, the longest work on the quickest of the printers that are otherwise equal."""
+    loads_s: dict[str, float] = {}
+    for part in parts:
+        loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.estimated_s
+    kinds = {s.name: (s.model, s.material, s.nozzle_mm, s.volume_mm) for s in task.printers}
+    takes = quickest_first(loads_s, kinds, task.factors)
+    return tuple(replace(part, printer=takes[part.printer]) for part in parts)
 
 
 def slice_tasks(task: DecomposeTask, decomposed: Decomposed, cache: Path) -> list[SliceTask]:
@@ -285,9 +296,9 @@ def make_plan(
                 volume_mm3=part.volume_mm3,
             )
         )
-        estimated_s = plate_seconds(
-            PROFILES[section.model], sliced.print_time_s, work.settings.nozzle_c, work.settings.bed_c
-        )
+        factor = task.factors.get(section.name, 1.0)
+        profile, settings = PROFILES[section.model], work.settings
+        estimated_s = plate_seconds(profile, sliced.print_time_s, settings.nozzle_c, settings.bed_c, factor)
         plates.append(
             Plate(
                 id=plate_id,
@@ -306,6 +317,7 @@ def make_plan(
                 material=section.material,
                 nozzle_mm=section.nozzle_mm,
                 printer=section.name,
+                time_factor=factor,
                 cached=sliced.cached,
             )
         )

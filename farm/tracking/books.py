@@ -25,6 +25,7 @@ from farm.model import (
     PrintState,
 )
 from farm.tracking import events as ev
+from farm.tracking.factor import learned
 
 ATTEMPTS = 3
 """How often a plate may fail before its job does."""
@@ -216,6 +217,11 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         starved_s=event.starved_s,
     )
     printer = _set(books.printer(attempt.printer), filament=event.filament)
+    if state is PrintState.DONE and attempt.started_s is not None:
+        plate = books.plates[attempt.plate]
+        reached_s = event.ended_s - attempt.started_s - plate.prelude_s
+        factor = learned(printer.time_factor, plate.print_time_s, reached_s, event.starved_s)
+        printer = _set(printer, time_factor=factor)
     if state is PrintState.FAILED:
         printer = _set(printer, look=event.reason or event.fault or "its print failed")
     books = _with(books, attempt, printer)

@@ -110,6 +110,7 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
         bed_c=snapshot.bed_c,
         targets=api.Targets(nozzle_c=snapshot.nozzle_target_c, bed_c=snapshot.bed_target_c),
         heaters_off=snapshot.heaters_off,
+        time_factor=entry.time_factor,
         print=_progress(scene, attempt) if attempt else None,
         look=entry.look or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
         hold=hold,
@@ -172,11 +173,12 @@ def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
 
 def _print_remaining_s(scene: Scene, attempt: Print, plate: Plate) -> float:
     """By the timeline once it prints (heat-up is over then), by the estimate before."""
+    factor = scene.books.printer(attempt.printer).time_factor
     snapshot = scene.snapshots.get(attempt.printer)
     said = snapshot.print if snapshot is not None else None
     if said is not None and said.print_id == attempt.id and said.progress_s > 0:
-        return max(0.0, plate.print_time_s - said.progress_s)
-    return max(0.0, plate.estimated_s - (scene.now_s - (attempt.started_s or scene.now_s)))
+        return max(0.0, plate.print_time_s - said.progress_s) * factor
+    return max(0.0, plate.seconds(factor) - (scene.now_s - (attempt.started_s or scene.now_s)))
 
 
 def _eta_s(scene: Scene, job: Job, remaining_s: float | None) -> float | None:

@@ -27,8 +27,8 @@ def state(tmp_path):
     return folder
 
 
-def plan(state, job):
-    """What the planner told of a job, and its plan."""
+def plan(state, job, factor=1.0):
+    """What the planner told of a job, and its plan for two printers with that factor."""
     printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
     fleet = Fleet.model_validate({"printers": printers})
     told = []
@@ -38,7 +38,7 @@ def plan(state, job):
         planner = Planner(
             state, SameProcess(), lambda _, result: done.set_result(result), lambda _, far: told.append(far)
         )
-        planner.start(job, list(fleet.printers), 1)
+        planner.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
         return await done
 
     return told, asyncio.run(main())
@@ -67,8 +67,11 @@ def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, tmp_path, mo
     assert isinstance(first, Plan), first
     assert told == [decomposing, slicing(0), slicing(1), slicing(2)]
     assert [plate.cached for plate in first.plates] == [False, False]
-    told, again = plan(state, job(2))
+    told, again = plan(state, job(2), factor=1.1)
     assert told == [decomposing, slicing(0), slicing(1, 1), slicing(2, 2)]
     assert [plate.cached for plate in again.plates] == [True, True]
     assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
+    # What was learned of the printers is in the expected time, without slicing anew.
+    longest = max(first.plates, key=lambda plate: plate.estimated_s)
+    assert again.estimated_s == pytest.approx(longest.seconds(1.1))
     assert not list(state.work.iterdir())

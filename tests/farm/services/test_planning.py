@@ -95,7 +95,9 @@ def test_a_model_that_one_printer_can_hold_stays_whole_unless_a_person_gives_mor
     path = tmp_path / "upload.stl"
     trimesh.creation.box((60.0, 50.0, 40.0)).export(path)
     box = inspect_model(path, "box.stl", JobOptions(), files)
-    assert len(decompose_job(task(box, files, tmp_path)).parts) == 1
+    assert [part.printer for part in decompose_job(task(box, files, tmp_path)).parts] == ["p0"]
+    slow = replace(task(box, files, tmp_path), factors={"p0": 1.1})
+    assert [part.printer for part in decompose_job(slow).parts] == ["p1"]
     given = replace(task(box, files, tmp_path), options=JobOptions(printers=2))
     assert len(decompose_job(given).parts) == 2
 

@@ -6,9 +6,12 @@ from pathlib import Path
 import pytest
 
 from farm.config import Fleet
+from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState
 from farm.paths import StateFolder
-from farm.tracking.view import Scene, job_view
-from make_books import printing
+from farm.tracking import events as ev
+from farm.tracking.books import Books
+from farm.tracking.view import Scene, job_view, printer_view
+from make_books import fleet, job, plan, printing, run
 
 FLEET = Fleet.model_validate(
     {
@@ -41,3 +44,42 @@ def test_a_job_costs_what_its_plates_cost():
 
 def test_a_job_has_no_price_where_one_reel_has_none():
     assert view(priced(1.25, None)).price is None
+
+
+def scene(books, now_s, progress=None, **snapshots):
+    return Scene(FLEET, books, snapshots, StateFolder(Path("/state")), now_s, progress=progress or {})
+
+
+def test_how_far_a_plan_is_is_shown_while_it_is_made():
+    far = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
+    queued, _ = run(Books(), *fleet(), ev.JobSubmitted(at_s=0.0, job=job()))
+    planning, _ = run(queued, ev.PlanningStarted(at_s=0.0, job=1))
+    planned, _ = run(planning, plan())
+    shown = [job_view(scene(b, 1.0, {1: far}), b.jobs[1]).progress for b in (queued, planning, planned)]
+    assert shown == [None, far, None]
+
+
+@pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])
+def test_what_is_left_of_a_print_is_by_its_printers_own_factor(progress_s, remaining_s):
+    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    began = ev.PrintProgressed(
+        at_s=2.0, print_id="x", state=PrintState.PRINTING, started_s=2.0, extruded=True
+    )
+    books, _ = run(books, began)
+    books.printers["a"] = books.printers["a"].model_copy(update={"time_factor": 1.2})
+    said = AgentPrint(
+        print_id="x",
+        state=PrintState.PRINTING,
+        fault=None,
+        reason=None,
+        progress_s=progress_s,
+        print_time_s=90.0,
+        extruded=True,
+        started_s=2.0,
+        ended_s=None,
+    )
+    view = printer_view(
+        scene(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=said)), FLEET.printer("a"), None
+    )
+    assert view.time_factor == 1.2
+    assert view.print.remaining_s == pytest.approx(remaining_s)
