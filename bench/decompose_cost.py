@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from decompose.cost import CostModel, PrinterRoom, pose_costs
+from decompose.cost import CostModel, PrinterRoom, pose_seconds
 from decompose.mesh import load_model
 from decompose.partition import decompose
 from decompose.report import Options, Part, write
@@ -45,7 +45,8 @@ def features(part: Part, cost: CostModel) -> list[float]:
     """What each coefficient is multiplied by, in the pose that is printed."""
     vertices, faces = part.solid.arrays()
     nothing = replace(cost, **dict.fromkeys(TERMS, 0.0))
-    return [float(pose_costs(vertices, faces, replace(nothing, **{t: 1.0}))[part.pose]) for t in TERMS]
+    pose = part.rotation[None]
+    return [float(pose_seconds(vertices, faces, pose, replace(nothing, **{t: 1.0}))[0]) for t in TERMS]
 
 
 def main() -> int:
@@ -80,7 +81,7 @@ def main() -> int:
             except SlicingError as error:
                 print(f"{name} {part.id}: {error}", file=sys.stderr)
                 continue
-            row: dict[str, Any] = {"model": name, "part": part.id, "pose": part.pose}
+            row: dict[str, Any] = {"model": name, "part": part.id, "up": part.rotation[2].tolist()}
             row |= {"estimated_s": part.estimated_s, "sliced_s": sliced_s}
             row |= {"error": part.estimated_s / sliced_s - 1.0, "features": features(part, cost)}
             rows.append(row)

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
 
 from decompose.boxes import Box, Boxes, all_boxes, box_index
-from decompose.check import Coverage, check
-from decompose.cost import POSES, CostModel, PrinterRoom, pose_axes, pose_costs
+from decompose.check import ON_PLANE_MM, Coverage, check
+from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
 from decompose.cut import cut_box
 from decompose.errors import DecomposeError, NoFit
 from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
 from decompose.guillotine import UNREACHABLE, Partitioner
 from decompose.mesh import Model
+from decompose.orientation import Pose, best_pose, measure
 from decompose.report import Decomposition, Engine, Interior, Options, Part
 from decompose.solid import Solid
 
@@ -73,14 +74,14 @@ def decompose(
     bound = lower_bound_s(triangles, grid, len(printers), cost)
     found, pieces = _search(model, grid, boxes, len(printers), room_mm, bound)
     watch.lap("search")
-    parts = _parts(pieces, printers, cost)
-    serial = pose_costs(vertices, faces, cost)
+    parts = _parts(pieces, printers, cost, options.fit_first_layer)
+    serial_s, as_is_s = serial_seconds(vertices, faces, cost, options.fit_first_layer)
     makespan = max(p.estimated_s for p in parts)
     result = Decomposition(
         engine=Engine.GUILLOTINE,
         options=options,
-        serial_s=float(serial.min()),
-        serial_as_is_s=float(serial[4]),
+        serial_s=serial_s,
+        serial_as_is_s=as_is_s,
         makespan_s=makespan,
         sum_s=sum(p.estimated_s for p in parts),
         lower_bound_s=bound,
@@ -94,6 +95,21 @@ def decompose(
     coverage = check(result, model, printers, grid, found)
     watch.lap("check")
     return replace(result, coverage=coverage, compute_s=watch.laps())
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """One connected piece of the solid in a box, whose corners are `lo` and `hi`."""
+
+    solid: Solid
+    lo: Floats
+    hi: Floats
+
+    def cut_faces(self, vertices: Floats, faces: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """(m,) Which of its faces lie on the sides of the box."""
+        corners = vertices[faces][:, :, None, :]
+        on_plane = np.abs(corners - np.stack([self.lo, self.hi])) < ON_PLANE_MM
+        return np.asarray(on_plane.all(axis=1).reshape(len(faces), 6).any(axis=1))
 
 
 def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
@@ -138,7 +154,7 @@ def lower_bound_s(triangles: Floats, grid: Grid, printers: int, cost: CostModel)
 
 def _search(
     model: Model, grid: Grid, boxes: Boxes, printers: int, room_mm: list[float], bound_s: float
-) -> tuple[list[Box], list[Solid]]:
+) -> tuple[list[Box], list[Piece]]:
     """The boxes of the least makespan, and the pieces of solid in them.
 
     The grid takes the solid in a cell as one piece; where a chosen box turns out to have more pieces, that is
@@ -162,7 +178,7 @@ def _search(
                 wrong = wrong or len(cut[box]) > int(boxes.pieces[at])
                 boxes.pieces[at] = len(cut[box])
         if not wrong:
-            return chosen, [piece for box in chosen for piece in cut[box]]
+            return chosen, [Piece(s, *grid.bounds_mm(box)) for box in chosen for s in cut[box]]
         least_s = max(bound_s, makespan - 1.0)
 
 
@@ -184,14 +200,17 @@ def _no_fit(model: Model, grid: Grid, solver: Partitioner, printers: int, room_m
     )
 
 
-def _parts(pieces: list[Solid], printers: Sequence[PrinterRoom], cost: CostModel) -> list[Part]:
+def _parts(
+    pieces: list[Piece], printers: Sequence[PrinterRoom], cost: CostModel, fit_first_layer: bool
+) -> list[Part]:
     """Pieces in their best poses, numbered by position from the bottom up, each with a printer."""
-    order = sorted(pieces, key=lambda p: tuple(np.round(p.bounds_mm.mean(axis=0)[::-1], 3)))
-    posed = [(piece, *_best_pose(piece, printers, cost)) for piece in order]
+    order = sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
+    rooms = list(dict.fromkeys(replace(printer, name="") for printer in printers))
+    posed = [_posed(piece, rooms, cost, fit_first_layer) for piece in order]
     free = list(printers)
     # The part that fits the fewest printers chooses first.
     names: dict[int, str] = {}
-    fitting = {i: [p for p in printers if _fits(piece, pose, p)] for i, (piece, pose, _) in enumerate(posed)}
+    fitting = {i: [p for p in printers if p.fits(*pose.size_mm)] for i, pose in enumerate(posed)}
     for i in sorted(fitting, key=lambda i: (len(fitting[i]), i)):
         taken = next((p for p in free if p in fitting[i]), None)
         if taken is None:
@@ -200,43 +219,37 @@ def _parts(pieces: list[Solid], printers: Sequence[PrinterRoom], cost: CostModel
         names[i] = taken.name
     digits = max(2, len(str(len(order))))
     return [
-        Part(f"p{i + 1:0{digits}d}", piece, _to_model(piece, pose), pose, seconds, names[i])
-        for i, (piece, pose, seconds) in enumerate(posed)
+        Part(
+            id=f"p{i + 1:0{digits}d}",
+            solid=piece.solid,
+            to_model=pose.to_model,
+            estimated_s=pose.seconds,
+            printer=names[i],
+            brim_width_mm=pose.brim_width_mm,
+            layer_0_expansion_mm=pose.layer_0_expansion_mm,
+        )
+        for i, (piece, pose) in enumerate(zip(order, posed, strict=True))
     ]
 
 
-def _fits(piece: Solid, pose: int, printer: PrinterRoom) -> bool:
-    lo, hi = piece.bounds_mm
-    width, depth, height = (float(hi[a] - lo[a]) for a in pose_axes(pose))
-    return printer.fits(width, depth, height)
-
-
-def _best_pose(piece: Solid, printers: Sequence[PrinterRoom], cost: CostModel) -> tuple[int, float]:
-    """The cheapest pose that fits every printer, and its time; a box was only chosen because it has one."""
-    times = pose_costs(*piece.arrays(), cost)
-    fitting = [p for p in range(POSES) if all(_fits(piece, p, printer) for printer in printers)]
-    if not fitting:
+def _posed(piece: Piece, rooms: Sequence[PrinterRoom], cost: CostModel, fit_first_layer: bool) -> Pose:
+    """The best pose that fits every printer; a box was only chosen because it has one."""
+    vertices, faces = piece.solid.arrays()
+    pose = best_pose(vertices, faces, piece.cut_faces(vertices, faces), rooms, cost, fit_first_layer)
+    if pose is None:
         raise NoFit("a part fits no printer in any pose; this is a fault in the tables of the search")
-    pose = min(fitting, key=lambda p: (times[p], (4, 5, 0, 1, 2, 3).index(p)))
-    return pose, float(times[pose])
+    return pose
 
 
-def _to_model(piece: Solid, pose: int) -> Floats:
-    """The rigid motion from printing pose (centred, on z = 0) to the model's frame, (4, 4)."""
-    a, b, up = pose_axes(pose)
-    rotation = np.zeros((3, 3))  # columns: where the bed's x, y and z point in the model
-    rotation[a, 0] = 1.0
-    rotation[b, 1] = 1.0
-    rotation[up, 2] = 1.0
-    if pose % 2:  # turned over about the bed's x
-        rotation[:, 1:] *= -1.0
-    lo, hi = piece.bounds_mm
-    origin = (lo + hi) / 2.0
-    origin[up] = hi[up] if pose % 2 else lo[up]
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
-    matrix[:3, 3] = origin
-    return matrix
+def serial_seconds(
+    vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel, fit_first_layer: bool
+) -> tuple[float, float]:
+    """A whole model on a printer without limits, in seconds: in its best pose, and as it stands."""
+    uncut = np.zeros(len(faces), dtype=np.bool_)
+    best = best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
+    as_is = measure(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)
+    assert best is not None  # nothing is too large for a printer without limits
+    return best.seconds, as_is.seconds
 
 
 class _Watch:

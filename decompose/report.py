@@ -19,6 +19,7 @@ from decompose.stl import single_precision, write_stl
 
 SCHEMA = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
+ON_BED_MM = 2e-5  # single precision leaves the corners of a tilted face this far from its plane
 Floats = npt.NDArray[np.float64]
 
 
@@ -44,6 +45,7 @@ class Options:
     interior: Interior = Interior.LEAVE
     min_wall_mm: float = 10.0
     seed: int = 0  # for engines that draw; the guillotine engine does not
+    fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,25 +58,33 @@ class Part:
         In the model's frame, mm.
     to_model
         (4, 4) row-major: coordinates of the part's file (printing pose) -> model frame, mm.
-    pose
-        The direction of the model that points up: 0..5 for +x, -x, +y, -y, +z, -z.
     printer
         The name of the printer that it is meant for.
+    brim_width_mm, layer_0_expansion_mm
+        Chosen for the part; None: as the quality has them.
     """
 
     id: str
     solid: Solid
     to_model: Floats
-    pose: int
     estimated_s: float
     printer: str
     file: str = ""
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
+
+    @property
+    def rotation(self) -> Floats:
+        """(3, 3) rows: the bed's x, y and z in the model's frame."""
+        return self.to_model[:3, :3].T
 
     def printed(self, tolerance_mm: float = 0.0) -> tuple[Floats, npt.NDArray[np.int64]]:
-        """Vertices and faces in printing pose: centred on the bed's origin, standing on z = 0."""
+        """Vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
         solid = self.solid.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.solid
         vertices, faces = solid.arrays()
-        return (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3], faces
+        placed = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
+        placed[np.abs(placed[:, 2]) < ON_BED_MM, 2] = 0.0
+        return placed, faces
 
     def triangles(self) -> npt.NDArray[np.float32]:
         """Triangles (m, 3, 3) for an STL, simplified by as little as keeps them closed in its precision."""
@@ -96,6 +106,8 @@ class Part:
             "area_mm2": self.solid.area_mm2,
             "estimated_s": self.estimated_s,
             "printer": self.printer,
+            "brim_width_mm": self.brim_width_mm,
+            "layer_0_expansion_mm": self.layer_0_expansion_mm,
         }
 
 

@@ -44,7 +44,7 @@ def part(solid: Solid, name: str, printer: str) -> Part:
     matrix = np.eye(4)
     lo, hi = solid.bounds_mm
     matrix[:3, 3] = [*(lo + hi)[:2] / 2.0, lo[2]]
-    return Part(name, solid, matrix, 4, 100.0, printer)
+    return Part(name, solid, matrix, 100.0, printer)
 
 
 @pytest.fixture

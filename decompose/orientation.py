@@ -1,0 +1,260 @@
+"""How a part lies on the bed: soonest printed among the poses in which it stands safely.
+
+Candidates are the six axis poses and those that lie on a facet of the convex hull or on a large flat face.
+Each is priced with its supports, and looked at for what a price cannot say: whether it stands while it grows,
+and whether support would stick to a cut face, which is to be glued.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import ConvexHull, QhullError
+
+from decompose.columns import Columns, columns
+from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, pose_seconds
+from decompose.footing import FIRST_LAYER_MM, Footing
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
+APART_DEG = 2.0  # directions closer than this are one candidate
+MOST_MEASURED = 24  # of all candidates, in the order of their prices
+
+LEAST_CONTACT_MM2 = 5.0
+# [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
+# its side. What a support carries is made to be peeled off.
+STICKS_N_MM2 = 0.05
+PROPPED = 0.1  # share of that for the area that supports carry
+PULL_N = 0.5
+WEIGHT_N_MM3 = 1.25e-5
+LEAN = 0.02  # the centre of mass of the whole keeps this share of the height from the edge of the base
+TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A part on the bed.
+
+    Attributes
+    ----------
+    to_model
+        (4, 4) the rigid motion from the bed (centred, on z = 0) to the model's frame, in mm.
+    size_mm
+        Width, depth and height.
+    seconds
+        Estimated print time with the supports and the brim that it has.
+    strain
+        What pulls it over while it is printed, as a share of what holds it; up to 1 it holds.
+    lean_mm
+        How far inside its footing the centre of mass of the whole is; negative outside.
+    touched_mm2
+        Area of cut faces that support sticks to.
+    brim_width_mm, layer_0_expansion_mm
+        Chosen for it; None: as the quality has them.
+    """
+
+    to_model: Floats
+    size_mm: tuple[float, float, float]
+    seconds: float
+    footing: Footing
+    strain: float
+    lean_mm: float
+    support_mm3: float
+    touched_mm2: float
+    brim_width_mm: float | None
+    layer_0_expansion_mm: float | None
+
+    @property
+    def stands(self) -> bool:
+        """Whether it stays where it is while it is printed, and would by its weight alone."""
+        held = self.footing.contact_mm2 >= LEAST_CONTACT_MM2 and self.strain <= 1.0
+        return held and self.lean_mm >= LEAN * self.size_mm[2]
+
+    @property
+    def rank(self) -> tuple[float, float, float]:
+        """Less is better: standing, then clean cut faces, then time. Where none stands, the least strain."""
+        touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
+        return (0.0 if self.stands else self.strain, touched, self.seconds)
+
+
+def best_pose(
+    vertices: Floats,
+    faces: Ints,
+    cut: Bools,
+    printers: Sequence[PrinterRoom],
+    cost: CostModel,
+    fit_first_layer: bool = True,
+) -> Pose | None:
+    """The pose that a part is printed in.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    cut
+        (m,) whether a face is a cut, which no support shall touch.
+    printers
+        All of them have to have room for the part; none for a printer without limits.
+    fit_first_layer
+        Choose the brim and the first layer's expansion too.
+
+    Returns
+    -------
+    Pose or None
+        None where no pose fits.
+    """
+    hull = _hull_points(vertices)
+    ups = candidates(vertices, faces)
+    turned = [_turned(up, hull, printers) for up in ups]
+    rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
+    if not len(rotations):
+        return None
+    thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
+    least_s = pose_seconds(vertices, faces, rotations, replace(thinnest, overhang_s_mm3=0.0))
+    most_s = pose_seconds(vertices, faces, rotations, cost)
+    best: Pose | None = None
+    measured = 0
+    for i in np.argsort(most_s, kind="stable"):
+        clean = best is not None and best.rank[:2] == (0.0, 0.0)
+        if best is not None and clean and (least_s[i] >= best.seconds or measured >= MOST_MEASURED):
+            continue
+        pose = measure(vertices, faces, cut, rotations[i], cost, fit_first_layer)
+        measured += 1
+        if best is None or pose.rank < best.rank:
+            best = pose
+    return best
+
+
+def measure(
+    vertices: Floats,
+    faces: Ints,
+    cut: Bools,
+    rotation: Floats,
+    cost: CostModel,
+    fit_first_layer: bool = True,
+) -> Pose:
+    """Price a pose with the supports that it really has, and see how the part stands in it."""
+    placed = vertices @ rotation.T
+    lo, hi = placed.min(axis=0), placed.max(axis=0)
+    origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
+    triangles = (placed - origin)[faces]
+    width, depth, height = (hi - lo).tolist()
+    to_model = np.eye(4)
+    to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
+    inside = columns(triangles, cut, cost.overhang_cos)
+    footing = Footing.of(triangles, inside.props_mm)
+    leans = [footing.inside_mm(centre[None, :2]) for centre in inside.centres_mm]
+    brim: float | None = None
+    expansion: float | None = None
+    priced = replace(cost, overhang_s_mm3=0.0)
+    if fit_first_layer:
+        brim = footing.brim_width_mm(height, cost.brim_mm)
+        joined = bool((triangles[cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
+        expansion = footing.expansion_mm(joined)
+        priced = replace(priced, brim_mm=brim)
+    seconds = float(pose_seconds(vertices, faces, rotation[None], priced)[0])
+    return Pose(
+        to_model=to_model,
+        size_mm=(width, depth, height),
+        seconds=seconds + cost.overhang_s_mm3 * inside.support_mm3,
+        footing=footing,
+        strain=_strain(footing, inside, height, leans),
+        lean_mm=leans[-1],
+        support_mm3=inside.support_mm3,
+        touched_mm2=inside.touched_mm2,
+        brim_width_mm=brim,
+        layer_0_expansion_mm=expansion,
+    )
+
+
+def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
+    """The moments that pull a growing part over, at their worst, over that of what holds it."""
+    area_mm2 = footing.contact_mm2 + PROPPED * inside.propped_mm2
+    holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
+    outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))
+    pulls = PULL_N * height_mm + WEIGHT_N_MM3 * outside
+    return pulls / holds if holds > 0.0 else math.inf
+
+
+def candidates(vertices: Floats, faces: Ints) -> Floats:
+    """Directions (k, 3) that may point up: the axes, then away from hull facets and from large flat faces."""
+    corners = vertices[faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+    found = [*POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]]
+    try:
+        hull = ConvexHull(vertices)
+        a, b, c = (vertices[hull.simplices[:, i]] for i in range(3))
+        facets = np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None] / 2.0 * hull.equations[:, :3]
+    except QhullError:
+        facets = np.zeros((0, 3))
+    for normals, most in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
+        taken = 0
+        for down in _flats(normals):
+            if taken == most:
+                break
+            if (np.array(found) @ -down).max() < math.cos(math.radians(APART_DEG)):
+                found.append(-down)
+                taken += 1
+    return np.array(found)
+
+
+def _flats(areas: Floats) -> Floats:
+    """Directions (k, 3) of area vectors (m, 3), each with all that point its way; the largest first."""
+    size = np.linalg.norm(areas, axis=1)
+    areas = areas[size > 0.0]
+    if not len(areas):
+        return areas
+    _, group = np.unique(np.round(areas / size[size > 0.0, None], 3), axis=0, return_inverse=True)
+    sums = np.zeros((group.max() + 1, 3))
+    np.add.at(sums, group.reshape(-1), areas)
+    size = np.linalg.norm(sums, axis=1)
+    sums = sums[np.argsort(-np.round(size, 6), kind="stable")]
+    directions: Floats = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return directions
+
+
+def _hull_points(points: Floats) -> Floats:
+    """Those of points (n, d) that span their convex hull; all where they span no volume."""
+    with suppress(QhullError):
+        points = points[ConvexHull(points).vertices]
+    return points
+
+
+def _turned(up: Floats, points: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
+    """The rotation (rows) with this direction up and a yaw that fits every printer; None where none does.
+
+    What stands along the axes stays so. Anything else is turned into its smallest rectangle, and further only
+    where that has no room.
+    """
+    axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
+    if len(axis):
+        upright, angles = POSE_ROTATIONS[axis[0]], np.zeros(1)
+    else:
+        x = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+        x /= np.linalg.norm(x)
+        upright, angles = np.array([x, np.cross(up, x), up]), np.zeros(0)
+    flat = _hull_points(points @ upright[:2].T)
+    height = float(np.ptp(points @ up))
+    edges = np.diff(flat, axis=0, append=flat[:1])
+    rectangles = np.arctan2(edges[:, 1], edges[:, 0])
+    sizes = [np.ptp(flat @ _plane(angle).T, axis=0) for angle in rectangles]
+    smallest = min(range(len(sizes)), key=lambda i: (round(sizes[i][0] * sizes[i][1], 6), i))
+    turns = rectangles[smallest] + (math.pi / 2.0 if sizes[smallest][0] < sizes[smallest][1] else 0.0)
+    for angle in (*angles, turns, *(turns + np.radians(np.arange(1.0, 90.0)))):
+        width, depth = np.ptp(flat @ _plane(angle).T, axis=0)
+        if all(printer.fits(float(width), float(depth), height) for printer in printers):
+            return np.vstack([_plane(angle) @ upright[:2], up])
+    return None
+
+
+def _plane(angle: float) -> Floats:
+    """(2, 2) Rows: x and y turned by an angle in radians."""
+    return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
