@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import uuid
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,9 +21,11 @@ from farm.services.movetime import FirmwareTime
 from farm.services.planning import DecomposeTask, Plan, matching_printers, printer_settings
 from farm.services.rooms import bed_boxes
 from farm.services.trouble import in_farm_words
+from slicing.errors import GcodeRefused
 from slicing.foreign.accept import ForeignGcode, accept
 from slicing.foreign.lines import LONGEST
 from slicing.resources import find_resources
+from slicing.settings import Settings
 
 SUFFIXES = (".gcode", ".g", ".gco")
 _PACKED = {
@@ -83,7 +86,14 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     FarmError
         As `inspect_gcode`.
     """
-    order = sorted(task.printers, key=lambda section: (PROFILES[section.model].height_mm, section.name))
+    order = sorted(
+        task.printers,
+        key=lambda section: (
+            PROFILES[section.model].height_mm,
+            task.factors.get(section.name, 1.0),
+            section.name,
+        ),
+    )
     accepted = _accept(task.model, order[0], "the file")
     section = _first_that_fits(order, accepted, "the file")
     if section is not order[0]:  # its material may be another
@@ -91,7 +101,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     own = _own(accepted, section)
     out = task.folder / "plate.gcode"
     out.write_bytes(accepted.gcode)
-    settings = printer_settings(section, task.options.quality, find_resources())
+    settings = _settings(section)
     filament_mm3 = accepted.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
     factor = task.factors.get(section.name, 1.0)
@@ -132,23 +142,26 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
 
 def _accept(path: Path, section: PrinterSection, name: str) -> ForeignGcode:
     """What the slicing room makes of the file, and once more whether it can be sent."""
-    with in_farm_words():
-        settings = printer_settings(section, JobOptions().quality, find_resources())
-        try:
-            accepted = accept(
-                _Lines(path),
-                stopwatch=FirmwareTime(PROFILES[section.model]),
-                filament_mm2=settings.filament_mm2,
-                nozzle_mm=section.nozzle_mm,
-                nozzle_c=settings.nozzle_c,
-                bed_c=settings.bed_c,
-            )
-            wire.strip(accepted.gcode.splitlines())
-        except BadGcode as error:
-            raise FarmError(
-                f"{name}: as the farm wrote it, it cannot be sent: {error}", ErrorCode.GCODE
-            ) from error
+    settings = _settings(section)
+    try:
+        accepted = accept(
+            _Lines(path),
+            stopwatch=FirmwareTime(PROFILES[section.model]),
+            filament_mm2=settings.filament_mm2,
+            nozzle_mm=section.nozzle_mm,
+            nozzle_c=settings.nozzle_c,
+            bed_c=settings.bed_c,
+        )
+        wire.strip(io.BytesIO(accepted.gcode))
+    except (GcodeRefused, BadGcode) as error:
+        raise FarmError(f"{name}: {error}", ErrorCode.GCODE) from error
     return accepted
+
+
+def _settings(section: PrinterSection) -> Settings:
+    """For what its material says: temperatures, density and the filament's section."""
+    with in_farm_words():
+        return printer_settings(section, JobOptions().quality, find_resources())
 
 
 def _own(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:

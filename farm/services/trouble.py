@@ -18,7 +18,6 @@ _CODES: tuple[tuple[type[Exception], ErrorCode], ...] = (
     (se.EngineFailed, ErrorCode.ENGINE),
     (se.EngineTimeout, ErrorCode.ENGINE),
     (se.BadSetting, ErrorCode.SETTINGS),
-    (se.GcodeRefused, ErrorCode.GCODE),
     (se.SlicingError, ErrorCode.SLICE),
     (DriverError, ErrorCode.FAILED),
 )
