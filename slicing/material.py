@@ -22,7 +22,23 @@ _KEYS = {
     "adhesion tendency": "material_adhesion_tendency",
     "surface energy": "material_surface_energy",
     "build volume temperature": "build_volume_temperature",
+    "anti ooze retract position": "material_anti_ooze_retracted_position",
+    "anti ooze retract speed": "material_anti_ooze_retraction_speed",
+    "break preparation position": "material_break_preparation_retracted_position",
+    "break preparation speed": "material_break_preparation_speed",
+    "break preparation temperature": "material_break_preparation_temperature",
+    "break position": "material_break_retracted_position",
+    "break speed": "material_break_speed",
+    "break temperature": "material_break_temperature",
+    "flush purge speed": "material_flush_purge_speed",
+    "flush purge length": "material_flush_purge_length",
+    "end of filament purge speed": "material_end_of_filament_purge_speed",
+    "end of filament purge length": "material_end_of_filament_purge_length",
+    "maximum park duration": "material_maximum_park_duration",
+    "no load move factor": "material_no_load_move_factor",
 }
+_GRAPH, _GRAPH_KEY = "processing temperature graph", "material_flow_temp_graph"
+_WORDS = {"yes": "True", "no": "False"}  # where the setting is one of Cura's
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,16 +77,23 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
         for entry in section.findall("m:setting", _SPACE):
             key, text = entry.get("key", ""), (entry.text or "").strip()
             if key == "hardware compatible":
-                compatible = text != "no"
+                compatible = text in ("yes", "unknown")
             elif key in _KEYS:
                 values[_KEYS[key]] = text
+            elif key == _GRAPH:
+                points = entry.findall("m:point", _SPACE)
+                values[_GRAPH_KEY] = str(
+                    [[float(p.get(of, 0)) for of in ("flow", "temperature")] for p in points]
+                )
         for entry in section.findall(_CURA_SETTING):
-            values[entry.get("key", "")] = (entry.text or "").strip()
+            text = (entry.text or "").strip()
+            values[entry.get("key", "")] = _WORDS.get(text.lower(), text)
     if not compatible:
         raise BadSetting(f"material {name} is not for the {product} with the nozzle {hotend}")
-    diameter = root.findtext("m:properties/m:diameter", namespaces=_SPACE)
-    if diameter:
-        values["material_diameter"] = diameter
+    for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
+        text = root.findtext(f"m:{path}", namespaces=_SPACE)
+        if text:
+            values[key] = text
     density = root.findtext("m:properties/m:density", namespaces=_SPACE)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")

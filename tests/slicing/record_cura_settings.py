@@ -1,0 +1,338 @@
+"""Record what Cura itself computes: every setting of a spread of printers, nozzles, materials and qualities.
+
+Cura's own container stacks, formulas and material reader do the work; only its application, which needs a
+window, is stood in for. It needs Debian's packages unpacked beside each other, not installed; on Debian 12::
+
+    apt-get download cura fdm-materials python3-uranium python3-pyqt5 python3-pyqt5.sip python3-savitar \
+        libqt5core5a libqt5gui5 libqt5qml5 libqt5qmlmodels5 libqt5network5 libqt5quick5 libqt5widgets5 \
+        libqt5dbus5 libdouble-conversion3 libmd4c0 libpcre2-16-0
+    for package in *.deb; do dpkg -x $package ROOT; done
+    LD_LIBRARY_PATH=ROOT/usr/lib/x86_64-linux-gnu /usr/bin/python3 tests/slicing/record_cura_settings.py \
+        ROOT tests/slicing/fixtures/cura-4.13.json.gz
+
+For Cura 5 the same with PyQt6, from Debian 13's packages.
+"""
+
+import gzip
+import importlib
+import json
+import sys
+from enum import IntEnum
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+PLUS, LONG_PLUS = "ultimaker2_plus", "ultimaker2_extended_plus"
+PLAIN, LONG, GO = "ultimaker2", "ultimaker2_extended", "ultimaker2_go"
+STREAMED = {"machine_gcode_flavor": "RepRap (Marlin/Sprinter)", "machine_firmware_retract": False}
+SUPPORTED = {"support_enable": True, "support_type": "everywhere", "adhesion_type": "brim", "brim_width": 8.0}
+PAPER = {
+    **STREAMED,
+    **SUPPORTED,
+    "layer_height": 0.25,
+    "infill_sparse_density": 5.0,
+    "infill_pattern": "zigzag",
+    "support_angle": 45.0,
+    "material_bed_temperature": 50.0,
+}
+GLUE = {
+    **STREAMED,
+    **SUPPORTED,
+    "layer_height": "=round(max(extruderValues('machine_nozzle_size')) / 2, 2)",
+    "infill_sparse_density": 10.0,
+    "top_layers": "=max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))",
+}
+ODD = {"infill_pattern": "cubic", "wall_thickness": 1.3, "adhesion_type": "skirt", "xy_offset": 0.1}
+# Cura leaves the material of a plain Ultimaker 2 to its menu; here it is in its place of the stack.
+COMBINATIONS = [  # printer, nozzle, material, quality, the user's changes
+    (PLUS, "0.4 mm", "generic_pla", "fast", {}),
+    (PLUS, "0.4 mm", "generic_pla", "fast", PAPER),
+    (PLUS, "0.4 mm", "generic_pla", "fast", GLUE),
+    (PLUS, "0.4 mm", "generic_pla", "normal", ODD),
+    (PLUS, "0.25 mm", "generic_pla", "high", {}),
+    (PLUS, "0.6 mm", "generic_abs", "fast", {}),
+    (PLUS, "0.8 mm", "generic_pla", "draft", GLUE),
+    (PLUS, "0.8 mm", "generic_pp", "slightlycoarse", {}),
+    (PLUS, "0.4 mm", "generic_tpu", "normal", {}),
+    (PLUS, "0.25 mm", "generic_tpu", "high", {}),
+    (LONG_PLUS, "0.4 mm", "ultimaker_abs_black", "high", {}),
+    (LONG_PLUS, "0.4 mm", "generic_nylon", "fast", GLUE),
+    (LONG_PLUS, "0.6 mm", "generic_cpe_plus", "draft", {}),
+    (LONG_PLUS, "0.4 mm", "generic_pc", "draft", PAPER),
+    (LONG_PLUS, "0.8 mm", "generic_cpe", "draft", ODD),
+    (PLAIN, "0.4 mm", "generic_pla", "fast", {}),
+    (PLAIN, "0.4 mm", "generic_abs", "normal", GLUE),
+    (LONG, "0.4 mm", "generic_pla", "draft", PAPER),
+    (GO, "0.4 mm", "generic_pla", "high", {}),
+]
+
+
+class Registry:
+    """The little of Cura's registry that its containers ask for."""
+
+    def __init__(self, folder):
+        self.folder, self.containers, self.load = folder, {}, None
+
+    def isLoaded(self, name):
+        return name in self.containers
+
+    def isReadOnly(self, name):
+        return True
+
+    def setExplicitReadOnly(self, name):
+        pass
+
+    def addContainer(self, container):
+        self.containers[container.getId()] = container
+
+    def findContainers(self, **wanted):
+        return [self.containers[wanted["id"]]] if wanted.get("id") in self.containers else []
+
+    findInstanceContainers = findContainers
+
+    def findDefinitionContainers(self, **wanted):
+        return [self.load(wanted["id"])]
+
+    def findInstanceContainersMetadata(self, **wanted):
+        return []
+
+    findContainersMetadata = findInstanceContainersMetadata
+
+    def findDefinitionContainersMetadata(self, **wanted):
+        path = self.folder / "definitions" / f"{wanted['id']}.def.json"
+        return [json.loads(path.read_text()).get("metadata", {})] if path.is_file() else []
+
+
+def stand_in(name, **content):
+    module = sys.modules[name] = ModuleType(name)
+    module.__dict__.update(content)
+    return module
+
+
+class Cura:
+    """Cura's own classes, with one printer in an application that is not there."""
+
+    def __init__(self, root):
+        self.folder = root / "usr/share/cura/resources"
+        sys.path[:0] = [str(root / "usr/lib/python3/dist-packages"), str(root / "usr/lib/cura/plugins")]
+        self.registry = Registry(self.folder)
+        self.registry.load = self.definition
+        self.machine = None
+        managers = SimpleNamespace(defaultExtruderPosition="0")
+        application = SimpleNamespace(
+            getMachineManager=lambda: managers,
+            getExtruderManager=lambda: SimpleNamespace(
+                getActiveExtruderStacks=lambda: managers.activeMachine.extruderList
+            ),
+            callLater=lambda call, *args, **named: None,
+            getCuraFormulaFunctions=lambda: None,
+        )
+        self.managers = managers
+        class_ = type(
+            "CuraApplication", (), {"SettingVersion": 19, "getInstance": staticmethod(lambda: application)}
+        )
+        app = stand_in(
+            "UM.Application",
+            Application=type(
+                "Application",
+                (),
+                {
+                    "getInstance": staticmethod(lambda: application),
+                    "getInstallPrefix": staticmethod(lambda: "/"),
+                },
+            ),
+        )
+        import UM
+
+        UM.Application = app
+        import cura
+
+        cura.CuraApplication = stand_in("cura.CuraApplication", CuraApplication=class_)
+        connection = IntEnum(
+            "ConnectionType",
+            {"NotConnected": 0, "UsbConnection": 1, "NetworkConnection": 2, "CloudConnection": 3},
+        )
+        stand_in("cura.PrinterOutput.PrinterOutputDevice", ConnectionType=connection)
+        stand_in("cura.Settings.ExtruderManager", ExtruderManager=object)
+
+        def of(module, name):
+            return getattr(importlib.import_module(module), name)
+
+        self.Definition = of("UM.Settings.DefinitionContainer", "DefinitionContainer")
+        self.Instance = of("UM.Settings.InstanceContainer", "InstanceContainer")
+        self.Function = of("UM.Settings.SettingFunction", "SettingFunction")
+        self.Global = of("cura.Settings.GlobalStack", "GlobalStack")
+        self.Extruder = of("cura.Settings.ExtruderStack", "ExtruderStack")
+        resources = of("UM.Resources", "Resources")
+        found = {
+            path.name: str(path)
+            for kind in ("definitions", "extruders")
+            for path in (self.folder / kind).glob("*.json")
+        }
+        resources.getPath = classmethod(lambda cls, kind, *name: found[Path(*name).name])
+        of("UM.Settings.ContainerRegistry", "ContainerRegistry").getInstance = staticmethod(
+            lambda: self.registry
+        )
+        for module in ("UM.Settings.InstanceContainer", "UM.Settings.ContainerStack"):
+            importlib.import_module(module).setContainerRegistry(self.registry)
+        self.Material = of("XmlMaterialProfile.XmlMaterialProfile", "XmlMaterialProfile")
+        products = json.loads(
+            (root / "usr/lib/cura/plugins/XmlMaterialProfile/product_to_id.json").read_text()
+        )
+        self.Material.getProductIdMap = classmethod(
+            lambda cls: {name: [one] for name, one in products.items()}
+        )
+        # The files are of this version: nothing is upgraded.
+        of("UM.Settings.Interfaces", "ContainerInterface")._updateSerialized = classmethod(
+            lambda cls, text, name=None, **rest: text
+        )
+        definition = of("UM.Settings.SettingDefinition", "SettingDefinition")  # as CuraApplication does it
+        kind = of("UM.Settings.SettingDefinition", "DefinitionPropertyType")
+        for name, per_extruder in {
+            "settable_per_mesh": True,
+            "settable_per_extruder": True,
+            "settable_per_meshgroup": True,
+            "settable_globally": True,
+        }.items():
+            definition.addSupportedProperty(name, kind.Any, default=per_extruder, read_only=True)
+        definition.addSupportedProperty("limit_to_extruder", kind.Function, default="-1", depends_on="value")
+        definition.addSupportedProperty("resolve", kind.Function, default=None, depends_on="value")
+        for name in ("extruder", "optional_extruder"):
+            definition.addSettingType(name, None, str, None)
+        definition.addSettingType("[int]", None, str, None)
+        functions = of("cura.Settings.CuraFormulaFunctions", "CuraFormulaFunctions")(application)
+        for name, call in {
+            "defaultExtruderPosition": "getDefaultExtruderPosition",
+            "extruderValue": "getValueInExtruder",
+            "extruderValues": "getValuesInAllExtruders",
+            "resolveOrValue": "getResolveOrValue",
+            "valueFromContainer": "getValueFromContainerAtIndex",
+            "extruderValueFromContainer": "getValueFromContainerAtIndexInExtruder",
+        }.items():
+            self.Function.registerOperator(name, getattr(functions, call))
+
+    def definition(self, name, kind="definitions"):
+        if name not in self.registry.containers:
+            container = self.Definition(name)
+            container.deserialize((self.folder / kind / f"{name}.def.json").read_text())
+            self.registry.addContainer(container)
+        return self.registry.containers[name]
+
+    def profile(self, path, definition):
+        container = self.Instance(path.name)
+        container.setDefinition(definition)
+        container.deserialize(path.read_text(), path.name)
+        container.getDefinition = lambda: self.definition(definition)
+        return container
+
+    def empty(self, name):
+        container = self.Instance(name)
+        container.setMetaDataEntry("type", name)
+        return container
+
+    def profiles(self, kind, definition):
+        return [
+            self.profile(path, definition)
+            for path in sorted((self.folder / kind).rglob("*.inst.cfg"))
+            if f"\ndefinition = {definition}\n" in path.read_text()
+        ]
+
+    def material(self, name, machine, hotend):
+        """The container that Cura's VariantNode takes: the most particular one."""
+        if name not in self.registry.containers:
+            container = self.Material(name)
+            self.registry.addContainer(container)
+            container.deserialize((self.folder / "materials" / f"{name}.xml.fdm_material").read_text(), name)
+        names = (f"{name}_{machine}_{hotend.replace(' ', '_')}", f"{name}_{machine}", name)
+        return next(self.registry.containers[one] for one in names if one in self.registry.containers)
+
+    def record(self, machine, hotend, material, quality, user):
+        definition = self.definition(machine)
+        metadata = definition.getMetaData()
+        base = metadata.get("quality_definition", machine)
+        qualities = [
+            one for one in self.profiles("quality", base) if one.getMetaDataEntry("quality_type") == quality
+        ]
+        shared = next(one for one in qualities if one.getMetaDataEntry("global_quality") == "True")
+        variant, own = self.empty("variant"), shared
+        kind = self.material(material, machine, hotend).getMetaDataEntry("material")
+        if metadata.get("has_variants"):
+            variant = next(one for one in self.profiles("variants", machine) if one.getName() == hotend)
+            fitting = [one for one in qualities if one.getMetaDataEntry("variant") == hotend]
+            own = next(
+                (one for one in fitting if one.getMetaDataEntry("material") == material), None
+            ) or next(
+                one
+                for one in fitting
+                if self.material(one.getMetaDataEntry("material"), machine, hotend).getMetaDataEntry(
+                    "material"
+                )
+                == kind
+            )
+        everything = self.Global("global")
+        train = self.Extruder("extruder")
+        self.managers.activeMachine = everything
+        number = self.definition(metadata["machine_extruder_trains"]["0"], "extruders")
+        self.fill(everything, [None, None, None, shared, None, None, None, definition], user, machine)
+        self.fill(
+            train,
+            [None, None, None, own, self.material(material, machine, hotend), variant, None, number],
+            user,
+            machine,
+        )
+        train.setMetaDataEntry("position", "0")
+        train.setNextStack(everything)
+        everything._extruders["0"] = train
+        keys = sorted(definition.getAllKeys() | number.getAllKeys())
+        settings = [
+            key
+            for key in keys
+            if (definition.findDefinitions(key=key) or number.findDefinitions(key=key))[0].type != "category"
+        ]
+        return {
+            "global": {
+                key: str(everything.getProperty(key, "value"))
+                for key in settings
+                if definition.findDefinitions(key=key)
+            },
+            "extruder": {
+                key: str(train.getProperty(key, "value"))
+                for key in settings
+                if train.getProperty(key, "settable_per_extruder")
+            },
+        }
+
+    def fill(self, stack, containers, user, machine):
+        names = (
+            "user",
+            "quality_changes",
+            "intent",
+            "quality",
+            "material",
+            "variant",
+            "definition_changes",
+            "",
+        )
+        stack._containers = [one or self.empty(name) for one, name in zip(containers, names, strict=True)]
+        changes = self.Instance("changes")
+        changes.getDefinition = lambda: self.definition(machine)
+        changes.setDefinition(machine)
+        for key, value in user.items():
+            is_formula = isinstance(value, str) and value.startswith("=")
+            changes.setProperty(key, "value", self.Function(value[1:]) if is_formula else value, None, False)
+        stack._containers[0] = changes
+
+
+def main():
+    root, out = Path(sys.argv[1]).resolve(), Path(sys.argv[2])
+    cura = Cura(root)
+    recorded = [cura.record(*combination) for combination in COMBINATIONS]
+    tables = {}
+    for scope in ("global", "extruder"):
+        keys = sorted({key for one in recorded for key in one[scope]})
+        tables[scope] = {key: [one[scope].get(key) for one in recorded] for key in keys}
+    content = json.dumps({"combinations": COMBINATIONS, **tables}, indent=0)
+    out.write_bytes(gzip.compress(content.encode(), 9, mtime=0))
+
+
+if __name__ == "__main__":
+    main()
