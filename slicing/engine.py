@@ -1,35 +1,50 @@
-"""The one place that calls CuraEngine."""
+"""The one place that calls CuraEngine.
+
+A run that is killed with its worker leaves its folder ``farm-engine-*`` in the temporary folder: who ends the
+worker cleans that up (the daemon gives each worker a temporary folder of its own).
+"""
 
 from __future__ import annotations
 
 import ctypes
 import json
 import os
+import re
 import resource
+import selectors
 import signal
 import subprocess
 import tempfile
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
-from slicing.errors import EngineFailed, EngineMissing, EngineTimeout
+from slicing.errors import EngineCrashed, EngineFailed, EngineMissing, EngineOutOfMemory, EngineTimeout
 
 MEMORY_BYTES = 4 * 2**30
 """What a run may use beside its threads' stacks; a part that fills a bed needs about 0.4 GB."""
 LAYER_BYTES = 10 * 2**20
 """Address space that it reserves for each layer (8.7 MiB measured, a stack; next to none of it is used)."""
-_LOG_BYTES = 2 * 2**20
+OUTPUT_BYTES = 2 * 2**30
+"""The largest file that it may write; a part that fills a bed has 0.07 GB of G-code."""
+_LOG_BYTES = 2**20
+"""What is kept of each end of its log."""
 _PR_SET_PDEATHSIG = 1
+_UNKNOWN = "Unknown exception"
+_PROGRESS = re.compile(rb"Progress:[^:\n]+:\d+:\d+ *\t([\d.]+)%")
+_SMALLER = "scale the model down or simplify its mesh"
 _libc = ctypes.CDLL(None, use_errno=True)
+
+Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class EngineRun:
     """What CuraEngine wrote: the G-code, and its log (both output streams)."""
 
-    gcode: str
+    gcode: bytes
     log: str
 
 
@@ -41,6 +56,8 @@ def run_engine(
     *,
     layers: int,
     timeout_s: float,
+    memory_bytes: int = MEMORY_BYTES,
+    progress: Progress | None = None,
 ) -> EngineRun:
     """Slice an STL with settings that are resolved.
 
@@ -53,13 +70,17 @@ def run_engine(
         How many there will be at most; the memory limit depends on it.
     timeout_s
         Wall seconds before the run is stopped, with all of its processes.
+    memory_bytes
+        What it may use beside `LAYER_BYTES` for each layer.
+    progress
+        Called now and then with the share that is done, 0 to 1.
 
     Raises
     ------
     EngineMissing
         Where the program cannot be started.
-    EngineFailed, EngineTimeout
-        Where it ends with an error, or does not end.
+    EngineTimeout, EngineOutOfMemory, EngineCrashed, EngineFailed
+        Where it does not end, or ends with an error.
     """
     with tempfile.TemporaryDirectory(prefix="farm-engine-") as name:
         # It runs in its own folder with short names, for the paths that it writes into the G-code.
@@ -68,59 +89,133 @@ def run_engine(
         for scope, values in (("global", global_), ("extruder", extruder)):
             settings = {"settings": {key: {"default_value": value} for key, value in values.items()}}
             (folder / f"{scope}.json").write_text(json.dumps(settings), encoding="utf-8")
-        arguments = ["slice", "-v", "-m1", "-j", "global.json", "-e0", "-j", "extruder.json"]
+        options = ["-v", *(["-p"] if progress else []), "-m1"]
+        arguments = ["slice", *options, "-j", "global.json", "-e0", "-j", "extruder.json"]
         arguments += ["-o", "part.gcode", "-l", "part.stl"]
-        log = _call(engine, arguments, folder, MEMORY_BYTES + layers * LAYER_BYTES, timeout_s)
-        written = folder / "part.gcode"
-        return EngineRun(written.read_text(encoding="utf-8") if written.is_file() else "", log)
-
-
-def _call(engine: Path, arguments: list[str], folder: Path, memory_bytes: int, timeout_s: float) -> str:
-    with (folder / "log").open("w+b") as sink:
-        try:
-            process = subprocess.Popen(
-                [str(engine), *arguments],
-                cwd=folder,
-                stdin=subprocess.DEVNULL,
-                stdout=sink,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-                preexec_fn=partial(_restrain, memory_bytes),
-            )
-        except OSError as error:
-            raise EngineMissing(
-                f"{engine} cannot be started: {error.strerror}; set FARM_CURA_ENGINE"
-            ) from error
-        try:
-            code = process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            raise EngineTimeout(
-                f"CuraEngine did not finish within {timeout_s:g} s; scale the model down or simplify its mesh"
-            ) from None
-        finally:
-            if process.returncode is None:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-        sink.seek(0)
-        log = sink.read(_LOG_BYTES).decode("utf-8", errors="replace")
-    if code != 0:
-        ended = f"exit code {code}" if code > 0 else f"signal {signal.Signals(-code).name}"
-        said = [line for line in log.splitlines() if "ERROR" in line or "xception" in line]
-        raise EngineFailed(
-            f"CuraEngine failed ({ended}): {(said or log.splitlines() or ['no output'])[-1].strip()}"
+        call = partial(
+            _call, [str(engine), *arguments], folder, memory_bytes + layers * LAYER_BYTES, timeout_s, progress
         )
-    return log
+        code, log = call()
+        if code > 0 and _UNKNOWN in log:  # seen on a machine under load; once more, and it worked
+            code, log = call()
+        if code != 0:
+            raise _failure(code, log, memory_bytes)
+        written = folder / "part.gcode"
+        return EngineRun(written.read_bytes() if written.is_file() else b"", log)
 
 
-def _restrain(memory_bytes: int) -> None:
-    """In the child: last in line for the processor, bounded memory, and never outliving who asked."""
+def _call(
+    command: list[str], folder: Path, memory_bytes: int, timeout_s: float, progress: Progress | None
+) -> tuple[int, str]:
+    """Run it to its end: its exit code, and what it said."""
+    try:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            bufsize=0,
+            start_new_session=True,
+            preexec_fn=partial(_restrain, memory_bytes, os.getpid()),
+        )
+    except OSError as error:
+        raise EngineMissing(
+            f"{command[0]} cannot be started: {error.strerror}; set FARM_CURA_ENGINE"
+        ) from error
+    try:
+        log = _listen(process, timeout_s, progress)
+    finally:
+        # The leader is not reaped yet, so its group cannot be another's; whatever it started goes with it.
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        assert process.stdout is not None
+        process.stdout.close()
+    return process.returncode, log
+
+
+def _listen(process: subprocess.Popen[bytes], timeout_s: float, progress: Progress | None) -> str:
+    """Take what it says until it ends; of a flood only the beginning and the end are kept."""
+    assert process.stdout is not None
+    pipe, ended = process.stdout.fileno(), os.pidfd_open(process.pid)
+    os.set_blocking(pipe, False)
+    deadline_s = time.monotonic() + timeout_s
+    log = bytearray()
+    with selectors.DefaultSelector() as selector:
+        selector.register(ended, selectors.EVENT_READ)
+        selector.register(pipe, selectors.EVENT_READ)
+        try:
+            running = True
+            while running:
+                ready = [key.fd for key, _ in selector.select(max(0.0, deadline_s - time.monotonic()))]
+                running = ended not in ready  # its last words are in the pipe then
+                if running and time.monotonic() >= deadline_s:
+                    raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_SMALLER}")
+                said = _read(pipe)
+                if said == b"" and pipe in ready:
+                    selector.unregister(pipe)  # it closed its streams, and still runs
+                log += said
+                if len(log) > 4 * _LOG_BYTES:
+                    del log[_LOG_BYTES:-_LOG_BYTES]
+                if progress is not None and (found := _PROGRESS.findall(said)):
+                    progress(min(1.0, float(found[-1])))
+        finally:
+            os.close(ended)
+    return log.decode("utf-8", errors="replace")
+
+
+def _read(pipe: int) -> bytes:
+    """What is in a pipe, which holds 64 KiB; nothing where it is empty or closed."""
+    try:
+        return os.read(pipe, 1 << 16)
+    except BlockingIOError:
+        return b""
+
+
+def _failure(code: int, log: str, memory_bytes: int) -> EngineFailed:
+    """What an exit code and a log mean; a signal is a negative code."""
+    lines = log.splitlines()
+    said = next((line.strip() for line in reversed(lines) if "ERROR" in line or "xception" in line), None)
+    said = said or (lines[-1].strip() if lines else "it said nothing")
+    name = "" if code > 0 else signal.Signals(-code).name
+    if "bad_alloc" in log or "memory exhausted" in log:
+        return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_SMALLER}")
+    if code == -signal.SIGKILL:
+        return EngineOutOfMemory(
+            f"CuraEngine was killed ({name}), which is what a machine does that runs out of memory; "
+            "let fewer workers slice at a time"
+        )
+    if code == -signal.SIGXFSZ:
+        return EngineCrashed(f"CuraEngine wrote more than {OUTPUT_BYTES / 2**30:.0f} GB; {_SMALLER}")
+    if code < 0:
+        return EngineCrashed(f"CuraEngine crashed ({name}): {said}; repair the mesh, or {_SMALLER}")
+    if _UNKNOWN in said:
+        return EngineOutOfMemory(
+            f"CuraEngine gave up twice ({said}), as it does where {memory_bytes / 2**30:.1f} GB of memory "
+            f"are not enough, or with a model many metres long; {_SMALLER}"
+        )
+    if "no value given" in said:
+        said += "; it wants the settings files of its own version: set FARM_CURA_RESOURCES"
+    return EngineFailed(f"CuraEngine failed (exit code {code}): {said}")
+
+
+def _restrain(memory_bytes: int, parent: int) -> None:
+    """In the child: last in line for the processor, bounded, and never outliving who asked."""
     os.nice(19)
-    resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     # Who asked may have a limit of its own, in which the stacks would count in full.
-    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    resource.setrlimit(resource.RLIMIT_DATA, (hard, hard))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    data = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    resource.setrlimit(resource.RLIMIT_DATA, (data, data))
+    for limit, most in (
+        (resource.RLIMIT_AS, memory_bytes),
+        (resource.RLIMIT_FSIZE, OUTPUT_BYTES),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        hard = resource.getrlimit(limit)[1]
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(limit, (most, most))
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:  # it was gone before it could be asked to tell
+        os._exit(1)
 
 
 @lru_cache(maxsize=4)
@@ -135,3 +230,20 @@ def engine_version(engine: Path) -> str:
     if named is None:
         raise EngineMissing(f"{engine} does not say its version: not CuraEngine; set FARM_CURA_ENGINE")
     return named
+
+
+def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
+    """Raise EngineMissing where the settings come from Cura's files of another generation than the engine.
+
+    Cura 5 draws walls of variable width: it has ``inset_direction`` where Cura 4 has ``outer_inset_first``.
+    """
+    version = engine_version(engine)
+    found = re.search(r"version (\d+)\.", version)
+    if found is None:  # somebody's own build, who knows what it wants
+        return
+    files = 5 if "inset_direction" in extruder else 4
+    if (int(found[1]) >= 5) != (files >= 5):
+        raise EngineMissing(
+            f"{engine} is {version}, and Cura's settings files are of version {files}: "
+            "set FARM_CURA_ENGINE and FARM_CURA_RESOURCES to the same version"
+        )

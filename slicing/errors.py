@@ -23,6 +23,14 @@ class EngineFailed(SlicingError):
     """CuraEngine ended with an error."""
 
 
+class EngineCrashed(EngineFailed):
+    """CuraEngine ended by a signal."""
+
+
+class EngineOutOfMemory(EngineFailed):
+    """CuraEngine wanted more memory than it may have, or than there is."""
+
+
 class EngineTimeout(SlicingError):
     """CuraEngine took longer than it was given, and was stopped."""
 

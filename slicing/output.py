@@ -8,21 +8,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from slicing.errors import Rule, SliceRejected
+from slicing.toolpath import NO_LAYER, Toolpath, read_toolpath
 
 MIN_EXTRUSION_C = 170.0
 """Below it the firmware drops the filament's move and still makes the others (``EXTRUDE_MINTEMP``)."""
 PARK_TOLERANCE_MM = 0.1
 TOP_MM = 1.0
-TIP_MM2 = 1.0
-"""What may be missing at the top: `TOP_MM` of any shape, or a tip of any height, thinner than a line, whose
-mean section is below `TIP_MM2`."""
+"""What may be missing of the height without a look at the outline."""
 BED_TOLERANCE_MM = 0.2
 """A brim is whole lines wide, and support may stand out of the part by half a line."""
-_WORD = re.compile(r"([XYZEFS])([-+]?\d*\.?\d+)")
 _WARNINGS = ("disconnected faces", "Face count")
 
 
@@ -45,114 +45,65 @@ class Facts:
     parked_mm: float  # how far the filament is drawn back at the end
 
 
-class _Walk:
-    """The printer's state while a file is walked through."""
-
-    def __init__(self) -> None:
-        self.position = {"X": 0.0, "Y": 0.0, "Z": 0.0, "E": 0.0}
-        self.relative = False
-        self.homed = False
-        self.in_layers = False
-        self.nozzle_c = self.bed_c = self.reached_c = 0.0
-        self.flavour = ""
-        self.time_s = 0.0
-        self.layer_count = self.layers = self.layer = 0
-        self.top_layer = -1
-        self.layer_prints = False
-        self.filament_mm = self.parked_mm = 0.0
-        self.low = [math.inf] * 3
-        self.high = [-math.inf] * 3
-        self.firmware_retraction = self.moved_unhomed = self.extruded_cold = False
-
-    def comment(self, line: str) -> None:
-        if line.startswith(";TIME_ELAPSED:"):
-            self.time_s = float(line[14:])
-        elif line.startswith(";LAYER:"):
-            self.in_layers, self.layer_prints = True, False
-            self.layer = int(line[7:])
-        elif line.startswith(";LAYER_COUNT:"):
-            self.layer_count = int(line[13:])
-        elif line.startswith(";FLAVOR:"):
-            self.flavour = line[8:]
-
-    def move(self, words: Sequence[tuple[str, str]]) -> None:
-        old = dict(self.position)
-        for axis, number in words:
-            if axis in self.position:
-                self.position[axis] = float(number) + (old[axis] if self.relative else 0.0)
-        new = self.position
-        moves = any(new[axis] != old[axis] for axis in "XYZ")
-        pushed_mm = new["E"] - old["E"]
-        self.moved_unhomed |= moves and not self.homed
-        self.extruded_cold |= pushed_mm > 0 and min(self.reached_c, self.nozzle_c) < MIN_EXTRUSION_C
-        if pushed_mm > 0 and moves and self.in_layers:
-            self.filament_mm += pushed_mm
-            self.parked_mm = 0.0
-            self.layers += not self.layer_prints
-            self.layer_prints, self.top_layer = True, self.layer
-            for i, axis in enumerate("XYZ"):
-                self.low[i] = min(self.low[i], old[axis], new[axis])
-                self.high[i] = max(self.high[i], old[axis], new[axis])
-        else:
-            self.parked_mm -= pushed_mm
-
-    def command(self, code: str, words: Sequence[tuple[str, str]]) -> None:
-        value = next((float(number) for letter, number in words if letter == "S"), 0.0)
-        match code:
-            case "G0" | "G1":
-                self.move(words)
-            case "G28":
-                self.homed = True
-            case "G90" | "G91":
-                self.relative = code == "G91"
-            case "G92":
-                self.position |= {a: float(n) for a, n in words if a in self.position}
-            case "G10" | "G11":
-                self.firmware_retraction = True
-            case "M104" | "M109":
-                self.nozzle_c = value
-                if code == "M109":
-                    self.reached_c = value
-            case "M140" | "M190":
-                self.bed_c = value
-
-
-def _lines(gcode: str) -> Iterator[str]:
-    start = 0
-    while start < len(gcode):
-        end = gcode.find("\n", start)
-        end = len(gcode) if end < 0 else end
-        yield gcode[start:end].strip()
-        start = end + 1
-
-
-def walk(gcode: str) -> Facts:
+def walk(gcode: bytes) -> Facts:
     """Go through a G-code file of the Marlin flavour, as the firmware of the Ultimaker 2+ would.
 
     Distances and the bounding box are of the moves' centre lines.
     """
-    state = _Walk()
-    for line in _lines(gcode):
-        if line.startswith(";"):
-            state.comment(line)
-        elif line:
-            code, _, rest = line.partition(";")[0].strip().partition(" ")
-            state.command(code, _WORD.findall(rest))
+    return facts_of(read_toolpath(gcode))
+
+
+def facts_of(path: Toolpath) -> Facts:
+    """What a file's toolpath says; see `walk`."""
+    pushed_mm, moved = path.pushed_mm, path.moved
+    prints = (pushed_mm > 0) & moved & (path.layer != NO_LAYER)
+    layers = path.layer[prints]
+    last = int(np.flatnonzero(prints)[-1]) if prints.any() else -1
+    ends = np.concatenate((path.before[prints, :3], path.after[prints, :3]))
+    low = ends.min(axis=0, initial=math.inf)
+    high = ends.max(axis=0, initial=-math.inf)
+    homed = next((command.move for command in path.commands if command.code == "G28"), len(moved))
+    cold, heaters_off = _heat(path, pushed_mm > 0)
     return Facts(
-        flavour=state.flavour,
-        print_time_s=state.time_s,
-        filament_mm=state.filament_mm,
-        layer_count=state.layer_count,
-        layers=state.layers,
-        top_layer=state.top_layer,
-        min_mm=(state.low[0], state.low[1], state.low[2]),
-        max_mm=(state.high[0], state.high[1], state.high[2]),
-        uses_firmware_retraction=state.firmware_retraction,
-        moved_before_homing=state.moved_unhomed,
-        extruded_cold=state.extruded_cold,
-        heaters_off=state.nozzle_c == 0.0 and state.bed_c == 0.0,
-        parked_mm=state.parked_mm,
+        flavour=_noted(path, "FLAVOR:"),
+        print_time_s=float(_noted(path, "TIME_ELAPSED:") or 0.0),
+        filament_mm=float(pushed_mm[prints].sum()),
+        layer_count=int(_noted(path, "LAYER_COUNT:") or 0),
+        layers=len(np.unique(layers)),
+        top_layer=int(layers[-1]) if len(layers) else -1,
+        min_mm=(float(low[0]), float(low[1]), float(low[2])),
+        max_mm=(float(high[0]), float(high[1]), float(high[2])),
+        uses_firmware_retraction=any(command.code in ("G10", "G11") for command in path.commands),
+        moved_before_homing=bool(moved[:homed].any()),
+        extruded_cold=cold,
+        heaters_off=heaters_off,
+        parked_mm=float(-pushed_mm[last + 1 :].sum()),
     )
+
+
+def _noted(path: Toolpath, name: str) -> str:
+    """What the last comment of a name says; an empty text where there is none."""
+    return next((n.text[len(name) :] for n in reversed(path.notes) if n.text.startswith(name)), "")
+
+
+def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_]) -> tuple[bool, bool]:
+    """Whether filament is pushed where the nozzle was not waited for, and whether all heat is off at last."""
+    target_c = {"M104": 0.0, "M140": 0.0}
+    reached_c = 0.0
+    done, cold = 0, False
+    for command in path.commands:
+        if command.code not in ("M104", "M109", "M140", "M190"):
+            continue
+        if min(reached_c, target_c["M104"]) < MIN_EXTRUSION_C:
+            cold |= bool(pushes[done : command.move].any())
+        done = command.move
+        set_c = command.word("S") or 0.0
+        target_c["M104" if command.code in ("M104", "M109") else "M140"] = set_c
+        if command.code == "M109":
+            reached_c = set_c
+    if min(reached_c, target_c["M104"]) < MIN_EXTRUSION_C:
+        cold |= bool(pushes[done:].any())
+    return cold, not any(target_c.values())
 
 
 Bed = tuple[tuple[float, float, float, float, float], ...]
@@ -170,54 +121,67 @@ def check(
     facts: Facts,
     *,
     height_mm: float,
-    missing_mm3: float,
+    cut_mm: float,
+    top_checked: bool,
     layer_height_mm: float,
-    centre_mm: tuple[float, float],
-    bed: Bed,
 ) -> None:
-    """Raise SliceRejected, with the rule, unless the file may be printed.
+    """Raise SliceRejected, with the rule, unless the file may be printed, on a bed that holds it.
 
     Parameters
     ----------
     height_mm
         Of the model that was sliced.
-    missing_mm3
-        Volume of the model above the highest extrusion.
+    cut_mm
+        How much the engine took away at the bottom, where it found nothing to print.
+    top_checked
+        Whether what is missing at the top was looked at by its outline; else `TOP_MM` of it may be missing.
     layer_height_mm
         The thickest layer: what a flat top may be off by is half of it.
-    centre_mm
-        The bed's centre in the printer's coordinates.
     """
     if facts.filament_mm <= 0 or facts.layers == 0:
         raise SliceRejected(
             Rule.NOTHING_PRINTED,
-            "CuraEngine found nothing to print; the part is too thin or its mesh is open",
+            "CuraEngine found nothing to print; the part is too thin or its mesh is open: thicken it, scale "
+            "it up, or repair it",
         )
-    if facts.layers != facts.top_layer + 1:  # those above it are the next rule's business
+    if (
+        not facts.layers == facts.top_layer + 1 <= facts.layer_count
+    ):  # those above it are the outline's business
         raise SliceRejected(
             Rule.LAYERS,
-            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print; "
-            "repair the mesh",
+            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and it "
+            f"names {facts.layer_count}; repair the mesh",
         )
-    missing_mm, over_mm = height_mm - facts.max_mm[2], layer_height_mm / 2 + 0.005
-    if missing_mm < -over_mm or (missing_mm > TOP_MM and missing_mm3 / missing_mm > TIP_MM2):
+    over_mm = layer_height_mm / 2 + 0.005
+    missing_mm = height_mm - cut_mm - facts.max_mm[2]
+    if missing_mm < -over_mm or cut_mm > TOP_MM or (missing_mm > TOP_MM and not top_checked):
         raise SliceRejected(
-            Rule.HEIGHT, f"it is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh"
+            Rule.HEIGHT,
+            f"it is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or turn a "
+            "part that stands on a tip",
         )
-    _check_bed(facts, centre_mm, bed, over_mm)
     rules = (
         (
             Rule.FLAVOUR,
             facts.flavour == "Marlin" and not facts.uses_firmware_retraction,
-            "not in Marlin's flavour",
+            "not in Marlin's flavour; leave machine_gcode_flavor and machine_firmware_retract as they are",
         ),
-        (Rule.HOMING, not facts.moved_before_homing, "a move comes before G28"),
+        (
+            Rule.HOMING,
+            not facts.moved_before_homing,
+            "a move comes before G28; leave the start code as it is",
+        ),
         (
             Rule.COLD,
             not facts.extruded_cold,
-            f"extrudes before the nozzle was waited for at {MIN_EXTRUSION_C:g} C",
+            f"extrudes before the nozzle was waited for at {MIN_EXTRUSION_C:g} C; set a higher "
+            "material_print_temperature",
         ),
-        (Rule.HEATERS_ON, facts.heaters_off, "a heater is left on at the end"),
+        (
+            Rule.HEATERS_ON,
+            facts.heaters_off,
+            "a heater is left on at the end, or the end is missing; slice again, or make room on the disk",
+        ),
     )
     for rule, kept, detail in rules:
         if not kept:
@@ -228,11 +192,22 @@ def check_parking(facts: Facts, parked_mm: float) -> None:
     """Raise SliceRejected unless the filament ends parked as the next print expects it."""
     if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
         raise SliceRejected(
-            Rule.PARKING, f"the filament ends {facts.parked_mm:.2f} mm back instead of {parked_mm:g} mm"
+            Rule.PARKING,
+            f"the filament ends {facts.parked_mm:.2f} mm back instead of {parked_mm:g} mm; leave the end "
+            "code and retraction_amount as they are",
         )
 
 
-def _check_bed(facts: Facts, centre_mm: tuple[float, float], bed: Bed, over_mm: float) -> None:
+def check_bed(facts: Facts, centre_mm: tuple[float, float], bed: Bed, over_mm: float) -> None:
+    """Raise SliceRejected unless a bed holds all that is extruded, brim and support included.
+
+    Parameters
+    ----------
+    centre_mm
+        The bed's centre in the printer's coordinates.
+    over_mm
+        How much higher than the room it may be: a last layer is whole.
+    """
     low = [facts.min_mm[i] - centre_mm[i] for i in range(2)]
     high = [facts.max_mm[i] - centre_mm[i] for i in range(2)]
     slack = BED_TOLERANCE_MM
@@ -244,18 +219,28 @@ def _check_bed(facts: Facts, centre_mm: tuple[float, float], bed: Bed, over_mm: 
     raise SliceRejected(
         Rule.OUTSIDE_BED,
         f"it prints on X {low[0]:.1f}..{high[0]:.1f}, Y {low[1]:.1f}..{high[1]:.1f}, up to Z "
-        f"{facts.max_mm[2]:.1f} mm from the bed's centre, which the printer's room does not hold",
+        f"{facts.max_mm[2]:.1f} mm from the bed's centre, which the printer's room does not hold; scale it "
+        "down, or take a narrower brim",
     )
 
 
 _HEADER_END = "End of gcode header."
 
 
-def with_header(gcode: str, log: str) -> str:
+def with_header(gcode: bytes, log: str) -> bytes:
     """The G-code with its true header (time, filament, bounds), which the engine knows only afterwards."""
     _, found, rest = log.rpartition("Gcode header after slicing:")
     header, ended, _ = rest.partition(_HEADER_END)
-    placeholder, generated, body = gcode.partition(";Generated with")
-    if not (found and ended and generated) or not placeholder.startswith(";FLAVOR:"):
+    placeholder, generated, body = gcode.partition(b";Generated with")
+    if not (found and ended and generated) or not placeholder.startswith(b";FLAVOR:"):
         return gcode
-    return header.strip() + "\n\n" + generated + body
+    return header.strip().encode() + b"\n\n" + generated + body
+
+
+_REMOVED = re.compile(r"Removing (\d+) layers because they are empty")
+
+
+def removed_layers(log: str) -> int:
+    """How many layers the engine took away at the bottom, where it found nothing to print."""
+    found = _REMOVED.search(log)
+    return int(found[1]) if found else 0

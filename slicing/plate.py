@@ -16,12 +16,15 @@ from pathlib import Path
 from typing import Any
 
 from slicing import output, stl
-from slicing.engine import engine_version, run_engine
+from slicing.engine import Progress, check_versions, engine_version, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
+from slicing.outline import Unprinted, check_outline, lines_of
 from slicing.settings import Settings
 from slicing.startcode import PARKED_MM
+from slicing.timeline import with_times
+from slicing.toolpath import read_toolpath
 
-_FORMAT = "farm-slice-1"
+_FORMAT = "farm-slice-2"
 """Part of the cache's key: changes where what is stored or checked changes."""
 _ON_BED_MM = 0.02
 
@@ -67,10 +70,25 @@ class PlateResult:
     min_mm: tuple[float, float, float]  # of all extrusion, from the bed's centre
     max_mm: tuple[float, float, float]
     cached: bool
+    unprinted: tuple[Unprinted, ...] = ()  # walls too thin to print, the largest first
 
 
-def slice_plate(request: PlateRequest) -> PlateResult:
+@dataclass(frozen=True, slots=True)
+class _Sliced:
+    """What is kept of a slice."""
+
+    gcode: bytes
+    facts: output.Facts
+    unprinted: tuple[Unprinted, ...]
+
+
+def slice_plate(request: PlateRequest, progress: Progress | None = None) -> PlateResult:
     """Slice one plate and check the result; from the cache where the same was sliced before.
+
+    Parameters
+    ----------
+    progress
+        Called now and then with the share of the engine's work that is done, 0 to 1.
 
     Raises
     ------
@@ -90,57 +108,72 @@ def slice_plate(request: PlateRequest) -> PlateResult:
             )
         stored = _Stored.of(request, model)
         kept = stored.read()
-        gcode, facts = kept or _slice(request, triangles.max_z_mm)
+        sliced = kept or _slice(request, triangles, progress)
         if kept is None:
-            stored.write(gcode, facts)
+            stored.write(sliced)
         # After the cache, whose key has no bed: the same file may fit one printer and not another.
-        _check(request, facts, triangles)
-        write_whole(request.out, gcode)
+        _check_bed(request, sliced.facts)
+        write_whole(request.out, sliced.gcode)
     except OSError as error:
         raise SlicingError(f"{error.filename or request.out}: {error.strerror}") from error
-    return _result(request, gcode, facts, kept is not None)
+    return _result(request, sliced, kept is not None)
 
 
-def _slice(request: PlateRequest, height_mm: float) -> tuple[bytes, output.Facts]:
+def _slice(request: PlateRequest, triangles: stl.Triangles, progress: Progress | None) -> _Sliced:
     settings = request.settings
+    check_versions(request.engine, settings.extruder)
     run = run_engine(
         request.engine,
         request.stl,
         settings.global_,
         settings.extruder,
-        layers=math.ceil(height_mm / settings.layer_height_mm) + 1,
+        layers=math.ceil(triangles.max_z_mm / settings.layer_height_mm) + 1,
         timeout_s=request.timeout_s,
+        progress=progress,
     )
     output.check_log(run.log)
-    return output.with_header(run.gcode, run.log).encode(), output.walk(run.gcode)
-
-
-def _check(request: PlateRequest, facts: output.Facts, triangles: stl.Triangles) -> None:
-    settings = request.settings
+    path = read_toolpath(run.gcode)
+    facts, removed, lines = output.facts_of(path), output.removed_layers(run.log), lines_of(settings)
     output.check(
         facts,
         height_mm=triangles.max_z_mm,
-        missing_mm3=triangles.volume_above_mm3(facts.max_mm[2]) if facts.layers else 0.0,
+        cut_mm=removed * settings.layer_height_mm,
+        top_checked=lines is not None,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
-        centre_mm=_centre(settings),
-        bed=request.bed,
     )
     output.check_parking(facts, PARKED_MM)
+    unprinted: tuple[Unprinted, ...] = ()
+    if lines is not None:
+        unprinted = check_outline(
+            path,
+            triangles.corners,
+            lines,
+            removed=removed,
+            centre_mm=_centre(settings),
+            filament_mm2=settings.filament_mm2,
+        )
+    return _Sliced(output.with_header(with_times(run.gcode, path), run.log), facts, unprinted)
 
 
 def _centre(settings: Settings) -> tuple[float, float]:
     return float(settings.global_["machine_width"]) / 2, float(settings.global_["machine_depth"]) / 2
 
 
-def _result(request: PlateRequest, gcode: bytes, facts: output.Facts, cached: bool) -> PlateResult:
+def _check_bed(request: PlateRequest, facts: output.Facts) -> None:
     settings = request.settings
+    highest_mm = max(settings.layer_height_mm, settings.layer_height_0_mm)
+    output.check_bed(facts, _centre(settings), request.bed, over_mm=highest_mm / 2)
+
+
+def _result(request: PlateRequest, sliced: _Sliced, cached: bool) -> PlateResult:
+    settings, facts = request.settings, sliced.facts
     centre = (*_centre(settings), 0.0)
     mm3 = facts.filament_mm * settings.filament_mm2
     low = tuple(facts.min_mm[i] - centre[i] for i in range(3))
     high = tuple(facts.max_mm[i] - centre[i] for i in range(3))
     return PlateResult(
         gcode=request.out,
-        sha256=hashlib.sha256(gcode).hexdigest(),
+        sha256=hashlib.sha256(sliced.gcode).hexdigest(),
         print_time_s=facts.print_time_s,
         filament_mm=facts.filament_mm,
         filament_mm3=mm3,
@@ -150,6 +183,7 @@ def _result(request: PlateRequest, gcode: bytes, facts: output.Facts, cached: bo
         min_mm=(low[0], low[1], low[2]),
         max_mm=(high[0], high[1], high[2]),
         cached=cached,
+        unprinted=sliced.unprinted,
     )
 
 
@@ -170,7 +204,7 @@ class _Stored:
             digest.update(hashlib.sha256(text.encode()).digest())
         return cls(request.cache, digest.hexdigest())
 
-    def read(self) -> tuple[bytes, output.Facts] | None:
+    def read(self) -> _Sliced | None:
         """What is stored; None where nothing is, or it is not what was stored."""
         if self.folder is None:
             return None
@@ -181,19 +215,23 @@ class _Stored:
                 return None
             facts = dict(entry["facts"])
             facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
-            return gcode, output.Facts(**facts)
+            unprinted = tuple(Unprinted(**wall) for wall in entry["unprinted"])
+            return _Sliced(gcode, output.Facts(**facts), unprinted)
         except (OSError, ValueError, KeyError, TypeError):
             return None
 
-    def write(self, gcode: bytes, facts: output.Facts) -> None:
+    def write(self, sliced: _Sliced) -> None:
         if self.folder is None:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
-        entry = {"sha256": hashlib.sha256(gcode).hexdigest(), "facts": asdict(facts)}
-        write_whole(self.folder / f"{self.key}.gcode", gcode)
-        write_whole(
-            self.folder / f"{self.key}.json", json.dumps(entry).encode()
-        )  # last: it makes the entry valid
+        entry = {
+            "sha256": hashlib.sha256(sliced.gcode).hexdigest(),
+            "facts": asdict(sliced.facts),
+            "unprinted": [asdict(wall) for wall in sliced.unprinted],
+        }
+        write_whole(self.folder / f"{self.key}.gcode", sliced.gcode)
+        # Last: it makes the entry valid.
+        write_whole(self.folder / f"{self.key}.json", json.dumps(entry).encode())
 
 
 def write_whole(path: Path, content: bytes) -> None:

@@ -66,7 +66,8 @@ def script(tmp_path):
 
     def make(body):
         path = Path(tmp_path / "engine.sh")
-        path.write_text(f"#!/bin/sh\n{body}\n")
+        help_ = 'if [ "$1" = help ]; then echo "Cura_SteamEngine version 4.13.0"; exit; fi'
+        path.write_text(f"#!/bin/sh\n{help_}\n{body}\n")
         path.chmod(0o755)
         return path
 

@@ -5,9 +5,9 @@ import pickle
 import pytest
 
 from slicing.errors import Rule, SliceRejected
-from slicing.output import check, check_log, check_parking, walk, with_header
+from slicing.output import check, check_bed, check_log, check_parking, removed_layers, walk, with_header
 
-GOOD = """;FLAVOR:Marlin
+GOOD = b""";FLAVOR:Marlin
 ;Generated with Cura_SteamEngine 4.13.0
 M82 ;absolute extrusion mode
 G28
@@ -39,16 +39,10 @@ G28
 BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 
-def checked(gcode, *, height_mm=0.4, missing_mm3=0.0, bed=BED):
+def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
     facts = walk(gcode)
-    check(
-        facts,
-        height_mm=height_mm,
-        missing_mm3=missing_mm3,
-        layer_height_mm=0.27,
-        centre_mm=(111.5, 111.5),
-        bed=bed,
-    )
+    check(facts, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked, layer_height_mm=0.27)
+    check_bed(facts, (111.5, 111.5), bed, 0.14)
     check_parking(facts, 20.0)
     return facts
 
@@ -75,36 +69,47 @@ def test_what_a_good_file_says():
         (Rule.HEATERS_ON, ";End of Gcode", "M104 S30"),
         (Rule.PARKING, "E-13.5", "E-1"),
         (Rule.LAYERS, "G1 F1800 X120 Y100 E1.5\nG1 X120 Y110 E2", "G92 E2"),
+        (Rule.LAYERS, ";LAYER_COUNT:2", ";LAYER_COUNT:1"),
         (Rule.OUTSIDE_BED, "X120 Y100", "X133 Y100"),
         (Rule.OUTSIDE_BED, "X100 Y90", "X100 Y-90"),
     ],
 )
 def test_each_rule_refuses(rule, old, new):
-    assert old in GOOD
+    assert old.encode() in GOOD
     with pytest.raises(SliceRejected) as refused:
-        checked(GOOD.replace(old, new))
+        checked(GOOD.replace(old.encode(), new.encode()))
     assert refused.value.rule is rule
     assert "\n" not in str(refused.value)
+    assert "; " in str(refused.value)  # what was found; what to do
 
 
 def test_nothing_printed():
-    start, _, rest = GOOD.partition(";LAYER_COUNT")
-    end = rest.partition("G1 F1500 E-3.5")[2]
+    start, _, rest = GOOD.partition(b";LAYER_COUNT")
+    end = rest.partition(b"G1 F1500 E-3.5")[2]
     with pytest.raises(SliceRejected) as refused:
         checked(start + end)
     assert refused.value.rule is Rule.NOTHING_PRINTED
 
 
 @pytest.mark.parametrize(
-    ("height_mm", "missing_mm3", "good"),
-    [(0.3, 0.0, True), (0.2, 0.0, False), (1.3, 500.0, True), (9.0, 500.0, False), (9.0, 0.5, True)],
+    ("height_mm", "cut_mm", "top_checked", "good"),
+    [
+        (0.3, 0.0, True, True),
+        (0.2, 0.0, True, False),
+        (1.3, 0.0, False, True),
+        (9.0, 0.0, False, False),
+        (9.0, 0.0, True, True),
+        (0.8, 0.4, True, True),
+        (0.6, 0.4, True, False),
+        (2.5, 2.0, True, False),
+    ],
 )
-def test_the_height(height_mm, missing_mm3, good):
+def test_the_height(height_mm, cut_mm, top_checked, good):
     if good:
-        checked(GOOD, height_mm=height_mm, missing_mm3=missing_mm3)
+        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked)
         return
     with pytest.raises(SliceRejected) as refused:
-        checked(GOOD, height_mm=height_mm, missing_mm3=missing_mm3)
+        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked)
     assert refused.value.rule is Rule.HEIGHT
 
 
@@ -132,9 +137,14 @@ def test_the_true_header_replaces_the_placeholder():
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
     )
     headed = with_header(GOOD, log)
-    assert headed.startswith(";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
-    assert headed.partition("M82")[2] == GOOD.partition("M82")[2]
+    assert headed.startswith(b";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
+    assert headed.partition(b"M82")[2] == GOOD.partition(b"M82")[2]
     assert with_header(GOOD, "no header here") == GOOD
+
+
+def test_how_many_layers_were_taken_away_at_the_bottom():
+    assert removed_layers("Starting\nRemoving 2 layers because they are empty\nLayer count: 9\n") == 2
+    assert removed_layers("Layer count: 9\n") == 0
 
 
 def test_a_refusal_passes_between_processes():

@@ -1,0 +1,219 @@
+"""A G-code file as columns of numbers: one row for each move, and what stands between the moves.
+
+CuraEngine writes tens of thousands of moves in a second, so they are read by the column: a regular expression
+takes whole blocks of plain moves, and only the few other lines are looked at one by one.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Words = tuple[tuple[str, float], ...]
+
+# Possessive: a block is never given back, so that reading stays linear.
+_BLOCK = re.compile(rb"((?:G[01](?: [FXYZE]-?\d++(?:\.\d*+)?+)++\r?+\n)*+)([^\n]*+\n?)")
+_CODE = re.compile(rb"\s*([GMT])0*(\d+)")
+_WORD = re.compile(rb"([XYZEFS])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+_LETTERS = b"GFXYZE\r\n"
+_SPACED = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
+_AXES = b"XYZE"
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A comment: after how many moves it stands, at which byte of the file, and its text without ``;``."""
+
+    move: int
+    offset: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A line that is no move: after how many moves it stands, its code (``G28``), and its words."""
+
+    move: int
+    code: str
+    words: Words
+
+    def word(self, letter: str) -> float | None:
+        return next((number for name, number in self.words if name == letter), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Toolpath:
+    """The moves (G0, G1) of a file and what stands between them, as the firmware would take them.
+
+    Attributes
+    ----------
+    before, after
+        (n, 4) X, Y, Z and E in mm, in the printer's coordinates.
+    feed_mm_min
+        (n,) The feedrate of each move; 0 before the first F.
+    layer
+        (n,) The number of the ``;LAYER:`` above a move; `NO_LAYER` before the first.
+    feature
+        (n,) Where in `features` the ``;TYPE:`` above a move stands.
+    """
+
+    before: Floats
+    after: Floats
+    feed_mm_min: Floats
+    layer: npt.NDArray[np.int32]
+    feature: npt.NDArray[np.uint8]
+    features: tuple[str, ...]
+    notes: tuple[Note, ...]
+    commands: tuple[Command, ...]
+
+    @property
+    def pushed_mm(self) -> Floats:
+        """(n,) Filament that a move pushes; negative where it draws back."""
+        return self.after[:, 3] - self.before[:, 3]
+
+    @property
+    def moved(self) -> npt.NDArray[np.bool_]:
+        """(n,) Whether the head moves."""
+        return np.asarray((self.after[:, :3] != self.before[:, :3]).any(axis=1))
+
+    def is_feature(self, name: str) -> npt.NDArray[np.bool_]:
+        """(n,) Whether a move belongs to a feature, by Cura's name for it."""
+        code = self.features.index(name) if name in self.features else len(self.features)
+        return np.asarray(self.feature == code)
+
+
+NO_LAYER = -(2**31)
+
+
+def read_toolpath(gcode: bytes) -> Toolpath:
+    """Read a G-code file; lines that are neither a move nor a command are passed over.
+
+    ``G90 G91 M82 M83 G92`` are followed; homing does not change the coordinates.
+    """
+    blocks: list[bytes] = []
+    notes: list[Note] = []
+    commands: list[Command] = []
+    moves = 0
+    for match in _BLOCK.finditer(gcode):
+        block, line = match.groups()
+        blocks.append(block)
+        moves += block.count(b"\n")
+        words, _, comment = line.partition(b";")
+        if comment and not words:
+            notes.append(Note(moves, match.start(2), comment.decode("utf-8", "replace").strip()))
+        elif (code := _CODE.match(words)) is not None:
+            name = f"{code[1].decode()}{int(code[2])}"
+            if name in ("G0", "G1"):
+                plain = [b" %b%b" % word for word in _WORD.findall(words) if word[0] != b"S"]
+                blocks.append(b"G" + b"".join(plain) + b"\n")
+                moves += 1
+            else:
+                found = _WORD.findall(words[code.end() :])
+                read = tuple((letter.decode(), float(number)) for letter, number in found)
+                commands.append(Command(moves, name, read))
+    columns = _columns(b"".join(blocks), moves)
+    before, after = _positions(columns, commands)
+    features = ("", *dict.fromkeys(note.text[5:] for note in notes if note.text.startswith("TYPE:")))
+    return Toolpath(
+        before=before,
+        after=after,
+        feed_mm_min=_filled(columns[ord("F")], 0.0),
+        layer=_stepped(_layers(notes), NO_LAYER, moves).astype(np.int32),
+        feature=_stepped(_types(notes, features), 0, moves).astype(np.uint8),
+        features=features,
+        notes=tuple(notes),
+        commands=tuple(commands),
+    )
+
+
+def _columns(text: bytes, moves: int) -> dict[int, Floats]:
+    """(n,) For each letter: the number that a move names, NaN where it names none."""
+    raw = np.frombuffer(text, np.uint8)
+    letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
+    numbers = _numbers(text)
+    row = np.cumsum(letters == ord("G")) - 1
+    named = letters != ord("G")
+    letters, row = letters[named], row[named]
+    columns: dict[int, Floats] = {}
+    for letter in b"XYZEF":
+        column = np.full(moves, np.nan)
+        here = letters == letter
+        column[row[here]] = numbers[here]
+        columns[letter] = column
+    return columns
+
+
+def _numbers(text: bytes) -> Floats:
+    """All numbers of plain moves, in their order, without those of the Gs."""
+    bare = text.replace(b"G0", b"").replace(b"G1", b"").translate(_SPACED)
+    if not bare.strip():
+        return np.empty(0)
+    return np.fromstring(bare, sep=" ")
+
+
+def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple[Floats, Floats]:
+    """(n, 4) Where each move begins and ends, through the modes that commands set."""
+    moves = len(columns[ord("X")])
+    before, after = np.empty((moves, 4)), np.empty((moves, 4))
+    here = [0.0] * 4
+    relative = relative_e = False
+    done = 0
+
+    def go_to(stop: int) -> None:
+        nonlocal done
+        if stop == done:
+            return
+        for axis, letter in enumerate(_AXES):
+            named = columns[letter][done:stop]
+            if relative or (relative_e and axis == 3):
+                after[done:stop, axis] = here[axis] + np.cumsum(np.nan_to_num(named))
+            else:
+                after[done:stop, axis] = _filled(named, here[axis])
+            before[done, axis] = here[axis]
+            before[done + 1 : stop, axis] = after[done : stop - 1, axis]
+            here[axis] = float(after[stop - 1, axis])
+        done = stop
+
+    for command in commands:
+        if command.code not in ("G90", "G91", "G92", "M82", "M83"):
+            continue
+        go_to(command.move)
+        match command.code:
+            case "G90" | "G91":
+                relative = command.code == "G91"
+            case "M82" | "M83":
+                relative_e = command.code == "M83"
+            case "G92":
+                for axis, letter in enumerate("XYZE"):
+                    number = command.word(letter)
+                    here[axis] = here[axis] if number is None else number
+    go_to(moves)
+    return before, after
+
+
+def _filled(column: Floats, first: float) -> Floats:
+    """Each NaN becomes the number before it; `first` where there is none."""
+    known = ~np.isnan(column)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(column)), -1)) if len(column) else known
+    return np.where(last < 0, first, column[last])
+
+
+def _stepped(steps: list[tuple[int, int]], first: int, moves: int) -> npt.NDArray[np.int64]:
+    """(n,) A value that holds from a move on until the next step."""
+    starts = [0, *(move for move, _ in steps), moves]
+    return np.repeat(np.array([first, *(value for _, value in steps)], np.int64), np.diff(starts))
+
+
+def _layers(notes: Iterable[Note]) -> list[tuple[int, int]]:
+    found = [(note.move, note.text[6:]) for note in notes if note.text.startswith("LAYER:")]
+    return [(move, int(number)) for move, number in found if number.lstrip("-").isdecimal()]
+
+
+def _types(notes: Iterable[Note], features: tuple[str, ...]) -> list[tuple[int, int]]:
+    code = {name: number for number, name in enumerate(features)}
+    return [(note.move, code[note.text[5:]]) for note in notes if note.text.startswith("TYPE:")]
