@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated, Any, Self
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -129,7 +129,11 @@ class Fleet(_Section):
         return ZoneInfo(self.fleet.timezone)
 
 
-def load_fleet(path: Path, models: frozenset[str]) -> Fleet:
+Check = Callable[["PrinterSection"], "tuple[str, str] | None"]
+"""Looks a printer over: the key that is wrong, and what to write instead; None where all is well."""
+
+
+def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None) -> Fleet:
     """Read and check a fleet file.
 
     Parameters
@@ -138,6 +142,8 @@ def load_fleet(path: Path, models: frozenset[str]) -> Fleet:
         The file.
     models
         The printer models that the drivers know.
+    check
+        Looks over each printer that is well written.
 
     Raises
     ------
@@ -166,20 +172,29 @@ def load_fleet(path: Path, models: frozenset[str]) -> Fleet:
     for index, printer in enumerate(raw["printers"]):
         model = printer.get("model") if isinstance(printer, dict) else None
         if isinstance(model, str) and model not in models:
-            place = _written(node, ("printers", index, "model"))
-            known = ", ".join(sorted(models))
-            field = ".".join(map(str, place))
-            raise FleetFileError(f"{path}:{_line(node, place)}: {field}: {model!r} is not one of {known}")
+            known = f"{model!r} is not one of {', '.join(sorted(models))}"
+            raise FleetFileError(_mistake(path, node, ("printers", index, "model"), known))
     try:
-        return Fleet.model_validate(raw)
+        fleet = Fleet.model_validate(raw)
     except ValidationError as error:
         raise FleetFileError(_first_mistake(path, node, error)) from error
+    for index, section in enumerate(fleet.printers):
+        found = check(section)
+        if found is not None:
+            raise FleetFileError(_mistake(path, node, ("printers", index, found[0]), found[1]))
+    return fleet
+
+
+def _mistake(path: Path, node: yaml.Node | None, place: tuple[str | int, ...], message: str) -> str:
+    """One line: the file, the line where a person wrote it, the field, and what is wrong."""
+    written = _written(node, place)
+    field = ".".join(map(str, written))
+    return f"{path}:{_line(node, written)}: " + (f"{field}: {message}" if field else message)
 
 
 def _first_mistake(path: Path, node: yaml.Node | None, error: ValidationError) -> str:
     first = error.errors()[0]
     place = _written(node, first["loc"])
-    line = _line(node, place)
     if first["type"] == "extra_forbidden":
         owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
         owners |= {"printers": PrinterSection, "defaults": PrinterSection}
@@ -189,8 +204,7 @@ def _first_mistake(path: Path, node: yaml.Node | None, error: ValidationError) -
         message = f"unknown key; known are {', '.join(owner.model_fields)}"
     else:
         message = first["msg"].removeprefix("Value error, ")
-    field = ".".join(map(str, place))
-    return f"{path}:{line}: {field}: {message}" if field else f"{path}:{line}: {message}"
+    return _mistake(path, node, first["loc"], message)
 
 
 def _written(node: yaml.Node | None, place: tuple[str | int, ...]) -> tuple[str | int, ...]:

@@ -54,7 +54,9 @@ _END_PATIENCE_S = 180.0
 
 
 def _fleet(places: Places) -> Fleet:
-    return load_fleet(places.fleet, frozenset(PROFILES))
+    from farm.services.fleet import mistake_in
+
+    return load_fleet(places.fleet, frozenset(PROFILES), mistake_in)
 
 
 @app.command()

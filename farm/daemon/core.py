@@ -31,7 +31,7 @@ from farm.model import (
 )
 from farm.paths import StateFolder
 from farm.scheduling.assign import Box, Need, PlateView, PrinterView, assign
-from farm.scheduling.front import Begin, begin
+from farm.scheduling.front import begin, unmatched
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
@@ -179,25 +179,33 @@ class Core:
         self.settle()
 
     def _settle_front(self, held: dict[str, Hold]) -> None:
-        job = self.books.front_job()
-        now_s = self.clock.now()
-        for other in self.books.jobs.values():
-            if job is not None and other.state is JobState.QUEUED and other.id != job.id:
-                self._hold(other, Hold(code=HoldCode.NOT_FRONT, text=f"job {job.id} is in front of it"))
-        if job is None or job.state is JobState.PLANNING:
-            return
-        need = _need(job)
+        """Begin the job in front. One that no printer matches (any more) is held, and others pass it."""
+        views = self.printer_views()
+        front: Job | None = None
+        for job in self.books.queue():
+            nobody = unmatched(_need(job), views)
+            if job.state is JobState.PLANNING:
+                front = job
+            elif nobody is not None:
+                self._hold(job, nobody)
+            elif front is not None:
+                self._hold(job, Hold(code=HoldCode.NOT_FRONT, text=f"job {front.id} is in front of it"))
+            else:
+                front = job
+                self._begin(job, views, held)
+
+    def _begin(self, job: Job, views: list[PrinterView], held: dict[str, Hold]) -> None:
+        """Plan a job, or say what it waits for."""
         taken = frozenset(self.books.plates[name].printer for name in held)
         least = self._least.get(job.id, 0)
-        views = self.printer_views()
         wanted = job.options.printers if job.own_gcode is None else None  # its plan chooses one of them
-        answer = begin(need, wanted, least, views, taken, patient=self._arriving())
-        if isinstance(answer, Begin):
-            self.happened(ev.PlanningStarted(at_s=now_s, job=job.id))
-            sections = [self.fleet.printer(name) for name in answer.printers]
-            self._hands.plan(self.books.job(job.id), sections, answer.rounds)
-        else:
+        answer = begin(_need(job), wanted, least, views, taken, patient=self._arriving())
+        if isinstance(answer, Hold):
             self._hold(job, answer)
+            return
+        self.happened(ev.PlanningStarted(at_s=self.clock.now(), job=job.id))
+        sections = [self.fleet.printer(name) for name in answer.printers]
+        self._hands.plan(self.books.job(job.id), sections, answer.rounds)
 
     def _hold(self, job: Job, hold: Hold) -> None:
         if job.hold != hold:

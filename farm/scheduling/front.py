@@ -19,6 +19,16 @@ class Begin:
     rounds: int = 1
 
 
+def unmatched(need: Need, printers: Iterable[PrinterView]) -> Hold | None:
+    """Why a job waits for nobody: since it was submitted, `fleet.yaml` may have changed."""
+    if any(need.matches(printer) for printer in printers):
+        return None
+    return Hold(
+        code=HoldCode.NO_SUCH_PRINTER,
+        text="no printer of the fleet matches this job: change fleet.yaml, or cancel it",
+    )
+
+
 def begin(
     need: Need,
     wanted: int | None,
@@ -41,15 +51,13 @@ def begin(
     least
         How many parts an earlier attempt has shown to be needed; 0 where nothing is known.
     printers
-        The fleet.
+        The fleet, of which one at least matches.
     taken
         Printers that waiting plates of earlier jobs will get.
     patient
         Wait for printers that are still connecting: true while the farm has just started.
     """
     matching = sorted((p for p in printers if need.matches(p)), key=lambda p: p.name)
-    if not matching:
-        return Hold(code=HoldCode.NO_SUCH_PRINTER, text="no printer of the fleet matches this job")
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
     if arriving and patient:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")

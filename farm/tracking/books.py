@@ -78,10 +78,10 @@ class Books:
                     ):
                         yield plate
 
-    def front_job(self) -> Job | None:
-        """The one job that is planned, or is to be planned next."""
+    def queue(self) -> list[Job]:
+        """The job that is being planned, and those that are to be, in order of submission."""
         waiting = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
-        return min(waiting, key=lambda job: (job.state is not JobState.PLANNING, job.id), default=None)
+        return sorted(waiting, key=lambda job: (job.state is not JobState.PLANNING, job.id))
 
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]

@@ -6,15 +6,16 @@ import pytest
 
 from farm.config import load_fleet
 from farm.errors import ExitCode, FleetFileError
+from farm.services.fleet import mistake_in
 
 MODELS = frozenset({"ultimaker2_plus", "ultimaker2_extended_plus"})
 ROOT = Path(__file__).parents[2]
 
 
-def load(tmp_path, text):
+def load(tmp_path, text, *check):
     path = tmp_path / "fleet.yaml"
     path.write_text(text)
-    return load_fleet(path, MODELS)
+    return load_fleet(path, MODELS, *check)
 
 
 GOOD = """
@@ -79,6 +80,32 @@ def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
         load(tmp_path, text)
     assert said in str(error.value)
     assert error.value.exit_code == ExitCode.USAGE
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (GOOD.replace("model: ultimaker2_plus", "model: ultimaker2_plus, material: PLA"), "3: defaults.mat"),
+        (
+            GOOD.replace("colour: blue", "material: generic_plaa"),
+            "6: printers.1.material: generic_plaa",
+        ),
+        (GOOD.replace("colour: blue", "material: generic_plaa"), "did you mean generic_pla"),
+        (GOOD.replace("colour: blue", "nozzle_mm: 7"), "6: printers.1.nozzle_mm: nozzle 7 mm"),
+        (GOOD.replace("colour: blue", "nozzle_mm: 7"), "it has 0.25 mm, 0.4 mm, 0.6 mm, 0.8 mm"),
+    ],
+)
+def test_what_cura_has_no_files_for_is_named_like_any_mistake(tmp_path, text, said):
+    with pytest.raises(FleetFileError) as error:
+        load(tmp_path, text, mistake_in)
+    assert said in str(error.value)
+    assert error.value.exit_code == ExitCode.USAGE
+
+
+def test_a_printer_that_cura_has_files_for_is_well_and_none_is_judged_without_files(tmp_path, monkeypatch):
+    assert len(load(tmp_path, GOOD, mistake_in).printers) == 2
+    monkeypatch.setenv("FARM_CURA_RESOURCES", str(tmp_path))
+    assert len(load(tmp_path, GOOD.replace("colour: blue", "nozzle_mm: 7"), mistake_in).printers) == 2
 
 
 def test_two_ways_to_write_one_port_are_one_port(tmp_path):

@@ -75,6 +75,18 @@ def test_a_job_waits_for_its_printers_then_takes_all_that_are_idle_and_clear(far
     assert farm.core.books.jobs[1].state is JobState.PLANNING
 
 
+def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions(material="generic_abs"))
+    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    farm.core.submit("t" * 8, "o.stl", MODEL, JobOptions())
+    assert farm.hands.plans == [(2, ["a", "b"], 1)]
+    holds = {job.id: job.hold and job.hold.code for job in farm.core.books.jobs.values()}
+    assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: HoldCode.NOT_FRONT}
+    farm.core.cancel(2)
+    assert [number for number, *_ in farm.hands.plans] == [2, 3]
+
+
 def test_the_same_request_is_the_same_job(farm):
     assert farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, False)
     assert farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions()) == (1, True)

@@ -2,7 +2,7 @@
 
 from farm.model import Bed, Hold, HoldCode, Link
 from farm.scheduling.assign import Need
-from farm.scheduling.front import Begin, begin
+from farm.scheduling.front import Begin, begin, unmatched
 from make_views import TALL, printer
 
 ANY = Need(None, None, None)
@@ -37,5 +37,6 @@ def test_it_waits_for_enough_printers_for_one_round_and_takes_rounds_where_the_f
 
 
 def test_a_job_that_no_printer_matches_is_held_with_the_reason():
-    answer = begin(Need("generic_abs", None, None), None, 0, [printer("a")], frozenset(), True)
-    assert isinstance(answer, Hold) and answer.code is HoldCode.NO_SUCH_PRINTER
+    assert unmatched(Need("generic_abs", None, None), [printer("a")]).code is HoldCode.NO_SUCH_PRINTER
+    assert unmatched(ANY, []).code is HoldCode.NO_SUCH_PRINTER
+    assert unmatched(ANY, [printer("a", look="it smokes")]) is None
