@@ -183,7 +183,9 @@ def _material(root: Path, name: str) -> ET.Element:
     path = root / "materials" / f"{name}{suffix}"
     known = {p.name.removesuffix(suffix) for p in path.parent.glob(f"*{suffix}")}
     if name not in known:
-        raise BadSetting(f"{name}: Cura has no such material{nearest(name, known)}")
+        generic = f"generic_{name.lower()}"  # PLA is the name of a kind, of which there is a generic one
+        hint = nearest(generic if generic in known else name, known)
+        raise BadSetting(f"{name}: Cura has no such material{hint}")
     try:
         return ET.fromstring(path.read_text(encoding="utf-8"))
     except (OSError, ET.ParseError) as error:
