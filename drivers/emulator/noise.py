@@ -29,7 +29,8 @@ class Noise:
         self._rate = sum(self._share)
         self._scale = math.log1p(-self._rate) if 0.0 < self._rate < 1.0 else -math.inf
         self._gap = self._draw()  # bytes until the next one that is damaged
-        self._sent: dict[bytes, bytes] = {}  # lines that were damaged, by their number as it was sent
+        self._sent: dict[bytes, bytes] = {}  # the last lines by their numbers, as they were sent
+        self._unfinished = b""
 
     def _draw(self) -> int:
         return int(math.log(1.0 - self._rng.random()) / self._scale)
@@ -53,24 +54,25 @@ class Noise:
 
     def carry_in(self, data: bytes) -> bytes:
         """From the host to the board."""
-        arrives = self.carry(data)
-        if arrives != data:
-            for line in data.split(b"\n"):
-                if line.startswith(b"N"):
-                    self._sent[line[1:].partition(b" ")[0]] = line.partition(b"*")[0]
-            while len(self._sent) > _REMEMBERED:
-                del self._sent[next(iter(self._sent))]
-        return arrives
+        *lines, self._unfinished = (self._unfinished + data).split(b"\n")
+        for line in lines:
+            self._sent[line[1:].partition(b" ")[0]] = line.partition(b"*")[0]
+        while len(self._sent) > _REMEMBERED:
+            del self._sent[next(iter(self._sent))]
+        return self.carry(data)
 
     def accepted(self, number: int, line: bytes) -> None:
         """The firmware took this for line `number`."""
         sent = self._sent.get(b"%d" % number)
+        if sent is None and self._unfinished.startswith(b"N%d " % number):
+            sent = self._unfinished.partition(b"*")[0]
         if sent is not None and sent != line.partition(b"*")[0]:
             self.altered += 1
 
     def forget(self) -> None:
         """The board was reset: numbers begin anew."""
         self._sent.clear()
+        self._unfinished = b""
 
     def _damage(self, byte: int) -> bytes:
         self.damaged += 1

@@ -1,0 +1,123 @@
+"""A very long print over a damaged wire: every line once, in order and unaltered, or a named fault.
+
+``python -m bench.soak [--lines N] [--damage P] [--seed N] [--json]``. The link and the emulator's firmware
+in one process, on a clock of their own. Each byte is damaged with the given probability, on the way out and
+back: half of them have a bit flipped, a quarter are lost, a quarter come twice. An XOR of 8 bits lets some
+damage through; the emulator counts the lines that it accepted otherwise than they were sent.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import time
+from dataclasses import dataclass
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.marlin import Link, Phase, Trouble
+from drivers.profiles import PROFILES
+
+MODEL = "ultimaker2_plus"
+HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F9000 X90 Y90 Z0.3"]
+BARRIERS = [b"M400"] * 3
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How it ended.
+
+    Attributes
+    ----------
+    fault
+        Why the link gave up; None where it went on to the end.
+    exact
+        The firmware made all moves, each once, and head and filament are where the file leaves them.
+    altered
+        Lines that were carried out otherwise than they were sent, as their checksums matched.
+    """
+
+    lines: int
+    fault: str | None
+    exact: bool
+    moves: int
+    altered: int
+    damaged_bytes: int
+    repeated: int
+    cpu_s: float
+
+
+def move(at: int) -> bytes:
+    """The `at`-th line: half a millimetre and some filament, each other than its neighbours."""
+    return b"G1 X%.2f Y%.1f E%.4f" % (100 + at % 2 * 0.5 + at % 7 * 0.01, 100 + at % 50 * 0.5, at * 0.02)
+
+
+def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
+    """Print so many lines; `damage` is the probability of a byte."""
+    faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
+    now_s = 0.0
+    firmware = Firmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
+    link = Link()
+    link.opened(now_s)
+    fault: str | None = None
+    began_s = time.process_time()
+    up = False
+    while fault is None:
+        out = link.take()
+        if not out:
+            due_s = min(firmware.deadline_s(), link.deadline_s)
+            now_s = max(now_s + 1e-4, due_s)
+        else:
+            now_s += 0.002
+        back = firmware.feed(out, now_s)
+        events = [*((back and link.receive(back, now_s)) or ()), *link.tick(now_s)]
+        fault = next((event.fault for event in events if isinstance(event, Trouble)), None)
+        if not up and link.phase is Phase.LIVE:
+            up = True
+            link.send(now_s, *HEAD)
+            link.stream(now_s, lambda a, b: file_lines(a, b, lines), 0, lines + len(BARRIERS))
+        elif up and link.drained:
+            break
+    machine = firmware.machine
+    moves = machine.planner.moves - 1  # without that of the head
+    last = move(lines - 1)
+    ends = b"E%.4f" % machine.at[3] == last.split()[-1] and b"X%.2f" % machine.at[0] == last.split()[1]
+    fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
+    return Outcome(
+        lines=lines,
+        fault=fault,
+        exact=fault is None and moves == lines and ends and fed,
+        moves=moves,
+        altered=firmware.noise.altered if firmware.noise is not None else 0,
+        damaged_bytes=firmware.noise.damaged if firmware.noise is not None else 0,
+        repeated=link.repeated,
+        cpu_s=round(time.process_time() - began_s, 1),
+    )
+
+
+def file_lines(start: int, stop: int, lines: int) -> list[bytes]:
+    """Lines of the file and the barriers behind it."""
+    return [move(at) for at in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
+        0, stop - max(start, lines)
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--lines", type=int, default=1_000_000)
+    parser.add_argument("--damage", type=float, default=0.00005, help="probability of a byte")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    outcome = soak(given.lines, given.damage, given.seed)
+    result = {name: getattr(outcome, name) for name in Outcome.__slots__}
+    print(
+        json.dumps({"schema": 1, "damage": given.damage, **result})
+        if given.json
+        else "\n".join(f"{k}: {v}" for k, v in result.items())
+    )
+
+
+if __name__ == "__main__":
+    main()
