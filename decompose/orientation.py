@@ -28,14 +28,13 @@ HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
 APART_DEG = 2.0  # directions closer than this are one candidate
 MOST_MEASURED = 24  # of all candidates, in the order of their prices
 
-LEAST_CONTACT_MM2 = 5.0
+LEAST_CONTACT_MM2 = 4.0
 # [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
 # its side. What a support carries is made to be peeled off.
 STICKS_N_MM2 = 0.05
 PROPPED = 0.1  # share of that for the area that supports carry
 PULL_N = 0.5
 WEIGHT_N_MM3 = 1.25e-5
-LEAN = 0.02  # the centre of mass of the whole keeps this share of the height from the edge of the base
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 
 
@@ -76,7 +75,7 @@ class Pose:
     def stands(self) -> bool:
         """Whether it stays where it is while it is printed, and would by its weight alone."""
         held = self.footing.contact_mm2 >= LEAST_CONTACT_MM2 and self.strain <= 1.0
-        return held and self.lean_mm >= LEAN * self.size_mm[2]
+        return held and self.lean_mm >= 0.0
 
     @property
     def rank(self) -> tuple[float, float, float]:

@@ -71,7 +71,7 @@ def decompose(
     watch.lap("grid")
     boxes = all_boxes(grid, list(printers), cost)
     watch.lap("boxes")
-    bound = lower_bound_s(triangles, grid, len(printers), cost)
+    bound = lower_bound_s(model.solid.area_mm2, grid, len(printers), cost)
     found, pieces = _search(model, grid, boxes, len(printers), room_mm, bound)
     watch.lap("search")
     parts = _parts(pieces, printers, cost, options.fit_first_layer)
@@ -134,20 +134,15 @@ def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> in
     return number
 
 
-def lower_bound_s(triangles: Floats, grid: Grid, printers: int, cost: CostModel) -> float:
+def lower_bound_s(area_mm2: float, grid: Grid, printers: int, cost: CostModel) -> float:
     """A makespan that no partition into boxes of this grid undercuts, in seconds.
 
-    Every partition prints the whole surface, each triangle as wall and skin in one of three up axes, and all
-    needed cells; cuts, supports, brims and least times of layers only add. The work is shared by at most
-    `printers` parts, each with its fixed time.
+    Every partition prints the whole surface, all of it at best as level skin or as the flattest slope that
+    has none, and all needed cells; cuts, supports, brims and least times of layers only add. The work is
+    shared by at most `printers` parts, each with its fixed time.
     """
-    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    area = np.linalg.norm(cross, axis=1) / 2.0
-    n = np.abs(cross[area > 0.0]) / (2.0 * area[area > 0.0, None])
-    upright = np.sqrt(np.maximum(0.0, 1.0 - n * n))
-    skin = np.where(n > cost.skin_cos, cost.skin_s_mm2 * n + cost.slope_s_mm2 * upright, 0.0)
-    each = cost.lateral_s_mm2 * upright + skin
-    surface = float((area[area > 0.0] * each.min(axis=1)).sum())
+    slope = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
+    surface = area_mm2 * min(slope, cost.skin_s_mm2)
     volume = float(grid.sums[grid.needed][:, VOLUME].sum())
     return cost.fixed_s + (surface + cost.volume_s_mm3 * volume) / printers
 

@@ -20,6 +20,7 @@ class Quality:
     changes: Mapping[str, Any]
     exact_height: bool = False  # layer heights are fitted to each part's height
     compensates_shrinkage: bool = False  # parts are printed larger by what their material shrinks
+    fits_first_layer: bool = False  # brim and first layer are chosen for each part
 
 
 OURS: Mapping[str, Quality] = {
@@ -54,6 +55,7 @@ OURS: Mapping[str, Quality] = {
         },
         exact_height=True,
         compensates_shrinkage=True,
+        fits_first_layer=True,
     ),
 }
 DEFAULT_QUALITY = "glue"

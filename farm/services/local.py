@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,7 @@ def decompose_to_folder(
         settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
         rooms = [PrinterRoom(str(number), boxes) for number in range(printers)]
-        cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+        cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=brim_mm))
         written = write(partition.decompose(model, rooms, options, cost), out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 

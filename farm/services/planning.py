@@ -28,6 +28,7 @@ from farm.services.recipe import prelude_seconds, recipe
 from farm.services.rooms import model_sizes, printer_room
 from farm.services.trouble import in_farm_words
 from slicing.plate import PlateResult
+from slicing.qualities import OURS
 from slicing.resources import Resources, find_engine, find_resources
 from slicing.settings import Settings, SettingsRequest, resolve_settings
 
@@ -179,9 +180,11 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     first = task.printers[0]
     prelude_s = prelude_seconds(first, settings[first.name])
     cost = CostModel.from_recipe(recipe(settings[first.name], prelude_s))
+    quality = OURS.get(task.options.quality)
+    options = Options(fit_first_layer=quality is not None and quality.fits_first_layer)
     try:
-        found = _whole(model, rooms, cost) if task.options.printers is None else None
-        found = found or partition.decompose(model, rooms, Options(), cost)
+        found = _whole(model, rooms, options, cost) if task.options.printers is None else None
+        found = found or partition.decompose(model, rooms, options, cost)
         written = write(found, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
@@ -199,14 +202,16 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     )
 
 
-def _whole(model: Model, rooms: list[PrinterRoom], cost: CostModel) -> Decomposition | None:
+def _whole(
+    model: Model, rooms: list[PrinterRoom], options: Options, cost: CostModel
+) -> Decomposition | None:
     """A model that one printer can hold stays in one part: who wants it sooner says how many printers."""
     x, y, z = map(float, model.extents_mm)
     poses = ((x, y, z), (y, z, x), (z, x, y))
     rooms = [room for room in rooms if any(room.fits(*pose) for pose in poses)]
     for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
         try:
-            return partition.decompose(model, [room], Options(), cost)
+            return partition.decompose(model, [room], options, cost)
         except NoFit:
             continue
     return None
@@ -223,6 +228,8 @@ def _part(part: Any, folder: Path) -> DecomposedPart:
         volume_mm3=part.solid.volume_mm3,
         estimated_s=part.estimated_s,
         printer=part.printer,
+        brim_width_mm=part.brim_width_mm,
+        layer_0_expansion_mm=part.layer_0_expansion_mm,
     )
 
 
