@@ -16,11 +16,13 @@ from pydantic import ValidationError
 import drivers
 from drivers.clock import Clock
 from drivers.errors import AgentError, MessageError
-from drivers.locks import AGENT_LOCK, held, kill_holder, signed
+from drivers.locks import AGENT_LOCK, held, holder, kill_holder
 from drivers.messages import Reply, Request, Snapshot, from_agent_adapter
+from drivers.start import Start
 
 SOCKET = "agent.sock"
 LOG = "agent.log"
+UNIT = "FARM_AGENT_UNIT"
 RETRY_S = 0.25
 _LINE_BYTES = 1024 * 1024
 
@@ -155,6 +157,9 @@ def spawn(
 ) -> subprocess.Popen[bytes]:
     """Start an agent in a session of its own: it outlives whoever started it.
 
+    Where the environment names a unit of systemd's (`FARM_AGENT_UNIT`, with %i for the printer), that is
+    started instead, and what is returned ends when systemd has done so.
+
     Parameters
     ----------
     printer, model, port, power_off_cmd
@@ -174,15 +179,16 @@ def spawn(
     AgentError
         The process cannot be started.
     """
-    arguments = ["--printer", printer, "--model", model, "--port", port, "--folder", str(folder.absolute())]
-    arguments += ["--scale", repr(clock.scale), "--anchor", repr(clock.anchor_s)]
-    if power_off_cmd:
-        arguments += ["--power-off-cmd", power_off_cmd]
+    start = Start(printer, model, port, clock.scale, clock.anchor_s, power_off_cmd)
+    unit = os.environ.get(UNIT)
+    words = [sys.executable, "-m", "drivers.agent", "--folder", str(folder.absolute())]
+    if unit:
+        words = ["systemctl", "start", unit.replace("%i", printer)]
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        start.write(folder)
         with (folder / LOG).open("ab") as log:
             return subprocess.Popen(
-                [sys.executable, "-m", "drivers.agent", *arguments],
+                words,
                 cwd=Path(drivers.__file__).parents[1],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
@@ -191,6 +197,11 @@ def spawn(
             )
     except OSError as error:
         raise AgentError(f"{printer}: its agent does not start ({error}); see {folder / LOG}") from error
+
+
+def as_units() -> bool:
+    """Whether agents are started as units of systemd's."""
+    return bool(os.environ.get(UNIT))
 
 
 def alive(folder: Path) -> bool:
@@ -205,5 +216,4 @@ def kill(folder: Path) -> bool:
 
 def pid(folder: Path) -> int | None:
     """The process of the agent of this folder; None where none lives."""
-    number = signed(folder / AGENT_LOCK).get("pid")
-    return number if isinstance(number, int) and alive(folder) else None
+    return holder(folder / AGENT_LOCK)

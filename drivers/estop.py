@@ -17,12 +17,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers import mains
+from drivers import mains, start
 from drivers.agent.journal import Journal
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
-from drivers.errors import DriverError, PortError
-from drivers.locks import AGENT_LOCK, hold, kill_holder, signed
+from drivers.errors import AgentError, DriverError, PortError
+from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.marlin import Link, Report, Up
 from drivers.serialport import SerialPort
 from drivers.talk import talk
@@ -67,9 +67,9 @@ def known(agents: Path) -> dict[str, Target]:
     """The printers whose agents have left word in their folders."""
     found = {}
     for folder in sorted(agents.glob("*/")):
-        facts = signed(folder / AGENT_LOCK)
-        if isinstance(facts.get("port"), str):
-            found[folder.name] = Target(folder.name, facts["port"], folder, facts.get("power_off_cmd"))
+        with suppress(AgentError):
+            begun = start.read(folder)
+            found[folder.name] = Target(folder.name, begun.port, folder, begun.power_off_cmd)
     return found
 
 

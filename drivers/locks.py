@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import select
 import signal
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 AGENT_LOCK = "lock"  # in an agent's folder
 _TRIES, _WAIT_S = 20, 0.05
@@ -49,25 +47,25 @@ def hold(path: Path) -> int | None:
     return None
 
 
-def sign(descriptor: int, **facts: Any) -> None:
-    """Write down who holds the lock; `signed` reads it, also when the process has gone."""
+def sign(descriptor: int) -> None:
+    """Write down which process holds the lock."""
     os.ftruncate(descriptor, 0)
-    os.pwrite(descriptor, json.dumps({"pid": os.getpid(), **facts}).encode(), 0)
+    os.pwrite(descriptor, b"%d" % os.getpid(), 0)
 
 
-def signed(path: Path) -> dict[str, Any]:
-    """What the last holder wrote; empty where nobody did."""
+def holder(path: Path) -> int | None:
+    """The process that holds the lock; None where nobody does, or nobody knows who."""
     try:
-        facts = json.loads(path.read_bytes())
+        pid = int(path.read_bytes())
     except (OSError, ValueError):
-        return {}
-    return facts if isinstance(facts, dict) else {}
+        return None
+    return pid if held(path) else None
 
 
 def kill_holder(path: Path) -> bool:
     """Kill the process that holds the lock, even a stopped one; True where nobody holds it any more."""
-    pid = signed(path).get("pid")
-    if isinstance(pid, int) and held(path):
+    pid = holder(path)
+    if pid is not None:
         with suppress(OSError):
             process = os.pidfd_open(pid)
             try:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from drivers import mains
 from drivers.agent.board import UNWATCHED, Board
+from drivers.agent.inhibit import Inhibitor
 from drivers.agent.journal import Journal
 from drivers.agent.server import Server
 from drivers.agent.spool import Spool
@@ -75,6 +76,8 @@ class Agent:
         The farm's clock.
     power_off_cmd
         See `mains.cut`.
+    inhibitor
+        Held while a print is open.
     """
 
     def __init__(
@@ -85,7 +88,9 @@ class Agent:
         folder: Path,
         clock: Clock,
         power_off_cmd: str | None = None,
+        inhibitor: Inhibitor | None = None,
     ) -> None:
+        self._inhibitor = inhibitor or Inhibitor(printer, simulated=True)
         self._power_off_cmd = power_off_cmd
         self._printer = printer
         self._profile = profile
@@ -121,6 +126,7 @@ class Agent:
             raise
         finally:
             self._board.close()
+            self._inhibitor.hold(False)
             if self._server is not None:
                 self._server.close()
             signal.set_wakeup_fd(-1)
@@ -288,6 +294,7 @@ class Agent:
     def _push(self) -> None:
         """Tell every client at once what changed, and from time to time what goes on."""
         session, memory = self._board.session, self._journal.memory
+        self._inhibitor.hold(session is not None)
         key = (
             self._link_state(),
             self._board.resets,
@@ -411,12 +418,15 @@ class Agent:
         return ours, theirs
 
     def _signalled(self, _: int) -> None:
-        self._signals[0].recv(64)
+        """SIGTERM waits for the open print; SIGINT ends it safely."""
+        now = signal.SIGINT in self._signals[0].recv(64)
         if self._board.session is None:
             self._over = True
-        else:
-            self._ending = True
-            log.warning("asked to end by a signal: when the open print has ended")
+            return
+        self._ending = True
+        log.warning("asked to end by a signal: %s", "at once" if now else "when the open print has ended")
+        if now:
+            self._board.cancel("its agent was told to end")
 
 
 def _filament(end_mm: float) -> Filament:

@@ -41,6 +41,7 @@ _PHASES = {
 }
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
 _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
+_END_S = 30.0  # wall seconds for an idle agent to end
 _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
@@ -176,7 +177,8 @@ class AgentLink:
     def keep_alive(self) -> None:
         """Start the agent where none is alive; end one that is wedged."""
         if self._process is not None and self._process.poll() is not None:
-            log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
+            if self._process.returncode or not agents.as_units():  # else systemd has started it
+                log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
             self._process = None
         if self._stopping:
             return
@@ -294,11 +296,15 @@ class AgentLink:
                 log.warning("%s: %s", self._name, reply.error)
         except DriverError as error:
             log.info("%s: %s", self._name, error)
-        if self._process is not None:
-            try:
-                await asyncio.to_thread(self._process.wait, 30.0)
-            except subprocess.TimeoutExpired:
-                log.warning("%s: its agent does not end", self._name)
+        try:
+            async with asyncio.timeout(_END_S):
+                while alive(self._folder):
+                    await asyncio.sleep(0.05)
+        except TimeoutError:
+            log.warning("%s: its agent does not end", self._name)
+        else:
+            if self._process is not None:
+                await asyncio.to_thread(self._process.wait)
         if emulator_alive(self._folder / _EMULATOR):
             try:
                 await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)

@@ -229,6 +229,21 @@ def test_a_print_goes_on_without_a_daemon_and_a_signal_ends_the_agent_after_it(t
 
 
 @pytest.mark.system
+def test_an_interrupt_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(50_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.send_signal(signal.SIGINT)
+            await one.phase(m.PrintPhase.CANCELLED)
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
 @pytest.mark.parametrize("lines", [40, 77, 114])
 def test_after_a_cancel_in_the_middle_the_filament_is_parked_whatever_was_drawn_back(
     tmp_path: Path, lines: int

@@ -21,7 +21,8 @@ from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
-from drivers.locks import AGENT_LOCK, held, hold, kill_holder, sign, signed
+from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
+from drivers.start import Start
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
@@ -124,24 +125,33 @@ def test_the_farm_names_the_printer_that_it_could_not_stop(tmp_path: Path):
     assert done.returncode == 4 and "no printer b" in done.stderr
 
 
-def test_a_lock_tells_who_holds_it_and_who_held_it_last(tmp_path: Path):
+def test_a_lock_tells_who_holds_it(tmp_path: Path):
     path = tmp_path / AGENT_LOCK
-    assert signed(path) == {}
+    assert holder(path) is None
     lock = hold(path)
     assert lock is not None
-    sign(lock, port="sim://x")
+    sign(lock)
     assert held(path) and hold(path) is None
+    assert holder(path) == os.getpid()
+    path.write_text("[1")
+    assert holder(path) is None
     os.close(lock)
     assert not held(path)
-    assert signed(path) == {"pid": os.getpid(), "port": "sim://x"}
-    path.write_text("[1")
-    assert signed(path) == {}
+
+
+def test_what_an_agent_was_started_with_is_found_again_and_rubbish_is_no_printer(tmp_path: Path):
+    for name, text in (("a", None), ("b", "{}"), ("c", "[")):
+        (tmp_path / name).mkdir()
+        if text is not None:
+            (tmp_path / name / "start.json").write_text(text)
+    Start("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
+    assert estop.known(tmp_path) == {"d": estop.Target("d", "/dev/null", tmp_path / "d", "relay d")}
 
 
 def test_no_process_is_killed_for_a_number_that_an_agent_left_behind(tmp_path: Path):
     bystander = subprocess.Popen(["sleep", "60"])
     try:
-        (tmp_path / AGENT_LOCK).write_text(json.dumps({"pid": bystander.pid}))
+        (tmp_path / AGENT_LOCK).write_text(str(bystander.pid))
         assert kill_holder(tmp_path / AGENT_LOCK)
         assert bystander.poll() is None
     finally:

@@ -1,0 +1,57 @@
+"""What an agent is started with: a file in its folder, that whoever starts it there writes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+from drivers.clock import Clock
+from drivers.errors import AgentError
+
+FILE = "start.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """An agent's printer, as `fleet.yaml` has it, and the farm's clock."""
+
+    printer: str
+    model: str
+    port: str
+    scale: float = 1.0
+    anchor_s: float = 0.0
+    power_off_cmd: str | None = None
+
+    @property
+    def clock(self) -> Clock:
+        return Clock(self.scale, self.anchor_s)
+
+    def text(self) -> str:
+        """What the file holds."""
+        return json.dumps(asdict(self))
+
+    def write(self, folder: Path) -> None:
+        """Put the file in place in one step; raises OSError."""
+        folder.mkdir(parents=True, exist_ok=True)
+        spare = folder / f".{FILE}.new"
+        spare.write_text(self.text())
+        spare.replace(folder / FILE)
+
+
+def read(folder: Path) -> Start:
+    """What the agent of this folder was started with last.
+
+    Raises
+    ------
+    AgentError
+        There is no such file, or it is not one of ours.
+    """
+    path = folder / FILE
+    try:
+        raw = json.loads(path.read_text())
+        return Start(**{field.name: raw[field.name] for field in fields(Start)})
+    except FileNotFoundError:
+        raise AgentError(f"{path}: is not there; `farm up` starts agents") from None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise AgentError(f"{path}: cannot be read ({error}); `farm up` writes it anew") from None

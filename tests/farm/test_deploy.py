@@ -1,0 +1,64 @@
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from drivers import start
+from drivers.client import spawn
+from drivers.clock import Clock
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+UNITS = sorted((DEPLOY / "systemd").glob("*.service"))
+
+
+def without_this_host(text: str) -> str:
+    """A unit as it stands, with programs and user that any host has."""
+    text = re.sub(r"/opt/farm/\.venv/bin/\w+", "/bin/true", text)
+    return text.replace("=farm\n", "=root\n").replace("/opt/farm", "/")
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd")
+def test_systemd_takes_the_units_without_a_word(tmp_path: Path):
+    paths = []
+    for unit in UNITS:
+        path = tmp_path / unit.name.replace("@.", "@um2-01.")
+        path.write_text(without_this_host(unit.read_text()))
+        paths.append(path)
+    words = ["systemd-analyze", "verify", "--man=no", *map(str, paths)]
+    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    ours = [line for line in done.stderr.splitlines() if "farm-" in line]
+    assert (done.returncode, ours) == (0, []), done.stderr
+
+
+def test_an_agents_unit_waits_for_its_print_and_depends_on_nothing_that_may_stop():
+    text = (DEPLOY / "systemd" / "farm-agent@.service").read_text()
+    assert "TimeoutStopSec=infinity" in text and "KillMode=mixed" in text
+    assert not re.search(r"^(Requires|BindsTo|PartOf|Requisite)=", text, re.MULTILINE)
+
+
+@pytest.mark.skipif(shutil.which("perl") is None, reason="needs perl")
+def test_needrestart_leaves_agents_alone_and_nothing_else():
+    perl = (
+        "our %nrconf; do $ARGV[0]; die $@ if $@; my ($re) = keys %{$nrconf{override_rc}}; "
+        "for (@ARGV[1,2]) { print /$re/ ? 1 : 0 }"
+    )
+    words = ["perl", "-e", perl, str(DEPLOY / "needrestart" / "farm.conf")]
+    words += ["farm-agent@um2-01.service", "farm-daemon.service"]
+    done = subprocess.run(words, check=False, capture_output=True, text=True)
+    assert done.stdout == "10", done.stderr
+
+
+def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    systemctl = tmp_path / "systemctl"
+    systemctl.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/asked\n')
+    systemctl.chmod(0o700)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=":")
+    [unit] = re.findall(r"FARM_AGENT_UNIT=(\S+)", (DEPLOY / "systemd" / "farm-daemon.service").read_text())
+    monkeypatch.setenv("FARM_AGENT_UNIT", unit.replace("%%", "%"))
+    folder = tmp_path / "agents" / "um2-01"
+    done = spawn("um2-01", "ultimaker2_plus", "/dev/null", folder, Clock(2.0, 5.0), "relay")
+    assert done.wait(10.0) == 0
+    assert (tmp_path / "asked").read_text() == "start farm-agent@um2-01.service\n"
+    assert start.read(folder) == start.Start("um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay")
