@@ -12,11 +12,13 @@ import signal
 import socket
 import sys
 import time
+from collections import deque
 from pathlib import Path
 from types import FrameType
 from typing import IO, Any
 
 from drivers.clock import Clock
+from drivers.emulator import person
 from drivers.emulator.faults import Faults, parse_faults
 from drivers.emulator.firmware import Firmware
 from drivers.emulator.launch import ALIVE_LOCK, CONTROL, TTY, Command, short_path
@@ -28,6 +30,7 @@ from drivers.profiles import PROFILES, Profile
 
 STATUS_S = 0.4  # wall seconds between two looks; readers are promised one each 0.5 s
 CONTROL_S = 0.5
+PIECE_BYTES = 2  # of an answer that leaves in pieces
 SLACK_S = 0.002  # wall seconds that an accelerated emulator may oversleep a place in its full planner
 
 
@@ -46,6 +49,8 @@ class Emulator:
         self._firmware = Firmware(profile, faults, random.Random(seed), 0.0)
         self._port = Port(folder / TTY)
         self._control = _listen(folder)
+        self._bytewise = faults.bytewise
+        self._pieces: deque[bytes] = deque()
         self._on = True
         self._shown = -1
         self._show_at = 0.0
@@ -63,14 +68,20 @@ class Emulator:
             if wires is not None:
                 due_s = min(due_s, wires[0].due_s(), wires[1].due_s())
             wait_s = min((due_s - now_s) / scale, self._show_at - time.monotonic())
-            sources: list[int] = [port.watch, door, port.master] if port.is_open else [port.watch, door]
+            if self._pieces:
+                wait_s = 0.0
+            sources = [
+                door,
+                *([port.watch] if port.plugged else ()),
+                *([port.master] if port.is_open else ()),
+            ]
             ready = select.select(sources, (), (), max(0.0, wait_s))[0]
             now_s = max(now_s, clock.now() - self._origin_s)
             data = b""
             if ready:
-                if port.watch in ready:
+                if port.plugged and port.watch in ready:
                     self._notice(now_s)
-                elif port.master in ready:
+                elif port.is_open and port.master in ready:
                     data = port.read()
                 if door in ready:
                     self._obey(now_s)
@@ -81,12 +92,15 @@ class Emulator:
             if wires is not None:
                 wires[1].put(out, now_s)
                 out = wires[1].take(now_s)
+            if self._bytewise:
+                self._pieces.extend(out[at : at + PIECE_BYTES] for at in range(0, len(out), PIECE_BYTES))
+                out = self._pieces.popleft() if self._pieces else b""
             if out:
                 port.write(out)
             if board.changes != self._shown or time.monotonic() >= self._show_at:
                 self.show(now_s)
         firmware.machine.power_down(now_s)
-        port.unlink()
+        port.unplug()
         self.show(now_s)
 
     def switch_off(self) -> None:
@@ -118,6 +132,8 @@ class Emulator:
             errors=firmware.errors,
             resets=firmware.resets,
             printing_s=round(firmware.printing_s, 4),
+            damaged=firmware.noise.damaged if firmware.noise is not None else 0,
+            altered=firmware.noise.altered if firmware.noise is not None else 0,
         )
         try:
             write_status(self._folder, status)
@@ -148,7 +164,7 @@ class Emulator:
                     answer = self._do(json.loads(requests.readline()), now_s)
                 self.show(now_s)
                 link.sendall(json.dumps(answer).encode() + b"\n")
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, KeyError) as error:
             print(f"control: {error}", file=sys.stderr)  # noqa: T201 - its log
 
     def _do(self, request: dict[str, Any], now_s: float) -> dict[str, Any]:
@@ -160,6 +176,20 @@ class Emulator:
                 self._firmware.reset(now_s)
             case Command.POWER_OFF:
                 self.switch_off()
+            case Command.SET_NOZZLE:
+                person.set_nozzle(self._firmware, float(request["target_c"]), now_s)
+            case Command.SET_BED:
+                person.set_bed(self._firmware, float(request["target_c"]), now_s)
+            case Command.MOVE:
+                person.move(self._firmware, float(request["z_mm"]), now_s)
+            case Command.PRINT_SD:
+                person.print_sd(self._firmware, now_s)
+            case Command.UNPLUG:
+                self._pieces.clear()
+                self._port.unplug()
+            case Command.PLUG:
+                self._port.unplug()
+                self._port.plug()
             case other:
                 return {"error": f"no command {other!r}; use one of {', '.join(Command)}"}
         return {"done": request["do"]}

@@ -275,9 +275,8 @@ def _report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
 
 
 def _report_card(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(
-        b"SD printing byte %d/%d\n" % machine.sd if machine.sd else b"Not SD printing\nCard error:1\n"
-    )
+    at = machine.sd_at(now_s)
+    machine.say(b"SD printing byte %d/%d\n" % at if at is not None else b"Not SD printing\nCard error:1\n")
 
 
 def _list_card(machine: Machine, line: bytes, now_s: float) -> None:

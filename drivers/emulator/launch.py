@@ -39,6 +39,12 @@ class Command(StrEnum):
     CLEAR_BED = "clear_bed"
     RESET = "reset"
     POWER_OFF = "power_off"
+    SET_NOZZLE = "set_nozzle"  # at the knob: to target_c
+    SET_BED = "set_bed"
+    MOVE = "move"  # the bed to z_mm
+    PRINT_SD = "print_sd"
+    UNPLUG = "unplug"  # the USB cable; the printer goes on
+    PLUG = "plug"  # it is another device then
 
 
 def launch(url: str, folder: Path, clock: Clock) -> Path:
@@ -97,7 +103,7 @@ def alive(folder: Path) -> bool:
     return held(folder / ALIVE_LOCK)
 
 
-def control(folder: Path, command: Command | str) -> dict[str, Any]:
+def control(folder: Path, command: Command | str, **values: float) -> dict[str, Any]:
     """Do what a person would do at the printer; returns its answer when it is done (off: when it has ended).
 
     Raises
@@ -110,7 +116,7 @@ def control(folder: Path, command: Command | str) -> dict[str, Any]:
             link.settimeout(CONTROL_TIMEOUT_S)
             with short_path(folder) as short:
                 link.connect(f"{short}/{CONTROL}")
-            link.sendall(json.dumps({"do": str(command)}).encode() + b"\n")
+            link.sendall(json.dumps({"do": str(command), **values}).encode() + b"\n")
             with link.makefile("rb") as answers:
                 answer: dict[str, Any] = json.loads(answers.readline())
     except (OSError, ValueError) as error:

@@ -19,6 +19,7 @@ EXTRUDE_MIN_C = 170.0
 EXTRUDE_MOST_MM = 1000.0
 NOZZLE_MAX_C = 275.0
 DEAD_HEATER_S = 30.0
+SD_BYTES_PER_S = 500.0
 WIRE_S = 0.010  # what a line costs on the real wire at most, with its turnaround
 
 _NUMBER = re.compile(rb"[ \t]*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,2}(?!\d))?)")
@@ -72,7 +73,9 @@ class Machine:
         self.heard_s = now_s  # when the last command was done
         self.say = say
         self.stop = stop
-        self.sd: tuple[int, int] | None = None  # a file on the card is printed: bytes read, and of how many
+        self._sd: tuple[int, float] | None = (
+            None  # the file on the card that is printed: its size, since when
+        )
         self.shift = [x, y, z, board.filament_mm]  # true position less the host's
         self.homed_axes = [False, False, False]
         self.relative = False
@@ -169,6 +172,17 @@ class Machine:
         here = self.planner.stop(now_s)
         self.streaming = False
         self.at = [true - shift for true, shift in zip(here, self.shift, strict=True)]
+
+    def sd_began(self, file_bytes: int, now_s: float) -> None:
+        """A file on the card is printed."""
+        self._sd = file_bytes, now_s
+
+    def sd_at(self, now_s: float) -> tuple[int, int] | None:
+        """Bytes of the file on the card that were printed, and of how many; None where none is."""
+        if self._sd is None:
+            return None
+        file_bytes, began_s = self._sd
+        return min(file_bytes, int((now_s - began_s) * SD_BYTES_PER_S)), file_bytes
 
     def power_down(self, now_s: float) -> None:
         """Motors and heaters off at once: the end of this life of the firmware."""

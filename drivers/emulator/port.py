@@ -31,24 +31,45 @@ class Port:
         File descriptor of the printer's end; non-blocking.
     watch
         File descriptor that is readable when the slave was opened or closed.
+    plugged
+        Whether the cable is in; the descriptors are of no use where it is not.
     is_open
         Whether a host has the slave open.
     """
 
     def __init__(self, link: Path) -> None:
-        self.master, slave = pty.openpty()
+        self._link = link
+        self.name = ""
+        self.plug()
+
+    def plug(self) -> None:
+        """Put the cable in: a pseudo-terminal of another name than before."""
+        masters = [pty.openpty()]
+        while os.ttyname(masters[-1][1]) == self.name:  # it would be the old one again
+            masters.append(pty.openpty())
+        self.master, slave = masters.pop()
+        for spare in (end for ends in masters for end in ends):
+            os.close(spare)
         tty.setraw(slave, termios.TCSANOW)
         self.name = os.ttyname(slave)
         os.close(slave)  # or nobody could tell an open port from a closed one
         os.set_blocking(self.master, False)
         self.watch = _watch(self.name)
+        self.plugged = True
         self.is_open = False
         self._hosts = 0
-        self._link = link
-        spare = link.with_name(f".{link.name}.new")
-        spare.unlink(missing_ok=True)
-        spare.symlink_to(self.name)
-        spare.replace(link)
+        new = self._link.with_name(f".{self._link.name}.new")
+        new.unlink(missing_ok=True)
+        new.symlink_to(self.name)
+        new.replace(self._link)
+
+    def unplug(self) -> None:
+        """Pull the cable: the host's end hangs up, and the board goes on."""
+        if self.plugged:
+            self.unlink()
+            os.close(self.master)
+            os.close(self.watch)
+        self.plugged = self.is_open = False
 
     def opened(self) -> bool:
         """Take in what happened to the slave; True where it was closed and is, or was again, opened.

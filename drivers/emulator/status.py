@@ -39,6 +39,10 @@ class EmulatorStatus:
         Boots of the board after the one at power on, an opened port's included.
     printing_s
         How long head or feeder moved, by moves that ended.
+    damaged
+        Bytes that a bad wire changed, both ways.
+    altered
+        Lines that were carried out otherwise than they were sent, as their checksums matched.
     """
 
     pid: int
@@ -62,6 +66,8 @@ class EmulatorStatus:
     errors: int
     resets: int
     printing_s: float
+    damaged: int = 0
+    altered: int = 0
 
 
 def write_status(folder: Path, status: EmulatorStatus) -> None:
@@ -83,7 +89,8 @@ def read_status(folder: Path) -> EmulatorStatus:
     try:
         raw = json.loads(path.read_text())
         raw["position_mm"] = tuple(raw["position_mm"])
-        return EmulatorStatus(**{field.name: raw[field.name] for field in fields(EmulatorStatus)})
+        known = {field.name for field in fields(EmulatorStatus)}
+        return EmulatorStatus(**{name: value for name, value in raw.items() if name in known})
     except FileNotFoundError:
         raise PortError(f"{path}: no emulator has run here; start one with launch()") from None
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -200,3 +200,47 @@ def test_no_reader_ever_sees_half_a_status(printer: Printer) -> None:
         link.read_until(b"ok")
     assert seen == {0.0, 50.0}
     link.close()
+
+
+def test_a_cable_that_is_pulled_hangs_up_and_comes_back_as_another_device_while_the_board_goes_on(
+    printer: Printer,
+) -> None:
+    link = printer.booted()
+    link.ask(b"M104 S200")
+    before = printer.status()
+    control(printer.folder, Command.UNPLUG)
+    while os.read(link.port, 4096):
+        pass  # to its end: the port has hung up
+    link.close()
+    assert not (printer.folder / "tty").exists()
+    assert printer.status().nozzle_target_c == 200.0
+    control(printer.folder, Command.PLUG)
+    assert printer.status().tty != before.tty
+    again = Link(printer.folder / "tty")  # which resets the board, as any opening does
+    again.read_until(b"start\n")
+    assert printer.status().resets == before.resets + 1
+    again.close()
+
+
+def test_a_person_at_the_display_is_seen_only_by_who_asks(printer: Printer) -> None:
+    link = printer.booted()
+    link.ask(b"G28")
+    control(printer.folder, Command.SET_NOZZLE, target_c=150)
+    assert b"/150.0" in link.ask(b"M105")
+    control(printer.folder, Command.MOVE, z_mm=50)
+    assert b"Z:50.00" in link.ask(b"M114")
+    assert b"Not SD printing" in link.ask(b"M27")
+    control(printer.folder, Command.PRINT_SD)
+    assert b"SD printing byte " in link.ask(b"M27")
+    status = printer.status()
+    assert (status.nozzle_target_c, status.bed_target_c) == (210.0, 60.0)
+    with pytest.raises(PortError):
+        control(printer.folder, Command.SET_BED)  # to what?
+    link.close()
+
+
+def test_answers_in_pieces_are_whole_in_the_end(printer: Printer) -> None:
+    printer.on("sim://ultimaker2_plus?bytewise=1")
+    link = printer.booted()
+    assert b"EXTRUDER_COUNT:1\nok" in link.ask(b"M115")
+    link.close()
