@@ -20,7 +20,7 @@ def span(seconds: float | None) -> str:
 
 def filament(grams: float, length_mm: float, price: float | None = None, currency: str | None = None) -> str:
     """How much filament, and what it costs where that is known."""
-    parts = [f"{grams:.0f} g", f"{length_mm / 1000:.1f} m"]
+    parts = [f"{_short(grams)} g", f"{_short(length_mm / 1000)} m"]
     if price is not None:
         parts.append(f"{price:.2f} {currency or ''}".rstrip())
     return ", ".join(parts)
@@ -38,6 +38,11 @@ def planning(progress: PlanProgress) -> str:
 def from_cache(plates: int) -> str:
     """That the engine did not run for these plates."""
     return f"{plates} {'plate' if plates == 1 else 'plates'} from the cache"
+
+
+def _short(amount: float) -> str:
+    decimals = 0 if amount >= 100 else 1 if amount >= 1 else 2
+    return f"{amount:.{decimals}f}"
 
 
 def moment(iso: str | None) -> str:

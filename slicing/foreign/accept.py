@@ -36,7 +36,7 @@ class ForeignGcode:
     layers
         As the file marks them, else as the heights at which it prints.
     min_mm, max_mm
-        Of all that it extrudes, in the printer's coordinates.
+        Of all that it extrudes, in the printer's coordinates; in X and Y also of moves as low as clips.
     reach_min_mm, reach_max_mm
         Of all moves.
     notices

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import defaultdict
 from dataclasses import dataclass, field
 
@@ -24,15 +25,23 @@ MOST_RETRACTED_MM = 20.5
 MOST_PUSHED_MM = 200.0  # in one move: more than any slicer asks for, less than what the firmware drops
 LEAST_MM_S = 0.1
 MOST_DWELL_S = 60.0  # the nozzle is hot, and a cancelled print has to wait for its end
+CLIPS_MM = 10.0
+"""[assumed] Below it the head must keep off the bed's clips when it only travels, too."""
 MOST_ARC_MM = 700.0  # round the whole bed
 ARC_TOLERANCE_MM = 0.2  # of its radius, between start and end
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
 _FIRMWARE_MM_S = 25.0  # what it moves with before the first F
 
 
+_FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
+
+
 @dataclass(slots=True)
 class Extent:
-    """What is printed, in the printer's own mm, and how much filament it takes."""
+    """Where it prints, in the printer's own mm, and how much filament it takes.
+
+    `low` and `high` hold all that is extruded, and in X and Y also the moves as low as the bed's clips.
+    """
 
     low: list[float] = field(default_factory=lambda: [math.inf] * 3)
     high: list[float] = field(default_factory=lambda: [-math.inf] * 3)
@@ -84,6 +93,7 @@ class Walk:
         self._back_mm = 0.0
         self._drawn_back = False  # by G10
         self._fan: bytes = b"M107"
+        self._went: list[list[float]] = []  # since the last line that was printed
         self._flat_z = 0.0
         self._step_mm = 0.0
 
@@ -98,6 +108,8 @@ class Walk:
             self._begin()
         if self._printing and is_layer(comment):
             self._writer.layer()
+        elif self._printing and _FEATURE.match(comment):
+            self._writer.line(b";" + comment)
         if not code or code in rules.NEEDLESS:
             return
         if (why := rules.refusal(code)) is not None:
@@ -279,7 +291,7 @@ class Walk:
         if z < 0:
             self._object(f"moves to Z {z:g}, into the bed")
         self._writer.move((x, y, z, pushed_mm, speed_mm_s))
-        _stretch(self.extent.reach_low, self.extent.reach_high, target)
+        self._went.append(target)
         fed_mm = pushed_mm - back_mm
         if fed_mm > 0:
             self.extent.filament_mm += fed_mm
@@ -319,6 +331,11 @@ class Walk:
             self._flat_z = z
         extent.path_on_step_mm[self._step_mm] += path_mm
         extent.path_mm += path_mm
+        for point in self._went:
+            _stretch(extent.reach_low, extent.reach_high, point)
+            if point[2] < CLIPS_MM:
+                _stretch(extent.low, extent.high, point[:2])
+        self._went.clear()
         _stretch(extent.low, extent.high, old)
         _stretch(extent.low, extent.high, target)
         self._writer.commit()

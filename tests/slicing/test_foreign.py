@@ -169,6 +169,13 @@ def test_relative_moves_become_absolute():
     assert [m[:2] for m in fed(followed(body(take(lines))))[-2:]] == [(110.0, 100.0), (110.0, 110.0)]
 
 
+def test_a_low_move_counts_as_a_printed_one_where_clips_are():
+    low, high = take(marlin(body=["G0 X1 Y2 Z0.5"])), take(marlin(body=["G0 Z12", "G0 X1 Y2"]))
+    assert low.min_mm == pytest.approx((1, 2, 0.2))
+    assert high.min_mm == pytest.approx((100, 100, 0.2))
+    assert low.reach_min_mm[:2] == high.reach_min_mm[:2] == (1, 2)
+
+
 def test_factors_of_speed_and_flow_are_multiplied_out():
     whole, half = take(marlin()), take(marlin(body=["M221 S50", "M220 S200"]))
     assert half.filament_mm == pytest.approx(whole.filament_mm * (1 + 0.5 + 0.5) / 3, rel=1e-4)
@@ -213,7 +220,7 @@ def test_e_starts_anew_before_its_steps_get_coarse():
 def test_progress_has_marks_from_the_stopwatch_not_from_the_file():
     lines = [line.replace(";LAYER:1", ";TIME_ELAPSED:99999\n;LAYER:1") for line in marlin()]
     program = safe(take([part for line in lines for part in line.split("\n")]))
-    assert [mark.layer for mark in program.timeline] == [0, 1, 2]
+    assert {mark.layer for mark in program.timeline} == {0, 1, 2}
     assert 8 < program.time_s < 30
 
 
@@ -222,9 +229,27 @@ def test_a_slow_layer_has_more_than_one_mark():
     assert len(safe(take(slow)).timeline) > 6
 
 
+def test_what_a_line_prints_is_kept_where_the_file_says_it():
+    lines = body(take(marlin(body=[";TYPE:WALL-OUTER", ";TYPE:External perimeter", ";MESH:a.stl"])))
+    assert [line for line in lines if line.startswith((";TYPE", ";MESH"))] == [";TYPE:WALL-OUTER"]
+
+
 def test_an_end_script_may_do_what_a_print_must_not():
-    tail = ["M104 S0", "M140 S0", "G28", "M84", "M81", "M18", "G29", "G1 E-30 F1500", "M82"]
-    safe(take(marlin(tail=tail)))
+    tail = [
+        "M104 S0",
+        "M140 S0",
+        "G28",
+        "M84",
+        "M81",
+        "M18",
+        "G29",
+        "G1 E-30 F1500",
+        "M82",
+        "G1 X-50 Z400 F0.1",
+    ]
+    accepted = take(marlin(tail=tail))
+    safe(accepted)
+    assert accepted.reach_min_mm == accepted.min_mm
 
 
 def test_what_is_left_out_is_said():

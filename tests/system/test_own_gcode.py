@@ -1,0 +1,72 @@
+"""A person's own G-code on real processes: the same road as a model's plates, without CuraEngine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from make_gcode import marlin, square, ultigcode
+
+pytestmark = pytest.mark.system
+
+
+@pytest.fixture
+def one(make_farm):
+    """One simulated printer, up and connected."""
+    model = "ultimaker2_plus"
+    farm = make_farm({"one": (model, f"sim://{model}?seed=7")})
+    farm.up()
+    return farm
+
+
+def printed(farm, number, path):
+    """Submit and wait for the end; the job."""
+    result = farm.run("submit", path, "--wait", "--json")
+    assert result.returncode == 0, (result.stderr, farm.log())
+    job = json.loads(result.stdout)["job"]
+    assert (job["id"], job["state"], len(job["plates"])) == (number, "printed", 1)
+    assert [p["state"] for p in job["parts"][0]["prints"]] == ["done"]
+    assert job["elapsed_s"] > 0.95 * job["estimated_s"]
+    assert job["serial_s"] == job["estimated_s"]
+    assert Path(job["parts"][0]["file"]).read_bytes() == path.read_bytes()
+    seen = farm.emulator_status("one")
+    assert (seen.nozzle_target_c, seen.bed_target_c, seen.bed_clear) == (0.0, 0.0, False)
+    assert farm.printer("one")["filament"] == "parked"
+    assert {f.name for f in Path(job["folder"]).iterdir()} == {"p01.gcode", "plate-01.gcode"}
+    return job
+
+
+def test_ultigcode_and_marlin_files_are_printed_to_their_end(one, tmp_path):
+    tower = square(side_mm=60.0, layers=4)
+    files = {"ulti.gcode": ultigcode(tower), "marlin.g": marlin(tower)}
+    fed_mm = []
+    for number, (name, lines) in enumerate(files.items(), 1):
+        path = tmp_path / name
+        path.write_text("\n".join(lines))
+        before_mm = one.emulator_status("one").filament_mm
+        job = printed(one, number, path)
+        fed_mm.append(one.emulator_status("one").filament_mm - before_mm)
+        assert job["filament_mm"] == pytest.approx(960 * 0.08 / 6.379, rel=1e-3)
+        one.ok("cleared", "all")
+    # What the board fed: the print, 7.8 mm of priming, and what was drawn back and brought forth again.
+    assert fed_mm[0] == pytest.approx(fed_mm[1], abs=8 * 6.5 + 1)
+    text = one.ok("status", "2")
+    assert "Its start and end were replaced by the farm's." in text
+
+
+def test_what_cannot_be_printed_is_refused_at_submission(one, tmp_path):
+    path = tmp_path / "bad.gcode"
+    path.write_text("\n".join(marlin(body=["M500"])))
+    result = one.run("submit", path)
+    assert result.returncode == 5
+    assert "bad.gcode: line" in result.stderr and "M500" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    path.write_text("\n".join(marlin()))
+    assert one.run("submit", path, "--scale", "2").returncode == 2
+    packed = tmp_path / "bad.gcode.gz"
+    packed.write_bytes(b"\x1f\x8b")
+    result = one.run("submit", packed)
+    assert (result.returncode, "gunzip" in result.stderr) == (5, True)
+    assert one.status()["jobs"] == []
