@@ -196,8 +196,10 @@ class Cura:
             definition.addSupportedProperty(name, kind.Any, default=per_extruder, read_only=True)
         definition.addSupportedProperty("limit_to_extruder", kind.Function, default="-1", depends_on="value")
         definition.addSupportedProperty("resolve", kind.Function, default=None, depends_on="value")
+        # From 5.0 on, numbers of extruders are numbers.
+        number = getattr(importlib.import_module("UM.Settings.SettingDefinition"), "toIntConversion", str)
         for name in ("extruder", "optional_extruder"):
-            definition.addSettingType(name, None, str, None)
+            definition.addSettingType(name, None, number, None)
         definition.addSettingType("[int]", None, str, None)
         functions = of("cura.Settings.CuraFormulaFunctions", "CuraFormulaFunctions")(application)
         for name, call in {

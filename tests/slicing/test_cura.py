@@ -15,7 +15,7 @@ from slicing.resources import Resources, find_resources
 from slicing.stacks import find_stacks
 
 FIXTURES = Path(__file__).parent / "fixtures"
-SETTING_VERSIONS = {"4.13": 19}
+SETTING_VERSIONS = {"4.13": 19, "5.0": 20}
 RECORDED = {
     version: json.loads(gzip.decompress((FIXTURES / f"cura-{version}.json.gz").read_bytes()))
     for version in SETTING_VERSIONS
