@@ -12,7 +12,7 @@ import re
 from array import array
 from bisect import bisect_right
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from drivers.errors import BadGcode
@@ -21,10 +21,11 @@ COMMAND_BYTES = 80
 """What is left of the firmware's 94 for a command once ``N1234567 `` and ``*255`` are around it."""
 
 _BLOCK_LINES = 256
-_MOVE = re.compile(rb"G[01](?: [FXYZE]-?[0-9.]+)+\Z")  # nearly every line, and nothing can be wrong with it
+_MOVE = re.compile(rb"G[01](?: [FXYE]-?[0-9.]+)+\Z")  # nearly every line, and nothing can be wrong with it
 _CODE = re.compile(rb"([GMT])0*(\d+)")
 _FEEDS = re.compile(rb"G0*[0-3](?!\d)[^E]*E")
 _HEATS = frozenset((b"M104", b"M109", b"M140", b"M190"))
+_RISES = re.compile(rb"G0*[01](?!\d)[^Z]*Z *(-?[0-9.]+)")
 _TARGET = re.compile(rb"S(\d+(?:\.\d*)?)(?: |\Z)")
 _NEEDLESS = frozenset((b"M105", b"M117"))  # the link asks; a text is read as commands
 _NEVER = {
@@ -53,13 +54,43 @@ class HeaterName(StrEnum):
 MOST_C = {HeaterName.NOZZLE: 260.0, HeaterName.BED: 115.0}  # the firmware stops above 275 and 130
 
 
+class Feature(StrEnum):
+    """What a move prints, by the names of Cura's ``;TYPE:`` comments."""
+
+    SKIRT = "SKIRT"  # a brim too
+    SUPPORT = "SUPPORT"
+    SUPPORT_INTERFACE = "SUPPORT-INTERFACE"
+    WALL_OUTER = "WALL-OUTER"
+    WALL_INNER = "WALL-INNER"
+    SKIN = "SKIN"
+    FILL = "FILL"
+    PRIME_TOWER = "PRIME-TOWER"
+
+
+_FEATURES = {feature.value.encode(): feature for feature in Feature}
+
+
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """From this line on (0-based, of the stripped file), so much print time has passed, on this layer."""
+    """How far a print is from a line on (0-based, of the stripped file).
+
+    Attributes
+    ----------
+    seconds
+        Print time, by the slicer's clock: without heating, homing, start and end.
+    layer
+        From 0, as the file counts.
+    z_mm
+        The layer's height; 0 before the first.
+    feature
+        What is printed; None where the file does not say.
+    """
 
     line: int
     seconds: float
-    layer: int
+    layer: int = 0
+    z_mm: float = 0.0
+    feature: Feature | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +117,10 @@ class Program:
         First G28; `count` where there is none.
     extrudes
         First move with an E; `count` where there is none.
+    timeline
+        Rising in line and seconds; time between two marks passes evenly over the lines.
+    layers
+        How many there are.
     """
 
     text: bytes
@@ -96,6 +131,7 @@ class Program:
     homes: int
     extrudes: int
     time_s: float
+    layers: int
 
     def lines(self, start: int, stop: int) -> list[bytes]:
         """Lines `start` to `stop` (excluded), without newlines."""
@@ -108,20 +144,19 @@ class Program:
         skip = first * _BLOCK_LINES
         return block[start - skip : stop - skip]
 
-    def seconds_at(self, line: int) -> float:
-        """Print time in seconds when `line` lines are done, by the slicer's clock; linear in a layer."""
-        if not self.timeline or line >= self.count:
-            return self.time_s if line >= self.count else 0.0
+    def at(self, line: int) -> Mark:
+        """How far the print is when `line` lines are done."""
         at = bisect_right(self.timeline, line, key=lambda mark: mark.line)
-        before = self.timeline[at - 1] if at else Mark(0, 0.0, 0)
-        after = self.timeline[at] if at < len(self.timeline) else Mark(self.count, self.time_s, 0)
-        share = (line - before.line) / max(1, after.line - before.line)
-        return before.seconds + share * (after.seconds - before.seconds)
+        before = self.timeline[at - 1] if at else Mark(0, 0.0)
+        if line >= self.count or at == len(self.timeline):
+            return replace(before, line=line, seconds=self.time_s if line >= self.count else before.seconds)
+        after = self.timeline[at]
+        share = (line - before.line) / (after.line - before.line)
+        return replace(before, line=line, seconds=before.seconds + share * (after.seconds - before.seconds))
 
-    def layer_at(self, line: int) -> int:
-        """The layer that is printed when `line` lines are done, from 0."""
-        at = bisect_right(self.timeline, line, key=lambda mark: mark.line)
-        return self.timeline[at - 1].layer + 1 if at else 0
+    def seconds_at(self, line: int) -> float:
+        """Print time in seconds when `line` lines are done, by the slicer's clock."""
+        return self.at(line).seconds
 
     def target_c(self, heater: HeaterName, line: int) -> float | None:
         """What a heater was last set to when `line` lines are done; None before the first."""
@@ -146,11 +181,10 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
     """
     text = bytearray()
     offsets = array("Q")
-    timeline: list[Mark] = []
+    timeline = _Timeline()
     heats: list[Heat] = []
-    count = layer = 0
+    count = 0
     homes = extrudes = -1
-    time_s = 0.0
     is_move = _MOVE.match
     for number, raw in enumerate(raw_lines, 1):
         line = raw.strip()
@@ -159,10 +193,11 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
                 line, _, comment = line.partition(b";")
                 line = line.rstrip()
                 if comment.startswith(b"TIME_ELAPSED:"):
-                    time_s = max(time_s, _seconds(comment[13:], number))
-                    timeline.append(Mark(count, time_s, layer))
+                    timeline.elapsed(count, _number(comment[13:], number))
                 elif comment.startswith(b"LAYER:"):
-                    layer = int(_seconds(comment[6:], number))
+                    timeline.layer(count, int(_number(comment[6:], number)))
+                elif comment.startswith(b"TYPE:"):
+                    timeline.feature(count, _FEATURES.get(comment[5:].rstrip()))
                 elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
                     raise BadGcode(
                         f"line {number}: {_shown(comment[7:])} does not print over USB: slice for Marlin"
@@ -174,6 +209,8 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
                 heats.append(heat)
             if homes < 0 and line.startswith(b"G28"):
                 homes = count
+            elif (rises := _RISES.match(line)) is not None:
+                timeline.height(_number(rises[1], number))
         if extrudes < 0 and b"E" in line and _FEEDS.match(line):
             if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in heats):
                 raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
@@ -189,12 +226,77 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
         text=bytes(text),
         count=count,
         offsets=offsets,
-        timeline=tuple(timeline),
+        timeline=timeline.marks(),
         heats=tuple(heats),
         homes=count if homes < 0 else homes,
         extrudes=count if extrudes < 0 else extrudes,
-        time_s=time_s,
+        time_s=timeline.time_s,
+        layers=timeline.layers,
     )
+
+
+class _Timeline:
+    """The marks of a file, gathered from its comments; seconds are NaN where it does not say them."""
+
+    def __init__(self) -> None:
+        self.time_s = 0.0
+        self.layers = 0
+        self._lines: list[int] = []
+        self._seconds: list[float] = []
+        self._states: list[tuple[int, float, Feature | None]] = []  # layer, height, feature
+        self._layer, self._z_mm = 0, 0.0
+        self._feature: Feature | None = None
+
+    def elapsed(self, line: int, seconds: float) -> None:
+        self.time_s = max(self.time_s, seconds)
+        self._mark(line, self.time_s)
+
+    def layer(self, line: int, layer: int) -> None:
+        self.layers = max(self.layers, layer + 1)
+        self._layer, self._feature = layer, None
+        self._mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first
+
+    def feature(self, line: int, feature: Feature | None) -> None:
+        self._feature = feature
+        self._mark(line, math.nan)
+
+    def height(self, z_mm: float) -> None:
+        """A move names its height; a layer's is named before its first feature."""
+        self._z_mm = z_mm
+        if self._states and self._feature is None:
+            self._states[-1] = (self._layer, z_mm, None)
+
+    def _mark(self, line: int, seconds: float) -> None:
+        state = (self._layer, self._z_mm, self._feature)
+        if self._lines and self._lines[-1] == line:
+            self._states[-1] = state
+            if not math.isnan(seconds):
+                self._seconds[-1] = seconds
+            return
+        self._lines.append(line)
+        self._seconds.append(seconds)
+        self._states.append(state)
+
+    def marks(self) -> tuple[Mark, ...]:
+        """All of them, with seconds by the lines where the file does not say them."""
+        seconds = self._seconds
+        before = (0, 0.0)
+        unknown: list[int] = []
+        for i, line in enumerate(self._lines):
+            if math.isnan(seconds[i]):
+                unknown.append(i)
+                continue
+            for j in unknown:
+                share = (self._lines[j] - before[0]) / (line - before[0])
+                seconds[j] = before[1] + share * (seconds[i] - before[1])
+            unknown.clear()
+            before = (line, seconds[i])
+        for j in unknown:
+            seconds[j] = before[1]
+        return tuple(
+            Mark(line, at_s, *state)
+            for line, at_s, state in zip(self._lines, seconds, self._states, strict=True)
+        )
 
 
 def _check(line: bytes, number: int, count: int) -> Heat | None:
@@ -230,14 +332,14 @@ def _check(line: bytes, number: int, count: int) -> Heat | None:
     return Heat(count, heater, target_c, waits=name in (b"M109", b"M190"))
 
 
-def _seconds(text: bytes, number: int) -> float:
+def _number(text: bytes, number: int) -> float:
     try:
-        seconds = float(text)
+        found = float(text)
     except ValueError:
-        seconds = math.nan
-    if not math.isfinite(seconds):
+        found = math.nan
+    if not math.isfinite(found):
         raise BadGcode(f"line {number}: {_shown(text)} is no number")
-    return seconds
+    return found
 
 
 def _shown(text: bytes) -> str:

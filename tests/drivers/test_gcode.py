@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import BadGcode
-from drivers.gcode import COMMAND_BYTES, HeaterName, Program, strip
+from drivers.gcode import COMMAND_BYTES, Feature, HeaterName, Mark, Program, strip
 
 
 def program(text: str) -> Program:
@@ -58,7 +58,76 @@ def test_progress_is_by_time_and_linear_in_a_layer():
     assert p.seconds_at(7) == 10.0
     assert p.seconds_at(8) == 20.0
     assert p.seconds_at(p.count) == 30.0
-    assert [p.layer_at(n) for n in (0, 6, 7, 8)] == [0, 0, 1, 1]
+    assert [p.at(n).layer for n in (0, 6, 7, 8)] == [0, 0, 1, 1]
+    assert p.layers == 2
+
+
+FEATURES = """M109 S210
+;LAYER:0
+G0 F9000 X1 Y1 Z0.27
+;TYPE:SKIRT
+G1 X2 E1
+;TIME_ELAPSED:4.0
+;TYPE:WALL-OUTER
+G1 X3 E2
+G1 X4 E3
+;TIME_ELAPSED:10.0
+;LAYER:1
+G0 X1 Z0.47
+;TYPE:FILL
+G1 X2 E4
+G1 X3 E5
+;TYPE:SOMETHING NEW
+G1 X4 E6
+;TIME_ELAPSED:20.0
+G28
+"""
+
+
+def test_a_mark_says_time_layer_height_and_feature():
+    p = program(FEATURES)
+    assert p.timeline == (
+        Mark(1, 0.0, 0, 0.27, None),
+        Mark(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
+        Mark(3, 4.0, 0, 0.27, Feature.WALL_OUTER),
+        Mark(5, 10.0, 1, 0.47, None),
+        Mark(6, pytest.approx(12.5), 1, 0.47, Feature.FILL),
+        Mark(8, pytest.approx(17.5), 1, 0.47, None),
+        Mark(9, 20.0, 1, 0.47, None),
+    )
+    assert p.at(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
+    assert p.at(0) == Mark(0, 0.0)
+    assert p.at(p.count).seconds == p.time_s == 20.0
+
+
+NOTES = st.one_of(
+    st.builds("TIME_ELAPSED:{}".format, st.floats(0, 1e6)),
+    st.builds("LAYER:{}".format, st.integers(0, 500)),
+    st.builds("TYPE:{}".format, st.sampled_from([*Feature, "OTHER"])),
+    st.sampled_from(["MESH:part.stl", "", "END"]),
+)
+LINES = st.one_of(
+    st.builds("G1 X{}".format, st.integers(-99, 99)),
+    st.builds("G0 F9000 Z{:.2f}".format, st.floats(0, 300)),
+    st.builds(";{}".format, NOTES),
+    st.builds("G1 X1 ;{}".format, NOTES),
+    st.just(""),
+)
+
+
+@given(st.lists(LINES, max_size=60))
+def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: list[str]):
+    commands = [words for line in lines if (words := line.partition(";")[0].strip())]
+    if not commands:
+        return
+    p = program("\n".join(lines))
+    assert [line.decode() for line in p.lines(0, p.count)] == commands
+    marks = [(mark.line, mark.seconds) for mark in p.timeline]
+    assert marks == sorted(marks)
+    assert len({line for line, _ in marks}) == len(marks)
+    times = [p.seconds_at(line) for line in range(p.count + 1)]
+    assert times == sorted(times)
+    assert times[-1] == p.time_s == max((s for _, s in marks), default=0.0)
 
 
 @pytest.mark.parametrize(
