@@ -157,7 +157,7 @@ def _exists(pid: int) -> bool:
 
 @app.command()
 def submit(
-    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF.")],
+    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF; or G-code, printed as it is.")],
     printers: Annotated[str, typer.Option(help="How many printers it may use, or auto.")] = "auto",
     longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
     scale: Annotated[float | None, typer.Option(help="Scale it by this factor (1000: metres).")] = None,
