@@ -1,0 +1,85 @@
+"""Parts come out as high as they are: the law over all heights, and real slices."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slicing.heights import CERTAIN_LAYERS, EXACT_MM, LayerHeights, fit_heights, printed_mm
+from slicing.plate import slice_plate
+from slicing.settings import PartSettings, SettingsRequest, resolve_settings
+
+NOZZLES_MM = (0.25, 0.4, 0.6, 0.8)
+HIGHEST_MM = 320.0
+
+
+def glue(nozzle_mm):
+    """Half the nozzle, and Cura's first layer."""
+    return LayerHeights(round(nozzle_mm / 1.5, 2), round(nozzle_mm / 2, 2))
+
+
+wanted = st.sampled_from([glue(nozzle) for nozzle in NOZZLES_MM])
+
+
+@given(st.floats(0.2, HIGHEST_MM), wanted)
+def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height_mm, heights):
+    found = fit_heights(height_mm, heights)
+    assert abs(found.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
+    assert 0.8 * heights.first_mm - 1e-3 <= found.first_mm <= 1.2 * heights.first_mm
+
+
+@given(st.floats(0.0, 1.0), wanted)
+def test_every_part_of_some_layers_is_printed_to_its_height(share, heights):
+    lowest_mm = CERTAIN_LAYERS * heights.other_mm
+    height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
+    assert abs(printed_mm(height_mm, fit_heights(height_mm, heights)) - height_mm) <= EXACT_MM
+
+
+@pytest.mark.parametrize("nozzle_mm", NOZZLES_MM)
+def test_no_height_is_left_out(nozzle_mm):
+    """Every whole micrometre from some layers up to the highest printer, not a sample of them."""
+    heights = glue(nozzle_mm)
+    first, other = round(1000 * heights.first_mm), round(1000 * heights.other_mm)
+    count = int(1000 * HIGHEST_MM)
+    reached = np.zeros(count + 1, dtype=bool)
+    for layer in range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1):
+        for top in range(0, count, layer):
+            reached[max(0, top + round(0.8 * first) - 20) : top + round(1.17 * first) + 21] = True
+    assert reached[CERTAIN_LAYERS * other :].all()
+
+
+@given(st.floats(0.01, HIGHEST_MM), wanted)
+def test_a_fitted_height_is_never_further_off_than_the_plain_one(height_mm, heights):
+    plain = abs(printed_mm(height_mm, heights) - height_mm)
+    fitted = abs(printed_mm(height_mm, fit_heights(height_mm, heights)) - height_mm)
+    assert fitted <= max(plain, EXACT_MM) + 1e-9
+
+
+def test_what_fits_already_stays_as_it_is():
+    heights = glue(0.4)
+    assert fit_heights(0.27 + 100 * 0.2, heights) == heights
+    assert fit_heights(33.3, heights, fixed_first=True).first_mm == heights.first_mm
+
+
+# 40.93 mm needs another first layer too; 3.0 mm is low.
+@pytest.mark.parametrize("height_mm", [3.0, 7.77, 25.4, 40.93, 61.13])
+def test_a_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
+    part = PartSettings(height_mm=height_mm)
+    settings = resolve_settings(SettingsRequest("ultimaker2_plus"), resources, part)
+    box = trimesh.creation.box((8, 8, height_mm))
+    assert slice_plate(request_for(box, settings=settings)).height_mm == pytest.approx(
+        height_mm, abs=EXACT_MM
+    )
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "layer_height"),
+    [(10.05, "0.2"), (7.0, "0.1996"), (7.0, "0.2004"), (2.31, "0.15"), (0.3, "0.2")],
+)
+def test_the_engine_s_layers_are_those_of_the_model(request_for, settings_of, height_mm, layer_height):
+    settings = settings_of(layer_height=layer_height)
+    heights = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
+    box = trimesh.creation.box((8, 8, height_mm))
+    printed = slice_plate(request_for(box, settings=settings)).height_mm
+    assert printed == pytest.approx(printed_mm(height_mm, heights), abs=1e-6)
