@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json as jsonlib
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from farm.cli.words import filament, span
 from farm.errors import ErrorCode, FarmError
@@ -55,17 +61,22 @@ def decompose(
 
 
 def slice_model(
-    model: Annotated[Path, typer.Argument(help="An STL in mm; it is printed as it stands.")],
+    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF in mm; it is printed as it stands.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The G-code file.")],
     printer_model: Annotated[str, typer.Option(help="Cura's definition id.")] = "ultimaker2_plus",
     quality: Annotated[str, typer.Option(help="glue, paper, or one of Cura's.")] = "glue",
     material: Annotated[str, typer.Option(help="Cura's material id.")] = "generic_pla",
+    nozzle: Annotated[float, typer.Option(help="The nozzle's size, mm.")] = 0.4,
     set_: Annotated[list[str] | None, typer.Option("--set", help="KEY=VALUE of a Cura setting.")] = None,
+    longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
+    scale: Annotated[float | None, typer.Option(help="Scale it by this factor (1000: metres).")] = None,
     price_per_kg: Annotated[float | None, typer.Option(min=0, help="Of the reel: adds the price.")] = None,
+    cache: Annotated[Path | None, typer.Option(help="Where slices are kept; else the XDG cache.")] = None,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Slice anew, and keep nothing.")] = False,
     json: Json = False,
 ) -> None:
-    """Slice one model as one plate, with all checks, for USB streaming."""
-    from farm.services.local import slice_to_file
+    """Slice one model as one plate, with all checks, for USB streaming. No daemon is needed."""
+    from farm.services.slice_file import default_cache, slice_to_file
 
     overrides = {}
     for pair in set_ or []:
@@ -73,21 +84,42 @@ def slice_model(
         if not equals:
             raise FarmError(f"--set {pair}: write KEY=VALUE", ErrorCode.SETTINGS)
         overrides[key] = value
-    report = slice_to_file(
-        model, out, printer_model=printer_model, quality=quality, material=material, overrides=overrides
-    )
+    with _working() as tell:
+        report = slice_to_file(
+            model,
+            out,
+            printer_model=printer_model,
+            quality=quality,
+            material=material,
+            nozzle_mm=nozzle,
+            overrides=overrides,
+            scale=scale,
+            longest_side_mm=longest_side,
+            cache=None if no_cache else cache or default_cache(),
+            tell=tell,
+        )
     if price_per_kg is not None:
         report["price"] = report["grams"] / 1000 * price_per_kg
     if json:
         print(jsonlib.dumps(report, indent=2))
         return
-    for line in report["repairs"]:
+    for line in (*report["repairs"], *report["warnings"]):
         print(f"  {line}")
     amount = filament(report["grams"], report["filament_mm"], report.get("price"))
     print(
-        f"{out}: {span(report['print_time_s'])}, {amount}, {report['layers']} layers"
-        f"{' (from the cache)' if report['cached'] else ''}"
+        f"{out}: {span(report['print_time_s'])} (with heating {span(report['estimated_s'])}), {amount}, "
+        f"{report['layers']} layers{', from the cache' if report['cached'] else ''}"
     )
+
+
+@contextlib.contextmanager
+def _working() -> Iterator[Callable[[str], None]]:
+    """Shows on a terminal what is being done, and for how long already."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as shown:
+        task = shown.add_task("starting")
+        yield lambda text: shown.update(task, description=escape(text))
 
 
 def _three(text: str) -> tuple[float, float, float]:

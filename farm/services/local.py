@@ -1,10 +1,8 @@
-"""`farm decompose` and `farm slice`: one model, no daemon."""
+"""`farm decompose`: one model, no daemon."""
 
 from __future__ import annotations
 
 import json
-import shutil
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,10 +13,9 @@ from decompose.mesh import load_model
 from decompose.report import Interior, Options, write
 from drivers.profiles import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.services.plates import SliceTask, slice_part
 from farm.services.recipe import recipe
 from farm.services.trouble import in_farm_words
-from slicing.resources import find_engine, find_resources
+from slicing.resources import find_resources
 from slicing.settings import SettingsRequest, resolve_settings
 
 _DEFAULT_MODEL = "ultimaker2_plus"
@@ -62,62 +59,6 @@ def decompose_to_folder(
         cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=brim_mm))
         written = write(partition.decompose(model, rooms, options, cost), out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
-
-
-def slice_to_file(
-    path: Path, out: Path, *, printer_model: str, quality: str, material: str, overrides: dict[str, str]
-) -> dict[str, Any]:
-    """Slice a model as it stands, in the middle of the bed; what `farm slice --json` says.
-
-    Raises
-    ------
-    FarmError
-        With the reason, in one line.
-    """
-    if printer_model not in PROFILES:
-        raise FarmError(
-            f"--printer-model {printer_model}: one of {', '.join(sorted(PROFILES))}", ErrorCode.SETTINGS
-        )
-    with in_farm_words():
-        request = SettingsRequest(
-            printer_model=printer_model, quality=quality, material=material, overrides=overrides
-        )
-        resources = find_resources()
-        settings = resolve_settings(request, resources)
-        engine = find_engine()
-        model = load_model(path, scale=1.0)
-    room = part_room(PROFILES[printer_model], settings.brim_width_mm)
-    with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
-        stl = Path(folder) / "model.stl"
-        model.mesh.export(stl)
-        task = SliceTask(
-            part=path.name,
-            stl=stl,
-            request=request,
-            resources=resources,
-            settings=settings,
-            room=room,
-            engine=engine,
-            out=Path(folder) / "model.gcode",
-            cache=None,
-        )
-        result = slice_part(task)
-        try:
-            out.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(result.gcode, out)
-        except OSError as error:
-            raise FarmError(f"{out}: cannot be written ({error.strerror}); name another file") from error
-    return {
-        "schema": 1,
-        "repairs": list(model.repairs),
-        "print_time_s": result.print_time_s,
-        "filament_mm": result.filament_mm,
-        "filament_mm3": result.filament_mm3,
-        "grams": result.grams,
-        "layers": result.layers,
-        "cached": result.cached,
-        "settings": {"global": settings.global_, "extruder": settings.extruder},
-    }
 
 
 def _empty_for_parts(out: Path) -> None:

@@ -63,17 +63,22 @@ def slice_part(task: SliceTask) -> PlateResult:
         for box in task.room
         for r in (box.rect.grown(task.settings.brim_width_mm),)
     )
-    chosen = PartSettings(
-        height_mm=extents[2],
-        brim_width_mm=task.brim_width_mm,
-        layer_0_expansion_mm=task.layer_0_expansion_mm,
-    )
     with in_farm_words():
-        settings = resolve_settings(task.request, task.resources, chosen)
+        settings = settings_of(task, extents[2])
         request = PlateRequest(
             stl=placed, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
         )
         return slice_plate(request)
+
+
+def settings_of(task: SliceTask, height_mm: float) -> Settings:
+    """The settings for this part, which is printed so high. Raises the errors of `resolve_settings`."""
+    chosen = PartSettings(
+        height_mm=height_mm,
+        brim_width_mm=task.brim_width_mm,
+        layer_0_expansion_mm=task.layer_0_expansion_mm,
+    )
+    return resolve_settings(task.request, task.resources, chosen)
 
 
 def _transform(

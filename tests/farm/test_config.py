@@ -86,7 +86,7 @@ def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
     ("text", "said"),
     [
         (GOOD.replace("model: ultimaker2_plus", "model: ultimaker2_plus, material: PLA"), "3: defaults.mat"),
-        (GOOD.replace("model: ultimaker2_plus", "model: ultimaker2_plus, material: PLA"), "mean generic_pla,"),
+        (GOOD.replace("colour: blue", "material: PLA"), "did you mean generic_pla,"),
         (
             GOOD.replace("colour: blue", "material: generic_plaa"),
             "6: printers.1.material: generic_plaa",

@@ -120,6 +120,14 @@ def test_fleet_with_an_unknown_key(make_farm):
     assert re.search(r"fleet.yaml:3: printers.0.colur: unknown key", one_line(result.stderr))
 
 
+def test_fleet_with_a_material_that_cura_has_not(make_farm):
+    farm = make_farm({"one": SIM})
+    farm.fleet.write_text(farm.fleet.read_text().replace("name: one", "name: one, material: PLA"))
+    result = farm.run("up")
+    assert result.returncode == 2
+    assert re.search(r"fleet.yaml:3: printers.0.material: .* generic_pla", one_line(result.stderr))
+
+
 def test_two_printers_on_one_port(make_farm, tmp_path):
     farm = make_farm({"one": (MODEL, "/dev/ttyACM0"), "two": (MODEL, "/dev/ttyACM0")})
     result = farm.run("up")

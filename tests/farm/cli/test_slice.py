@@ -1,0 +1,74 @@
+"""`farm slice` as a person runs it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import trimesh
+
+FARM = Path(sys.executable).with_name("farm")
+
+
+@pytest.fixture
+def box(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box((20.0, 18.0, 2.0)).export(path)
+    return path
+
+
+@pytest.fixture
+def env(tmp_path):
+    """Temporary files and the cache in folders of their own."""
+    (tmp_path / "tmp").mkdir()
+    return {**os.environ, "TMPDIR": str(tmp_path / "tmp"), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+
+
+def farm(env, *arguments):
+    command = [str(FARM), "slice", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=env, check=False)
+
+
+def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_path):
+    first = farm(env, box, "-o", tmp_path / "a.gcode", "--json")
+    assert (first.returncode, first.stderr) == (0, "")
+    report = json.loads(first.stdout)
+    assert (report["schema"], report["cached"]) == (1, False)
+    again = farm(env, box, "-o", tmp_path / "b.gcode", "--price-per-kg", "20")
+    assert again.returncode == 0
+    assert again.stdout.endswith("from the cache\n")
+    assert (tmp_path / "b.gcode").read_bytes() == (tmp_path / "a.gcode").read_bytes()
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+def test_a_mistake_is_one_line(box, env, tmp_path):
+    result = farm(env, box, "-o", tmp_path / "a.gcode", "--set", "layer_height")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr == "farm: --set layer_height: write KEY=VALUE\n"
+
+
+def test_ctrl_c_ends_the_engine_and_leaves_no_file(box, env, tmp_path):
+    """The engine holds a FIFO open: its end is read when none of it is left."""
+    os.mkfifo(tmp_path / "fifo")
+    engine = tmp_path / "engine"
+    lines = ["#!/bin/sh", "[ $1 = help ] && exec CuraEngine help", f"exec 3>{tmp_path / 'fifo'}"]
+    engine.write_text("\n".join([*lines, "echo slicing >&3", "exec sleep 1000", ""]))
+    engine.chmod(0o755)
+    process = subprocess.Popen(
+        [str(FARM), "slice", str(box), "-o", str(tmp_path / "out.gcode")],
+        env={**env, "FARM_CURA_ENGINE": str(engine)},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    with (tmp_path / "fifo").open() as fifo:
+        assert fifo.readline() == "slicing\n"
+        process.send_signal(signal.SIGINT)
+        fifo.read()
+    _, said = process.communicate()
+    assert process.returncode == 130
+    assert "Traceback" not in said
+    assert not list(tmp_path.glob("*.gcode"))
+    assert not list((tmp_path / "tmp").iterdir())
