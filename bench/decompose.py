@@ -14,16 +14,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 
-from decompose.cost import CostModel, PrinterRoom, Recipe
+from bench.print_time_parts import recipe_of
+from decompose.cost import CostModel, PrinterRoom
 from decompose.mesh import load_model
 from decompose.partition import decompose
 from decompose.report import Options
 from drivers.profiles import PROFILES, part_room
-
-# The quality `glue`, as it resolves on an Ultimaker 2+.
-GLUE = Recipe(
-    layer_height_mm=0.15, skin_layers=5.0, infill_line_distance_mm=3.5, support_angle_deg=50.0, brim_mm=8.05
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +83,12 @@ def main() -> int:
     parser.add_argument("--granularity", default="auto")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    cost = CostModel.from_recipe(GLUE)
+    glue = recipe_of("glue")
+    cost = CostModel.from_recipe(glue)
     figures = []
     for item in args.models:
         path, side, plus, extended = item.rsplit(":", 3)
-        fleet = rooms(int(plus), int(extended), GLUE.brim_mm)
+        fleet = rooms(int(plus), int(extended), glue.brim_mm)
         figures.append(measure(Path(path), float(side), fleet, Options(granularity=args.granularity), cost))
     if args.json:
         print(json.dumps({"schema": 1, "figures": [asdict(f) for f in figures]}, indent=1))

@@ -1,0 +1,238 @@
+"""The table behind the print-time model: parts that the decomposition makes, sliced at several settings.
+
+Nothing is stored but figures: models, parts and slices are made again from the scripts.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.shapes import SHAPES
+from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, Recipe, pose_features
+from decompose.errors import DecomposeError
+from decompose.mesh import Model, load_model
+from decompose.partition import decompose
+from decompose.report import Options
+from decompose.stl import single_precision, write_stl
+from drivers.profiles import PROFILES, part_room
+from farm.services.recipe import recipe
+from slicing.errors import SlicingError
+from slicing.plate import PlateRequest, slice_plate
+from slicing.resources import find_engine, find_resources
+from slicing.settings import Settings, SettingsRequest, resolve_settings
+
+PRINTER = "ultimaker2_plus"
+ANYWHERE = ((-500.0, -500.0, 500.0, 500.0, 500.0),)  # parts are not placed here, only timed
+COUNTS = (4, 9)  # printers, for parts of two sizes
+FOREIGN_MM = 200.0  # longest side of a model that is not ours
+
+# The two qualities of ours, and settings that differ in everything that enters by physics.
+SETTINGS: dict[str, tuple[str, float, dict[str, Any]]] = {
+    "glue": ("glue", 0.4, {}),
+    "paper": ("paper", 0.4, {}),
+    "fine": ("glue", 0.4, {"layer_height": 0.15, "infill_sparse_density": 20}),
+    "wide": ("glue", 0.6, {}),
+    "other": (
+        "glue",
+        0.4,
+        {
+            "layer_height": 0.25,
+            "line_width": 0.4,
+            "speed_wall_0": 25,
+            "speed_wall_x": 35,
+            "speed_infill": 80,
+            "speed_topbottom": 20,
+            "infill_pattern": "grid",
+            "infill_sparse_density": 15,
+            "support_angle": 60,
+        },
+    ),
+}
+OTHER_POSES = (0, 1, 2, 3, 5)  # indices into POSE_ROTATIONS; 4 leaves a part as it lies
+ALWAYS = ("glue", "paper")  # the others take every second part
+KINDS = {
+    "WALL-OUTER": "walls_s",
+    "WALL-INNER": "walls_s",
+    "FILL": "fill_s",
+    "SKIN": "skin_s",
+    "SUPPORT": "support_s",
+    "SUPPORT-INTERFACE": "support_s",
+    "SKIRT": "brim_s",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One part at one setting: its features, and what CuraEngine makes of it.
+
+    `sliced_s` is all; `*_s` of a kind is the length of its lines over their speed.
+    """
+
+    model: str
+    part: str
+    printed: bool  # in the pose that the decomposition chose; else in another axis pose
+    settings: str
+    volume_mm3: float
+    lateral_mm2: float
+    skin_mm2: float
+    slope_mm2: float
+    column_mm3: float
+    width_mm: float
+    depth_mm: float
+    height_mm: float
+    sliced_s: float
+    walls_s: float
+    fill_s: float
+    skin_s: float
+    support_s: float
+    brim_s: float
+
+
+def settings_of(name: str) -> Settings:
+    """One of SETTINGS, resolved."""
+    quality, nozzle_mm, overrides = SETTINGS[name]
+    request = SettingsRequest(PRINTER, quality, nozzle_mm=nozzle_mm, overrides=overrides)
+    return resolve_settings(request, find_resources())
+
+
+def recipe_of(name: str) -> Recipe:
+    """What the cost is told of one of SETTINGS."""
+    return recipe(settings_of(name), prelude_s=0.0)
+
+
+def write(path: Path, rows: Sequence[Row]) -> None:
+    """As CSV, figures to six digits."""
+    with path.open("w", newline="", encoding="utf-8") as sink:
+        table = csv.writer(sink, lineterminator="\n")
+        table.writerow(f.name for f in fields(Row))
+        for row in rows:
+            values = asdict(row).values()
+            table.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in values)
+
+
+def read(path: Path) -> list[Row]:
+    """What `write` wrote."""
+
+    def value(name: str, text: str) -> Any:
+        if name == "printed":
+            return text == "True"
+        return text if name in ("model", "part", "settings") else float(text)
+
+    with path.open(newline="", encoding="utf-8") as source:
+        return [
+            Row(**{name: value(name, text) for name, text in row.items()}) for row in csv.DictReader(source)
+        ]
+
+
+def models(folder: Path | None) -> Iterator[tuple[str, Model]]:
+    """Those made here, and those of a folder that can be read and made solid."""
+    for name, make in SHAPES.items():
+        yield name, Model(make(), (), 1.0)
+    for path in sorted(folder.iterdir()) if folder else ():
+        if path.suffix.lower() in (".stl", ".obj"):
+            try:
+                yield path.stem, load_model(path, longest_side_mm=FOREIGN_MM)
+            except DecomposeError as error:
+                print(f"{path.name}: {error}", file=sys.stderr)
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """A part as it lies on the bed."""
+
+    model: str
+    part: str
+    printed: bool
+    corners: np.ndarray  # (m, 3, 3) float32
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        corners = self.corners.reshape(-1, 3).astype(np.float64)
+        return corners, np.arange(len(corners)).reshape(-1, 3)
+
+
+def parts(folder: Path | None, each: int) -> Iterator[Posed]:
+    """At most `each` parts of every model for every number of printers; some in another axis pose, too."""
+    draw = np.random.default_rng(1)
+    cost = CostModel.from_recipe(recipe_of("glue"))
+    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe_of("glue").brim_mm))
+    for name, model in models(folder):
+        for count in COUNTS:
+            printers = [PrinterRoom(str(i), room) for i in range(count)]
+            try:
+                found = list(decompose(model, printers, Options(), cost).parts)
+            except DecomposeError as error:
+                print(f"{name} for {count}: {error}", file=sys.stderr)
+                continue
+            draw.shuffle(found)  # type: ignore[arg-type]
+            for part in found[:each]:
+                label = f"{count}-{part.id}"
+                yield Posed(name, label, True, part.triangles())
+                if draw.random() < 0.35:
+                    vertices, faces = part.printed()
+                    turned = vertices @ POSE_ROTATIONS[draw.choice(OTHER_POSES)].T
+                    lo, hi = turned.min(axis=0), turned.max(axis=0)
+                    corners = single_precision(turned - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
+                    if corners is not None:
+                        yield Posed(name, f"{label}-turned", False, corners)
+
+
+def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row | None:
+    """Slice one part at one setting; None where CuraEngine's result is not accepted."""
+    settings = settings_of(setting)
+    name = f"{posed.model}-{posed.part}-{setting}"
+    stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
+    write_stl(stl, posed.corners)
+    request = PlateRequest(
+        stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE, cache=cache
+    )
+    try:
+        sliced_s = slice_plate(request).print_time_s
+    except SlicingError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return None
+    kinds = kind_seconds(out.read_text(encoding="utf-8"))
+    stl.unlink()
+    out.unlink()
+    cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+    (features,), (extents,) = pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
+    figures = [*map(float, features), *map(float, extents), sliced_s]
+    return Row(posed.model, posed.part, posed.printed, setting, *figures, **kinds)
+
+
+def kind_seconds(gcode: str) -> dict[str, float]:
+    """Seconds of extrusion by kind of line: length over speed, without acceleration."""
+    seconds = dict.fromkeys(KINDS.values(), 0.0)
+    kind, at, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
+    for line in gcode.splitlines():
+        if line.startswith(";TYPE:"):
+            kind = KINDS.get(line[6:], "")
+        elif line.startswith(("G0 ", "G1 ", "G92 ")):
+            new = at | {word[0]: float(word[1:]) for word in re.findall(r"[XYZEF]-?[\d.]+", line)}
+            length = math.dist([at[a] for a in "XYZ"], [new[a] for a in "XYZ"])
+            feed = new["F"] / 60.0 or feed
+            if kind and new["E"] > at["E"] and not line.startswith("G92"):
+                seconds[kind] += length / feed
+            at = new
+    return seconds
+
+
+def make(folder: Path | None, each: int, workers: int, cache: Path | None) -> list[Row]:
+    """The whole table, from nothing."""
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
+        work = []
+        for number, posed in enumerate(parts(folder, each)):
+            chosen = SETTINGS if number % 2 == 0 else ALWAYS
+            work += [pool.submit(measure, posed, name, Path(scratch), cache) for name in chosen]
+        return [row for future in work if (row := future.result()) is not None]
