@@ -36,7 +36,7 @@ _EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or "none in particular"
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a definition says of one setting. Limits and scope may be formulas."""
+    """What a definition says of one setting. Limits, scope and whether it counts may be formulas."""
 
     key: str
     type: SettingType
@@ -48,6 +48,7 @@ class Setting:
     minimum: Any = None
     maximum: Any = None
     options: tuple[str, ...] = ()
+    enabled: Any = True
 
 
 def merge(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
@@ -92,6 +93,7 @@ def _setting(key: str, entry: Mapping[str, Any]) -> Setting:
         minimum=_limit(entry.get("minimum_value")),
         maximum=_limit(entry.get("maximum_value")),
         options=tuple(entry.get("options", ())),
+        enabled=_limit(entry.get("enabled", True)),
     )
 
 

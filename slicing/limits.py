@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any
@@ -24,7 +24,7 @@ _ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out
 _ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
 _ALONE = "a plate has one part; leave it out"
 _SHAPE = "it does not print the part as it is; leave it out"
-_MOTION = "the printer keeps its own accelerations; leave it out"
+_MOTION = "accelerations are the printer's and the material's matter; leave it out"
 
 _RESERVED: Mapping[str, str] = {
     "material_diameter": _PRINTER,
@@ -96,11 +96,13 @@ class Violation:
     ours: bool  # a limit of ours: Cura's own profiles have to keep it too
 
 
-def violations(resolver: Resolver, first: Iterable[str] = ()) -> Iterator[Violation]:
-    """What is wrong in either stack; some keys can be looked at first."""
+def violations(resolver: Resolver, chosen: Collection[str] = ()) -> Iterator[Violation]:
+    """What is wrong in either stack: first of the keys that a person has chosen, then of all that count."""
     for scope in Scope:
-        for key in {**dict.fromkeys(first), **dict.fromkeys(resolver.keys(scope))}:
-            yield from _violations(resolver, scope, key)
+        for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
+            for found in _violations(resolver, scope, key):
+                if key in chosen or found.ours or resolver.is_enabled(key):
+                    yield found
 
 
 def _violations(resolver: Resolver, scope: Scope, key: str) -> Iterator[Violation]:
@@ -133,7 +135,7 @@ def _our_bounds(resolver: Resolver, key: str) -> tuple[float | None, float | Non
             return 0.0, PARKED_MM
         case "retraction_hop" | "wipe_hop_amount":
             return 0.0, _MOST_HOP_MM
-        case _ if key.endswith("line_width"):
+        case _ if "line_width" in key and not key.endswith("_factor"):
             return None, _LINE_SHARE * nozzle_mm
         case _ if "bed_temperature" in key:
             return 0.0, BED_MAX_C

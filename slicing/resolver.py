@@ -123,6 +123,14 @@ class Resolver:
         setting = self.setting(key)
         return self._bound(scope, key, setting.minimum), self._bound(scope, key, setting.maximum)
 
+    def is_enabled(self, key: str) -> bool:
+        """Whether a setting counts, as the others are: Cura hides it where not."""
+        raw = self.setting(key).enabled
+        try:
+            return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
+        except DefinitionError:  # a formula that only a window needs
+            return True
+
     def is_per_extruder(self, key: str) -> bool:
         """Whether the extruder has a value of its own."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]

@@ -177,7 +177,7 @@ def _resolve(
     resolver = _resolver(stacks, words, part, heights)
     user_keys = [key for key, _ in words.overrides]
     try:
-        for found in violations(resolver, first=user_keys):
+        for found in violations(resolver, chosen=user_keys):
             if found.ours or not _is_cura_s(found, resources, words):
                 raise BadSetting(_refusal(found, words))
     except DefinitionError as error:
