@@ -134,8 +134,8 @@ def _notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
     if ulticode:
         lines.append("Converted from UltiGCode; temperatures are those of the printer's material.")
     if left_out:
-        what = ", ".join(sorted(set(left_out.values())))
-        lines.append(f"Left out ({', '.join(sorted(left_out))}): the printer's own {what} are used.")
+        what = ", ".join(f"{code} ({left_out[code]})" for code in sorted(left_out))
+        lines.append(f"Left out, for the printer has its own: {what}.")
     return tuple(lines)
 
 

@@ -324,7 +324,7 @@ class Walk:
         if z <= 0:
             self._refuse(f"prints at Z {z:g}: it has to be above the bed")
         if not self._survey.marks_layers and z > self._flat_z + 0.01 and old[2] == z and extent.path_mm:
-            self._writer.layer()
+            self._writer.layer(z)
         path_mm = math.dist(old, target)
         if old[2] == z and z != self._flat_z:
             self._step_mm = round(z - self._flat_z, 3) if z > self._flat_z else self._step_mm

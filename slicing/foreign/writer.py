@@ -47,9 +47,10 @@ class Writer:
     def dwell(self, seconds: float) -> None:
         self._tail.append(seconds)
 
-    def layer(self) -> None:
-        """A layer begins."""
-        self._tail.append(None)
+    def layer(self, z_mm: float | None = None) -> None:
+        """A layer begins: now, or with the first move to this height since the last `commit`."""
+        at = (i for i, item in enumerate(self._tail) if isinstance(item, tuple) and item[2] == z_mm)
+        self._tail.insert(next(at, len(self._tail)), None)
 
     def commit(self) -> None:
         """What was told up to now belongs to the print."""

@@ -1,7 +1,9 @@
 """A person's own G-code: what is printed of it, and what is refused."""
 
+import gzip
 import itertools
 import re
+from pathlib import Path
 
 import pytest
 from hypothesis import example, given, settings
@@ -9,6 +11,8 @@ from hypothesis import strategies as st
 
 from drivers.filament import retracted_mm
 from drivers.gcode import HeaterName, strip
+from drivers.profiles import PROFILES
+from farm.services.movetime import FirmwareTime
 from make_gcode import FILAMENT_MM2, PURGE, Summed, as_bytes, marlin, square, ultigcode
 from slicing.errors import GcodeRefused
 from slicing.foreign.accept import accept
@@ -21,10 +25,10 @@ ON_THE_LIST = re.compile(
 MOVE = re.compile(rb"G[01] ")
 
 
-def take(lines, end=b"\n"):
+def take(lines, stopwatch=None, end=b"\n"):
     return accept(
         [line if isinstance(line, bytes) else line.encode() + end for line in lines],
-        stopwatch=Summed(),
+        stopwatch=stopwatch or Summed(),
         filament_mm2=FILAMENT_MM2,
         nozzle_mm=0.4,
         nozzle_c=210.0,
@@ -102,6 +106,22 @@ def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
     assert accepted.filament_mm == pytest.approx(240 * 0.08 / FILAMENT_MM2, abs=1e-4)
     assert [m[3] for m in moves if m[3] < 0] == [pytest.approx(-6.5, abs=1e-4)] * 3
     assert sum(m[3] for m in moves) == pytest.approx(accepted.filament_mm, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("slicer", "filament_mm", "seconds"),
+    [("prusaslicer", 19.61, 78), ("slic3r", 20.04, None), ("ultigcode", 246 / FILAMENT_MM2, 104.9)],
+)
+def test_what_slicers_write_takes_the_filament_and_the_time_that_they_say(slicer, filament_mm, seconds):
+    """Recorded on Debian 12: a tile of 10 x 10 x 1 mm by PrusaSlicer 2.5.0, Slic3r 1.3.0, CuraEngine 4.13."""
+    recorded = Path(__file__).parent / "fixtures" / f"tile-{slicer}.gcode.gz"
+    accepted = take(
+        gzip.decompress(recorded.read_bytes()).splitlines(), FirmwareTime(PROFILES["ultimaker2_plus"])
+    )
+    safe(accepted)
+    assert (accepted.nozzle_mm, accepted.layers) == (0.4, 5)
+    assert accepted.filament_mm == pytest.approx(filament_mm, rel=0.003)
+    assert accepted.print_time_s == pytest.approx(seconds or accepted.print_time_s, rel=0.06)
 
 
 def rewritten(lines, how):
@@ -254,7 +274,7 @@ def test_an_end_script_may_do_what_a_print_must_not():
 
 def test_what_is_left_out_is_said():
     notices = take(marlin(body=["M204 S500", "M900 K0.1", "M73 P10", "M117 Go: N*"])).notices
-    assert notices[-1] == "Left out (M204, M900): the printer's own acceleration, linear advance are used."
+    assert notices[-1] == "Left out, for the printer has its own: M204 (acceleration), M900 (linear advance)."
 
 
 @pytest.mark.parametrize(
