@@ -34,14 +34,15 @@ EXACT_LAYERS = 24
 _PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts what is nearly flat
 _SPECK_MM2 = 0.2
 _GAPS = 8  # in one ring
-_ON = ("True", "true", "1")
-_STRAYS = (
-    "adaptive_layer_height_enabled",
-    "conical_overhang_enabled",
-    "magic_fuzzy_skin_enabled",
-    "magic_spiralize",
-    "mold_enabled",
-)
+_FOLLOWING = {
+    "adaptive_layer_height_enabled": "False",
+    "conical_overhang_enabled": "False",
+    "magic_fuzzy_skin_enabled": "False",
+    "magic_mesh_surface_mode": "normal",
+    "magic_spiralize": "False",
+    "mold_enabled": "False",
+    "slicing_tolerance": "middle",
+}  # with anything else the outer wall leaves the model's outline
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,16 +100,13 @@ class Lines:
 
 def lines_of(settings: Settings) -> Lines | None:
     """What the settings say of the outer wall; None where they do not follow the model's outline."""
-    values = settings.extruder | settings.global_
+    scopes = (settings.extruder, settings.global_)
 
     def number(key: str) -> float:
         return float(settings.extruder.get(key) or settings.global_.get(key) or 0.0)
 
-    if (
-        any(settings.extruder.get(key) in _ON or settings.global_.get(key) in _ON for key in _STRAYS)
-        or values.get("magic_mesh_surface_mode", "normal") != "normal"
-        or values.get("slicing_tolerance", "middle") != "middle"
-        or settings.wall_count < 1
+    if settings.wall_count < 1 or any(
+        scope.get(key, kept) != kept for scope in scopes for key, kept in _FOLLOWING.items()
     ):
         return None
     return Lines(

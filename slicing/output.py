@@ -144,13 +144,12 @@ def check(
             "CuraEngine found nothing to print; the part is too thin or its mesh is open: thicken it, scale "
             "it up, or repair it",
         )
-    if (
-        not facts.layers == facts.top_layer + 1 <= facts.layer_count
-    ):  # those above it are the outline's business
+    # Layers above the last one are the outline's business.
+    if not facts.layers == facts.top_layer + 1 <= facts.layer_count:
         raise SliceRejected(
             Rule.LAYERS,
             f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and it "
-            f"names {facts.layer_count}; repair the mesh",
+            f"names {facts.layer_count}; repair the mesh, or turn a part that stands on a tip",
         )
     over_mm = layer_height_mm / 2 + 0.005
     missing_mm = height_mm - cut_mm - facts.max_mm[2]

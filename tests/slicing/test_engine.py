@@ -1,0 +1,204 @@
+"""Small programs in the engine's place: each way in which it fails is ended, named, and leaves nothing."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from slicing import engine as engine_module
+from slicing.engine import check_versions, engine_version, run_engine
+from slicing.errors import (
+    EngineCrashed,
+    EngineFailed,
+    EngineMissing,
+    EngineOutOfMemory,
+    EngineTimeout,
+    SlicingError,
+)
+
+
+@pytest.fixture
+def run(tmp_path, script, monkeypatch):
+    """Run a shell script as the engine; its temporary folder is `tmp_path`/scratch."""
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    stl = tmp_path / "part.stl"
+    stl.write_bytes(b"")
+
+    def call(body, *, timeout_s=60.0, **rest):
+        try:
+            return run_engine(script(body), stl, {"a": "1"}, {}, layers=1, timeout_s=timeout_s, **rest)
+        finally:
+            assert list(scratch.iterdir()) == []
+
+    return call
+
+
+@contextmanager
+def writers(fifo):
+    """Wait for all who hold the writing end of a fifo to be gone."""
+    os.mkfifo(fifo)
+    reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+    gone = select.poll()
+    gone.register(reader, 0)
+    try:
+        yield lambda: bool(gone.poll(20_000))
+    finally:
+        os.close(reader)
+
+
+def test_what_it_writes_and_says_is_handed_on(run):
+    ran = run("echo out; echo err >&2; echo G28 > part.gcode; cat global.json; ls")
+    assert ran.gcode == b"G28\n"
+    assert ran.log.startswith("out\nerr\n")
+    assert '"default_value": "1"' in ran.log
+    assert "part.stl" in ran.log
+
+
+def test_nothing_written_is_an_empty_file(run):
+    assert run("true").gcode == b""
+
+
+@pytest.mark.parametrize(
+    ("body", "error", "says"),
+    [
+        ("echo '[ERROR] no such luck' >&2; exit 3", EngineFailed, r"exit code 3\): \[ERROR\] no such luck"),
+        ("exit 3", EngineFailed, "said nothing"),
+        ("kill -SEGV $$", EngineCrashed, r"crashed \(SIGSEGV\).*repair the mesh"),
+        ("kill -ABRT $$", EngineCrashed, "SIGABRT"),
+        ("kill -KILL $$", EngineOutOfMemory, "runs out of memory"),
+        ("echo std::bad_alloc; kill -ABRT $$", EngineOutOfMemory, r"more than 4.0 GB; scale"),
+        ("echo '[ERROR] Unknown exception.'; exit 1", EngineOutOfMemory, "gave up twice"),
+        (
+            "echo \"no value given: 'x'\"; echo ERROR no value given; exit 2",
+            EngineFailed,
+            "FARM_CURA_RESOURCES",
+        ),
+    ],
+)
+def test_each_end_has_its_name(run, body, error, says):
+    with pytest.raises(error, match=says) as failed:
+        run(body)
+    assert type(failed.value) is error
+    assert isinstance(failed.value, SlicingError)
+    assert "\n" not in str(failed.value)
+
+
+def test_what_works_the_second_time_has_worked(run, tmp_path):
+    once = f"[ -e {tmp_path}/tried ] && exec touch part.gcode; touch {tmp_path}/tried"
+    assert run(f"{once}; echo '[ERROR] Unknown exception.'; exit 1").gcode == b""
+
+
+def test_one_that_hangs_is_ended_with_all_that_it_started(run, tmp_path):
+    fifo = tmp_path / "fifo"
+    with writers(fifo) as gone:
+        with pytest.raises(EngineTimeout, match=r"did not finish within 0\.5 s; scale"):
+            run(f"sleep 600 > {fifo} & sleep 600 > {fifo}", timeout_s=0.5)
+        assert gone()
+
+
+def test_what_it_leaves_running_is_ended_too(run, tmp_path):
+    fifo = tmp_path / "fifo"
+    with writers(fifo) as gone:
+        assert run(f"exec 3> {fifo}; sleep 600 & echo done").log == "done\n"
+        assert gone()
+
+
+def test_one_that_closes_its_streams_is_waited_for(run):
+    assert run("exec >&- 2>&-; echo G28 > part.gcode").gcode == b"G28\n"
+
+
+def test_a_flood_of_words_keeps_its_beginning_and_end(run):
+    log = run("echo first; yes 'a long and tedious line of a log' | head -c 20000000; echo last").log
+    assert log.startswith("first\n")
+    assert log.endswith("last\n")
+    assert len(log) <= 5 * 2**20
+
+
+def test_a_flood_on_the_disk_is_ended(run, monkeypatch):
+    monkeypatch.setattr(engine_module, "OUTPUT_BYTES", 100_000)
+    with pytest.raises(EngineCrashed, match="wrote more than"):
+        run("exec head -c 10000000 /dev/zero > part.gcode")
+
+
+def test_one_that_eats_memory_is_ended(run):
+    eater = f"exec {sys.executable} -c 'x = []\nwhile True: x.append(bytearray(1 << 26))'"
+    with pytest.raises(EngineFailed, match="MemoryError"):
+        run(eater, memory_bytes=2**29)
+
+
+def test_the_real_one_without_memory(engine, tmp_path, settings_of, cube_20):
+    stl = tmp_path / "cube.stl"
+    cube_20.export(stl)
+    settings = settings_of()
+    with pytest.raises(EngineOutOfMemory, match=r"0\.3 GB"):
+        run_engine(
+            engine,
+            stl,
+            settings.global_,
+            settings.extruder,
+            layers=1,
+            timeout_s=60.0,
+            memory_bytes=int(0.28 * 2**30),
+        )
+
+
+def test_progress_comes_from_what_it_says(run):
+    shares = []
+    said = r"printf 'Progress:inset+skin:1:100 \t0.250000%%\nProgress:export:9:9 \t0.750000%%\n'"
+    run(f"[ $3 = -p ] || exit 1; {said}", progress=shares.append)
+    assert shares == [0.75]
+    run("[ $3 = -m1 ] || exit 1")
+
+
+def test_it_dies_with_who_asked(tmp_path, script):
+    fifo = tmp_path / "fifo"
+    asked = script(f"exec sleep 600 > {fifo}")
+    code = (
+        "import sys, pathlib\n"
+        "from slicing.engine import run_engine\n"
+        f"run_engine(pathlib.Path({str(asked)!r}), pathlib.Path('none'), {{}}, {{}}, layers=1, timeout_s=600)"
+    )
+    with writers(fifo) as gone:
+        root = Path(engine_module.__file__).parents[1]
+        environ = {"TMPDIR": str(tmp_path), "PYTHONPATH": str(root), "PATH": os.environ["PATH"]}
+        worker = subprocess.Popen([sys.executable, "-c", code], env=environ)
+        reader = os.open(fifo, os.O_RDONLY)  # until the engine holds the other end
+        os.close(reader)
+        worker.send_signal(signal.SIGKILL)
+        worker.wait()
+        assert gone()
+
+
+@pytest.mark.parametrize(
+    ("version", "extruder", "good"),
+    [
+        ("4.13.0", {"outer_inset_first": "False"}, True),
+        ("5.0.0", {"inset_direction": "outside_in"}, True),
+        ("4.13.0", {"inset_direction": "outside_in"}, False),
+        ("5.0.0", {"outer_inset_first": "False"}, False),
+        ("master", {"inset_direction": "outside_in"}, True),
+    ],
+)
+def test_engine_and_files_are_of_one_generation(tmp_path, version, extruder, good):
+    engine = tmp_path / "engine"
+    engine.write_text(f"#!/bin/sh\necho Cura_SteamEngine version {version}\n")
+    engine.chmod(0o755)
+    if good:
+        check_versions(engine, extruder)
+        return
+    with pytest.raises(EngineMissing, match=f"{version}, and Cura's settings files are of version"):
+        check_versions(engine, extruder)
+
+
+def test_what_is_no_engine(tmp_path):
+    with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):
+        engine_version(Path("/bin/true"))
+    with pytest.raises(EngineMissing, match="set FARM_CURA_ENGINE"):
+        engine_version(tmp_path / "nothing")
