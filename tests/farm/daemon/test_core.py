@@ -8,7 +8,7 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.daemon.core import Core
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.model import AgentSnapshot, Bed, FilamentState, HoldCode, JobOptions, JobState, Link
+from farm.model import AgentSnapshot, Bed, FilamentState, HoldCode, JobOptions, JobState, Link, OwnGcode
 from farm.paths import StateFolder
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
@@ -85,6 +85,20 @@ def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):
     assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: HoldCode.NOT_FRONT}
     farm.core.cancel(2)
     assert [number for number, *_ in farm.hands.plans] == [2, 3]
+
+
+def test_own_g_code_takes_one_printer_that_has_its_nozzle_and_its_room(farm):
+    def submit(request_id, nozzle_mm, half_mm):
+        box = {"min_mm": (-half_mm, -half_mm, 0.2), "max_mm": (half_mm, half_mm, 9.0)}
+        own = OwnGcode(nozzle_mm=nozzle_mm, **box)
+        return farm.core.submit(request_id, "x.gcode", Inspected("x.gcode", (), 1.0, own), JobOptions())[0]
+
+    farm.ready("a")
+    farm.ready("b", bed_clear=False)
+    numbers = [submit("r" * 8, 0.8, 10), submit("s" * 8, 0.4, 111), submit("t" * 8, None, 10)]
+    holds = [farm.core.books.jobs[number].hold for number in numbers]
+    assert [hold and hold.code for hold in holds] == [HoldCode.NO_SUCH_PRINTER] * 2 + [None]
+    assert farm.hands.plans == [(3, ["a"], 1)]
 
 
 def test_the_same_request_is_the_same_job(farm):
