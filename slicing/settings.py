@@ -264,7 +264,7 @@ def _settings(model: str, resolver: Resolver, material: Material, scale: tuple[f
         return bool(resolver.value(Scope.EXTRUDER, key))
 
     if global_["adhesion_type"] == "raft":
-        raise BadSetting("adhesion_type=raft: a raft is not supported; take brim, skirt or none")
+        raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
     diameter_mm = number("material_diameter")
     filament_mm2 = math.pi * diameter_mm**2 / 4
     nozzle_c = number("material_print_temperature_layer_0")
