@@ -183,6 +183,7 @@ class Plate(Entity):
     printer: str  # as planned
     time_factor: float = 1.0  # of that printer, when it was planned; it is in `estimated_s`
     cached: bool = False  # sliced before: the engine did not run
+    warnings: tuple[str, ...] = ()  # what of it will not be printed, in sentences
     prints: tuple[str, ...] = ()
     hold: Hold | None = None
 

@@ -129,6 +129,11 @@ def _job(view: api.JobView) -> RenderableType:
     if view.reason:
         rows.append(Text(f"  {view.reason}", style="red"))
     rows += [Text(f"  {line}") for line in _changes(view)]
+    rows += [
+        Text(f"  plate {plate.id}: {line}", style="yellow")
+        for plate in view.plates
+        for line in plate.warnings
+    ]
     facts = Table.grid(padding=(0, 2, 0, 0))
     facts.add_column(no_wrap=True)
     facts.add_column(overflow="fold")

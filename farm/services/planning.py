@@ -32,6 +32,9 @@ from slicing.qualities import OURS
 from slicing.resources import Resources, find_engine, find_resources
 from slicing.settings import Settings, SettingsRequest, resolve_settings
 
+MOST_WARNINGS = 3
+"""Of a plate: walls too thin to print, the largest first."""
+
 
 class TooFewPrinters(FarmError):
     """The model needs more parts than printers were given."""
@@ -202,9 +205,7 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     )
 
 
-def _whole(
-    model: Model, rooms: list[PrinterRoom], options: Options, cost: CostModel
-) -> Decomposition | None:
+def _whole(model: Model, rooms: list[PrinterRoom], options: Options, cost: CostModel) -> Decomposition | None:
     """A model that one printer can hold stays in one part: who wants it sooner says how many printers."""
     x, y, z = map(float, model.extents_mm)
     poses = ((x, y, z), (y, z, x), (z, x, y))
@@ -326,6 +327,7 @@ def make_plan(
                 printer=section.name,
                 time_factor=factor,
                 cached=sliced.cached,
+                warnings=tuple(map(str, sliced.unprinted[:MOST_WARNINGS])),
             )
         )
     prelude_s = prelude_seconds(sections[decomposed.parts[0].printer], tasks[0].settings)

@@ -249,6 +249,7 @@ def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
         filament_mm=plate.filament_mm,
         price=plate.price,
         cached=plate.cached,
+        warnings=list(plate.warnings),
         printing=any(not attempt.state.ended for attempt in scene.books.prints_of(plate)),
         hold=plate.hold,
     )

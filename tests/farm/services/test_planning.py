@@ -14,6 +14,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
+    MOST_WARNINGS,
     DecomposeTask,
     TooFewPrinters,
     decompose_job,
@@ -23,6 +24,7 @@ from farm.services.planning import (
 from farm.services.plates import slice_part
 from farm.services.rooms import bed_boxes
 from farm.tracking.store import Store
+from slicing.outline import Unprinted
 
 MODEL = "ultimaker2_plus"
 
@@ -62,7 +64,10 @@ def test_a_plan_is_whole(bar, files, tmp_path):
     work = task(bar, files, tmp_path)
     cut = decompose_job(work)
     tasks = slice_tasks(work, cut, None)
-    plan = make_plan(work, cut, tasks, [slice_part(one) for one in tasks], files)
+    slices = [slice_part(one) for one in tasks]
+    thin = Unprinted(120.0, 1.0, 9.0, 3.0, -4.0)
+    plan = make_plan(work, cut, tasks, [replace(slices[0], unprinted=(thin,) * 9), slices[1]], files)
+    assert [p.warnings for p in plan.plates] == [(str(thin),) * MOST_WARNINGS, ()]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]
     assert sum(p.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
     assert plan.estimated_s == max(p.estimated_s for p in plan.plates)

@@ -1,10 +1,13 @@
 """What a person is shown of the books."""
 
 import dataclasses
+import io
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
+from farm.cli import render
 from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState
 from farm.paths import StateFolder
@@ -44,6 +47,17 @@ def test_a_job_costs_what_its_plates_cost():
 
 def test_a_job_has_no_price_where_one_reel_has_none():
     assert view(priced(1.25, None)).price is None
+
+
+def test_what_will_not_be_printed_is_shown_with_the_job():
+    books = printing(plates=1)
+    name, plate = next(iter(books.plates.items()))
+    thin = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
+    seen = view(dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})}))
+    assert seen.plates[0].warnings == [thin]
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(render._job(seen))
+    assert f"plate {name}: {thin}" in console.export_text()
 
 
 def scene(books, now_s, progress=None, **snapshots):
