@@ -164,7 +164,6 @@ class Posed:
 
 def parts(folder: Path | None, each: int) -> Iterator[Posed]:
     """At most `each` parts of every model for every number of printers; some in another axis pose, too."""
-    draw = np.random.default_rng(1)
     cost = CostModel.from_recipe(recipe_of("glue"))
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe_of("glue").brim_mm))
     for name, model in models(folder):
@@ -175,6 +174,9 @@ def parts(folder: Path | None, each: int) -> Iterator[Posed]:
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
+            draw = np.random.default_rng(
+                count
+            )  # the same for every model: more models change none of the rest
             draw.shuffle(found)  # type: ignore[arg-type]
             for part in found[:each]:
                 label = f"{count}-{part.id}"
