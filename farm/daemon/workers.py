@@ -7,44 +7,36 @@ that process, which a new one replaces; and a process that dies takes no other w
 from __future__ import annotations
 
 import asyncio
-import ctypes
 import logging
-import multiprocessing
 import os
-import pickle
-import resource
 import shutil
-import signal
-import tempfile
-import traceback
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from farm.daemon.worker import Raised, Warm, Worker
 from farm.errors import ErrorCode, FarmError
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
-Warm = Callable[[], None]
-
-_PR_SET_PDEATHSIG = 1
 _TRIES = 2
 _GB = 2**30
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """How long a piece of work may take, in wall seconds from when a worker has it."""
+    """How long a kind of work may take, in wall seconds from when a worker has it."""
 
     what: str
     seconds: float
+    urgent: bool = False  # a person waits for it: it goes before all that is not
 
 
-CHECKING = Limit("reading and checking the model", 600.0)  # as long as the CLI waits for it
+CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
 DECOMPOSING = Limit("decomposing", 1800.0)
 SLICING = Limit("slicing a part", 2400.0)  # CuraEngine's own limit (slicing.plate) and what is around it
 
@@ -93,8 +85,10 @@ class Workers:
         self._warm = warm
         self._closed = False
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="worker")
-        self._alive: set[_Worker] = set()
-        self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
+        self._alive: set[Worker] = set()
+        self._idle: list[Worker] = []
+        self._urgent: deque[asyncio.Future[Worker]] = deque()
+        self._patient: deque[asyncio.Future[Worker]] = deque()
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir(parents=True)
         for _ in range(count):
@@ -116,7 +110,7 @@ class Workers:
         """
         ended = ""
         for _ in range(_TRIES):
-            worker = await self._idle.get()
+            worker = await self._take(limit.urgent)
             fit = False
             try:
                 async with asyncio.timeout(limit.seconds):
@@ -143,7 +137,7 @@ class Workers:
                     "scale the model down, simplify its mesh, or raise `memory_gb` in fleet.yaml",
                     ErrorCode.LIMIT,
                 )
-            if isinstance(answer, _Raised):
+            if isinstance(answer, Raised):
                 raise answer.error
             return answer  # type: ignore[no-any-return]
         raise FarmError(
@@ -161,16 +155,38 @@ class Workers:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _start(self) -> None:
-        worker = _Worker(self._scratch, self._memory, self._warm)
+        worker = Worker(self._scratch, self._memory, self._warm)
         self._alive.add(worker)
-        self._idle.put_nowait(worker)
+        self._give(worker)
 
-    def _release(self, worker: _Worker, fit: bool) -> None:
+    async def _take(self, urgent: bool) -> Worker:
+        """The next worker that is free; work that is as urgent gets one in the order in which it came."""
+        if self._idle:
+            return self._idle.pop()
+        turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
+        (self._urgent if urgent else self._patient).append(turn)
+        try:
+            return await turn
+        except asyncio.CancelledError:
+            if turn.done() and not turn.cancelled():  # cancelled just when it was its turn
+                self._give(turn.result())
+            raise
+
+    def _give(self, worker: Worker) -> None:
+        for queue in (self._urgent, self._patient):
+            while queue:
+                turn = queue.popleft()
+                if not turn.done():
+                    turn.set_result(worker)
+                    return
+        self._idle.append(worker)
+
+    def _release(self, worker: Worker, fit: bool) -> None:
         """Give back a worker that is fit for more work, else put a new one in its place."""
         if self._closed:
             return
         if fit:
-            self._idle.put_nowait(worker)
+            self._give(worker)
             return
         worker.end()
         self._alive.discard(worker)
@@ -180,94 +196,3 @@ class Workers:
         for left in self._scratch.iterdir():
             if left not in kept:
                 shutil.rmtree(left, ignore_errors=True)
-
-
-@dataclass(frozen=True, slots=True)
-class _Raised:
-    error: Exception
-
-
-class _Worker:
-    """One process, which does one thing at a time. It has to be started on the daemon's main thread: the
-    kernel ends it when the thread that started it ends."""
-
-    def __init__(self, scratch: Path, memory_bytes: int, warm: Warm | None) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="worker-", dir=scratch))
-        context = multiprocessing.get_context("spawn")  # the daemon has threads: a fork could hang
-        self._pipe, theirs = context.Pipe()
-        arguments = (theirs, os.getpid(), self.folder, memory_bytes, warm)
-        self._process = context.Process(target=_serve, args=arguments, daemon=True)
-        self._process.start()
-        self.pid = self._process.pid or 0
-        theirs.close()  # so that its end is seen
-
-    def call(self, work: Callable[..., Any], args: tuple[object, ...]) -> Any:
-        """What the work returned, `_Raised`, or a MemoryError; blocks. EOFError where the process ends."""
-        try:
-            self._pipe.send_bytes(pickle.dumps((work, args)))
-            return pickle.loads(self._pipe.recv_bytes())
-        except OSError as error:
-            raise EOFError from error
-
-    def wait(self) -> str:
-        """How the process, which has closed its pipe, ended."""
-        self._process.join()
-        code = self._process.exitcode or 0
-        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
-
-    def end(self) -> None:
-        """End the process now, and with it (see slicing.engine) the engine that it runs."""
-        self._process.kill()
-        self._process.join()
-        # The pipe closes when the thread that may still read from it has seen its end.
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-
-def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm: Warm | None) -> None:
-    """What a worker process does: answer one call after another."""
-    _prepare(daemon, folder, memory_bytes)
-    if warm is not None:
-        try:
-            warm()
-        except Exception:
-            traceback.print_exc()  # whoever needs it will meet it again, and be told
-    while True:
-        try:
-            request = pipe.recv_bytes()
-        except EOFError:
-            return
-        pipe.send_bytes(_answer(request))
-
-
-def _answer(request: bytes) -> bytes:
-    try:
-        work, args = pickle.loads(request)
-        return pickle.dumps(work(*args))
-    except MemoryError:
-        return pickle.dumps(MemoryError())
-    except SystemExit as error:
-        return pickle.dumps(_Raised(FarmError(f"a library ended the work: {error}")))
-    except Exception as error:
-        error.add_note("".join(traceback.format_exception(error)))  # of this process, for the daemon's log
-        try:
-            answer = pickle.dumps(_Raised(error))
-            pickle.loads(answer)
-        except Exception:  # not every exception can travel
-            answer = pickle.dumps(_Raised(FarmError(f"{type(error).__name__}: {error}")))
-        return answer
-
-
-def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
-    """Run politely, within the limit, with temporary files of its own, and die with the daemon (Linux)."""
-    os.nice(19)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != daemon:
-        os._exit(1)  # it died before the kernel was asked
-    tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
-    # The soft limit alone: CuraEngine has one of its own kind (slicing.engine), and asks for it.
-    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    soft = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
-    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

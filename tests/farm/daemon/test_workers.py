@@ -123,6 +123,28 @@ def test_work_that_is_ended_leaves_no_process_and_no_file(pool, tmp_path, how):
     pool.run(use)
 
 
+def test_what_a_person_waits_for_goes_first_and_a_turn_given_up_goes_to_the_next(pool, tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    order = []
+
+    async def one(workers, name, urgent):
+        await workers.run(work.whoami, limit=Limit(name, 60.0, urgent))
+        order.append(name)
+
+    async def use(workers):
+        busy = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
+        tasks = []
+        for name, urgent in (("plate 1", False), ("plate 2", False), ("given up", True), ("model", True)):
+            tasks.append(asyncio.ensure_future(one(workers, name, urgent)))
+        await asyncio.sleep(0)  # all of them wait now
+        tasks.pop(2).cancel()
+        await asyncio.to_thread((tmp_path / "fifo").read_text)
+        await asyncio.gather(busy, *tasks)
+
+    pool.run(use)
+    assert order == ["model", "plate 1", "plate 2"]
+
+
 def test_a_monstrous_model_ends_with_what_to_do(pool):
     async def use(workers):
         assert await workers.run(work.hoard, 0.1) > 10**8

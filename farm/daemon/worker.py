@@ -1,0 +1,128 @@
+"""One worker process: it does what it is sent through a pipe, one thing after another, until it is ended."""
+
+from __future__ import annotations
+
+import ctypes
+import multiprocessing
+import os
+import pickle
+import resource
+import shutil
+import signal
+import tempfile
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from farm.errors import FarmError
+
+Warm = Callable[[], None]
+
+_PR_SET_PDEATHSIG = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Raised:
+    """What the work raised."""
+
+    error: Exception
+
+
+class Worker:
+    """One process, which does one thing at a time.
+
+    It has to be started on the daemon's main thread: the kernel ends it when the thread that started it ends.
+
+    Parameters
+    ----------
+    scratch
+        Where it gets a folder for its temporary files.
+    memory_bytes
+        What it may use.
+    warm
+        What it does first; None for nothing.
+    """
+
+    def __init__(self, scratch: Path, memory_bytes: int, warm: Warm | None) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="worker-", dir=scratch))
+        context = multiprocessing.get_context("spawn")  # the daemon has threads: a fork could hang
+        self._pipe, theirs = context.Pipe()
+        arguments = (theirs, os.getpid(), self.folder, memory_bytes, warm)
+        self._process = context.Process(target=_serve, args=arguments, daemon=True)
+        self._process.start()
+        self.pid = self._process.pid or 0
+        theirs.close()  # so that its end is seen
+
+    def call(self, work: Callable[..., Any], args: tuple[object, ...]) -> Any:
+        """What the work returned, `Raised`, or a MemoryError; blocks. EOFError where the process ends."""
+        try:
+            self._pipe.send_bytes(pickle.dumps((work, args)))
+            return pickle.loads(self._pipe.recv_bytes())
+        except OSError as error:
+            raise EOFError from error
+
+    def wait(self) -> str:
+        """How the process, which has closed its pipe, ended."""
+        self._process.join()
+        code = self._process.exitcode or 0
+        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+    def end(self) -> None:
+        """End the process now, and with it (see slicing.engine) the engine that it runs."""
+        self._process.kill()
+        self._process.join()
+        # The pipe closes when the thread that may still read from it has seen its end.
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm: Warm | None) -> None:
+    """What a worker process does: answer one call after another."""
+    _prepare(daemon, folder, memory_bytes)
+    if warm is not None:
+        try:
+            warm()
+        except Exception:
+            traceback.print_exc()  # whoever needs it will meet it again, and be told
+    while True:
+        try:
+            request = pipe.recv_bytes()
+        except EOFError:
+            return
+        pipe.send_bytes(_answer(request))
+
+
+def _answer(request: bytes) -> bytes:
+    try:
+        work, args = pickle.loads(request)
+        return pickle.dumps(work(*args))
+    except MemoryError:
+        return pickle.dumps(MemoryError())
+    except SystemExit as error:
+        return pickle.dumps(Raised(FarmError(f"a library ended the work: {error}")))
+    except Exception as error:
+        error.add_note("".join(traceback.format_exception(error)))  # of this process, for the daemon's log
+        try:
+            answer = pickle.dumps(Raised(error))
+            pickle.loads(answer)
+        except Exception:  # not every exception can travel
+            answer = pickle.dumps(Raised(FarmError(f"{type(error).__name__}: {error}")))
+        return answer
+
+
+def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
+    """Run politely, within the limit, with temporary files of its own, and die with the daemon (Linux)."""
+    os.nice(19)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != daemon:
+        os._exit(1)  # it died before the kernel was asked
+    tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
+    # The soft limit alone: CuraEngine has one of its own kind (slicing.engine), and asks for it.
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    soft = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
