@@ -6,7 +6,7 @@ import asyncio
 import os
 import subprocess
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
@@ -24,6 +24,7 @@ SOCKET = "agent.sock"
 LOG = "agent.log"
 UNIT = "FARM_AGENT_UNIT"
 RETRY_S = 0.25
+FIRST_WORD_S = 45.0  # over ssh, to an agent that may have to be started
 _LINE_BYTES = 1024 * 1024
 
 
@@ -36,11 +37,15 @@ class AgentClient:
     Parameters
     ----------
     folder
-        The agent's folder.
+        The agent's folder; where the agent is on another host, only the log of the way there is in it.
+    over
+        The way to another host: words that start a program which carries bytes, and what it is told first.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, over: tuple[Sequence[str], bytes] | None = None) -> None:
         self._folder = folder
+        self._over = over
+        self._carrier: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._reading: asyncio.Task[None] | None = None
         self._waiting: dict[int, asyncio.Future[Reply]] = {}
@@ -61,6 +66,9 @@ class AgentClient:
             Nobody listened in `timeout_s` wall seconds.
         """
         await self.close()
+        if self._over is not None:
+            await self._connect_over(*self._over)
+            return
         loop = asyncio.get_running_loop()
         until_s = loop.time() + timeout_s
         while True:
@@ -71,6 +79,36 @@ class AgentClient:
                 if loop.time() + RETRY_S > until_s:
                     raise AgentError(f"{self._folder}: no agent answers ({error}); is it running?") from error
                 await asyncio.sleep(RETRY_S)
+        self._listen(reader)
+
+    async def _connect_over(self, words: Sequence[str], errand: bytes) -> None:
+        """Start the program that carries bytes; the first word of the agent says that all of it stands."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        try:
+            with (self._folder / LOG).open("ab") as log:
+                self._carrier = await asyncio.create_subprocess_exec(
+                    *words,
+                    stdin=asyncio.subprocess.PIPE,
+                    stdout=asyncio.subprocess.PIPE,
+                    stderr=log,
+                    limit=_LINE_BYTES,
+                    start_new_session=True,
+                )
+            reader, self._writer = self._carrier.stdout, self._carrier.stdin
+            assert reader is not None and self._writer is not None
+            self._writer.write(errand)
+            first = await asyncio.wait_for(reader.readline(), FIRST_WORD_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            raise AgentError(f"{words[0]}: no way to the agent ({error or 'time-out'})") from error
+        if not first:
+            raise AgentError(f"no way to the agent: {_last_line(self._folder / LOG)}")
+        self._listen(reader)
+        with suppress(MessageError):
+            said = _parse(first)
+            if isinstance(said, Snapshot):
+                self._snapshots.put_nowait(said)
+
+    def _listen(self, reader: asyncio.StreamReader) -> None:
         self._snapshots = asyncio.Queue()
         self._reading = asyncio.create_task(self._read(reader, self._snapshots))
 
@@ -112,6 +150,11 @@ class AgentClient:
             with suppress(OSError):
                 await self._writer.wait_closed()
             self._writer = None
+        if self._carrier is not None:
+            with suppress(ProcessLookupError):
+                self._carrier.kill()  # what it carries to is in a session of its own
+            await self._carrier.wait()
+            self._carrier = None
         if self._reading is not None:
             await self._reading
             self._reading = None
@@ -143,6 +186,11 @@ class AgentClient:
             for waiting in self._waiting.values():
                 if not waiting.done():
                     waiting.set_exception(AgentError(f"{self._folder}: {reason}"))
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
+    return lines[-1] if lines else "it said nothing"
 
 
 def _parse(line: bytes) -> Snapshot | Reply:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 
 
 class _Message(BaseModel):
@@ -118,10 +118,20 @@ class StartPrint(_Message):
     do: Literal["start"] = "start"
     id: int
     print_id: str
-    gcode: str  # absolute path
+    gcode: str | None  # absolute path; None: it was sent by `Upload`
     sha256: str
     print_time_s: float
     filament: Filament  # what the daemon's books say; UNKNOWN is refused
+
+
+class Upload(_Message):
+    """A piece of a G-code file, for an agent that shares no disk with the daemon."""
+
+    do: Literal["upload"] = "upload"
+    id: int
+    print_id: str
+    at: Annotated[int, Field(ge=0)]  # bytes before this piece; 0 begins the file anew
+    data: Base64Bytes
 
 
 class CancelPrint(_Message):
@@ -183,6 +193,7 @@ class Shutdown(_Message):
 Request = (
     Hello
     | StartPrint
+    | Upload
     | CancelPrint
     | PausePrint
     | ResumePrint

@@ -60,6 +60,8 @@ class PrinterSection(_Section):
     nozzle_mm: Positive = 0.4
     price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its reel
     volume_mm: tuple[Positive, Positive, Positive] | None = None
+    host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # as ssh knows it
+    host_command: str = "/opt/farm/.venv/bin/python -m drivers.bridge"  # what ssh starts there
     enabled: bool = True
     power_off_cmd: str | None = None  # what takes its mains away; {printer} is its name
 
@@ -103,7 +105,8 @@ class Fleet(_Section):
             names.add(printer.name)
             if printer.simulated:
                 continue
-            port = Path(printer.port).resolve() if printer.port.startswith("/") else printer.port
+            here = printer.host is None and printer.port.startswith("/")
+            port = Path(printer.port).resolve() if here else f"{printer.host}:{printer.port}"
             if port in ports:
                 raise ValueError(
                     f"{ports[port]} and {printer.name} are on one port ({printer.port}): "

@@ -38,6 +38,7 @@ from drivers.messages import (
     Shutdown,
     Snapshot,
     StartPrint,
+    Upload,
 )
 from drivers.profiles import Profile
 from drivers.session import PARKED_MM, Session
@@ -330,6 +331,8 @@ class Agent:
                 pass
             case StartPrint():
                 self._start(request)
+            case Upload():
+                self._spool.put(request.print_id, request.at, request.data)
             case CancelPrint():
                 if told is not None and told.print_id == request.print_id:
                     self._board.cancel(request.reason)
@@ -372,7 +375,9 @@ class Agent:
             print_id=request.print_id, phase=PrintPhase.SPOOLED, print_time_s=request.print_time_s
         )
         try:
-            program = self._spool.take(request.print_id, Path(request.gcode), request.sha256)
+            source = Path(request.gcode) if request.gcode else self._spool.part(request.print_id)
+            program = self._spool.take(request.print_id, source, request.sha256)
+            self._spool.part(request.print_id).unlink(missing_ok=True)
         except BadGcode as error:
             update = {"phase": PrintPhase.FAILED, "fault": Fault.BAD_FILE, "reason": str(error)}
             shot = shot.model_copy(update=update | {"started_s": now_s, "ended_s": now_s})

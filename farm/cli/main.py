@@ -65,7 +65,8 @@ def up(state: State = None, socket: Socket = None, fleet: FleetFile = None) -> N
     places = find_places(state, socket, fleet)
     checked = _fleet(places)
     for printer in checked.printers:
-        if printer.enabled and printer.port.startswith("/") and not Path(printer.port).exists():
+        here = printer.enabled and printer.host is None and printer.port.startswith("/")
+        if here and not Path(printer.port).exists():
             say(f"{printer.name}: port {printer.port} is not there; is it plugged in? The others go on")
     client = Client(places.socket)
     try:

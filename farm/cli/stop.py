@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json as jsonlib
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from drivers import bridge
 from drivers import estop as drv
 from drivers.profiles import PROFILES
+from drivers.start import Start
 from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.paths import Places, find_places
 
+Stop = Callable[[], drv.Stopped]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 
 
@@ -35,7 +40,7 @@ def estop(
     wanted = {name: targets[name] for name in printers or targets if name in targets}
     results = []
     with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as hands:
-        for done in as_completed([hands.submit(drv.stop, target) for target in wanted.values()]):
+        for done in as_completed([hands.submit(stop) for stop in wanted.values()]):
             result = done.result()
             results.append(result)
             if not json:
@@ -59,15 +64,21 @@ def estop(
         raise FarmError(f"not seen off: {' '.join(hot)}: switch them off by hand")
 
 
-def find_targets(places: Places) -> tuple[dict[str, drv.Target], FleetFileError | None]:
-    """Every printer of the state folder and of `fleet.yaml`; a bad fleet file hides no agent's."""
-    targets = drv.known(places.state.root / "agents")
+def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
+    """How to stop every printer of the state folder and of `fleet.yaml`; a bad file hides no agent's."""
+    known = drv.known(places.state.root / "agents")
+    targets: dict[str, Stop] = {name: partial(drv.stop, target) for name, target in known.items()}
     try:
         fleet = load_fleet(places.fleet, frozenset(PROFILES))
     except FleetFileError as error:
         return targets, error
     for section in fleet.printers:
-        if section.enabled and section.name not in targets:
-            folder = places.state.agent(section.name)
-            targets[section.name] = drv.Target(section.name, section.port, folder, section.power_off_cmd)
+        name, relay = section.name, section.power_off_cmd
+        if section.host is not None:
+            start = Start(name, section.model, section.port, power_off_cmd=relay)
+            way = (section.host, section.host_command, fleet.fleet.name)
+            targets[name] = partial(bridge.stop_there, *way, start)
+        elif section.enabled and name not in targets:
+            target = drv.Target(name, section.port, places.state.agent(name), relay)
+            targets[name] = partial(drv.stop, target)
     return targets, None

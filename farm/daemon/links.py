@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import logging
 import subprocess
 import time
@@ -11,15 +12,17 @@ from collections.abc import Coroutine, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
+from drivers import bridge
 from drivers import client as agents
 from drivers import messages as m
 from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from drivers.emulator.launch import alive as emulator_alive
-from drivers.errors import DriverError
+from drivers.errors import AgentError, DriverError
+from drivers.heartbeat import Heartbeat, look_at
+from drivers.start import Start
 from farm.config import Fleet, PrinterSection
-from farm.daemon.heartbeat import Heartbeat, look_at
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
 from farm.paths import StateFolder
@@ -42,6 +45,8 @@ _PHASES = {
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
 _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
+_LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach another host
+_PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 64 KiB
 _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
@@ -79,6 +84,17 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
     )
 
 
+def _way(section: PrinterSection, farm: str, clock: Clock) -> tuple[list[str], bytes] | None:
+    """The way to an agent on another host; None where it lives on this one."""
+    if section.host is None:
+        return None
+    start = Start(
+        section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
+    )
+    errand = bridge.Errand(bridge.Do.SERVE, farm, start)
+    return bridge.words(section.host, section.host_command), errand.line()
+
+
 class Ears(Protocol):
     """Who is told what the agents say."""
 
@@ -93,7 +109,7 @@ class Links:
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, ears: Ears) -> None:
         self._state, self._clock, self._ears = state, clock, ears
         self._links = {
-            section.name: AgentLink(section.name, section, state, clock, ears)
+            section.name: AgentLink(section.name, section, state, clock, ears, fleet.fleet.name)
             for section in fleet.printers
             if section.enabled
         }
@@ -155,14 +171,21 @@ class AgentLink:
     """One agent: its process, its connection, and what it is told. Without a section it is only adopted."""
 
     def __init__(
-        self, name: str, section: PrinterSection | None, state: StateFolder, clock: Clock, ears: Ears
+        self,
+        name: str,
+        section: PrinterSection | None,
+        state: StateFolder,
+        clock: Clock,
+        ears: Ears,
+        farm: str = "",
     ) -> None:
         self._name = name
         self._section = section
         self._folder = state.agent(name)
         self._clock = clock
         self._ears = ears
-        self._client = AgentClient(self._folder)
+        self._remote = section is not None and section.host is not None
+        self._client = AgentClient(self._folder, _way(section, farm, clock) if section else None)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
@@ -180,8 +203,8 @@ class AgentLink:
             if self._process.returncode or not agents.as_units():  # else systemd has started it
                 log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
             self._process = None
-        if self._stopping:
-            return
+        if self._stopping or self._remote:
+            return  # the bridge on the other host starts and watches it
         if self._process is not None or alive(self._folder):
             self._look_for_life()
             return
@@ -220,9 +243,13 @@ class AgentLink:
             log.error("%s: its agent cannot be killed; switch the printer off", self._name)
 
     async def _listen(self) -> None:
+        wait_s = 0.0
         while not self._stopping:
             try:
+                await asyncio.sleep(wait_s)
+                wait_s = min(2 * wait_s + 1.0, _LONGEST_WAIT_S) if self._remote else 0.0
                 await self._client.connect()
+                wait_s = 1.0 if self._remote else 0.0
                 words = self._client.snapshots()
                 while True:
                     async with asyncio.timeout(_SILENCE_S):
@@ -274,6 +301,9 @@ class AgentLink:
 
     async def _tell(self, key: tuple[str, str], request: m.Request) -> None:
         try:
+            if self._remote and isinstance(request, m.StartPrint) and request.gcode:
+                await self._upload(request.print_id, Path(request.gcode))
+                request = request.model_copy(update={"gcode": None})
             reply = await self._client.request(request)
             if reply.error:
                 log.warning("%s: %s refused: %s", self._name, request.do, reply.error)
@@ -283,6 +313,21 @@ class AgentLink:
             log.warning("%s: %s", self._name, error)
         finally:
             self._asked.discard(key)
+
+    async def _upload(self, print_id: str, gcode: Path) -> None:
+        """Send a file to an agent that has no disk in common with us. Raises DriverError."""
+        at, more = 0, True
+        try:
+            with gcode.open("rb") as file:
+                while more:
+                    piece = await asyncio.to_thread(file.read, _PIECE_BYTES)
+                    sent = m.Upload(id=0, print_id=print_id, at=at, data=base64.b64encode(piece))
+                    reply = await self._client.request(sent)
+                    if reply.error:
+                        raise AgentError(reply.error)
+                    at, more = at + len(piece), bool(piece)
+        except OSError as error:
+            raise AgentError(f"{gcode}: cannot be read ({error})") from error
 
     async def shut_down(self) -> None:
         """End the agent for good; a simulated printer is switched off."""

@@ -620,3 +620,20 @@ def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
         spool.take("p-1", tmp_path / "none", "0" * 64)
     with pytest.raises(AgentError):
         spool.check("../p-1")
+
+
+def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
+    spool = Spool(tmp_path)
+    text = b"G28\n" * 100
+    for at in (0, 64, 0, 64, 128):  # begun anew after a break
+        spool.put("p-1", at, text[at : at + 64])
+    with pytest.raises(AgentError, match="follow"):
+        spool.put("p-1", 128, b"G28\n")
+    spool.put("p-1", 192, text[192:])
+    program = spool.take("p-1", spool.part("p-1"), hashlib.sha256(text).hexdigest())
+    assert program.count == 100
+    spool.put("p-2", 0, b"left")
+    Spool(tmp_path)
+    assert not spool.part("p-2").exists()
+    with pytest.raises(AgentError):
+        spool.put("../p", 0, b"")

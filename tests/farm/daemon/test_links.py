@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from drivers import heartbeat
 from drivers.client import alive, pid
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control
 from farm.config import Fleet
-from farm.daemon import heartbeat
 from farm.daemon.links import Links
 from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder

@@ -1,10 +1,10 @@
-"""When an agent that says nothing is taken to be wedged.
+"""When an agent that says nothing is taken to be wedged, by whoever listens to it on its host.
 
 An agent that is well says something every 5 wall seconds, and every second while it prints or is warm. A
 busy machine must not cost a print, so silence alone is not enough:
 
-1. Silence is counted by the daemon's own looks, each for a second at most: where the daemon itself did not
-   run, the words of its agents wait unread.
+1. Silence is counted by the listener's own looks, each for a second at most: where that itself did not
+   run, the words of the agent wait unread.
 2. After `LOOK_S` of it the kernel is asked what the agent's process does, and again after `WEDGED_S`.
 3. In between it waited for a processor for half of the time or more, or it waits for a disk: it is starved,
    and the count begins anew. Else it was stopped, slept, or ran without a word: it is wedged.

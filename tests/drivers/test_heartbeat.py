@@ -1,6 +1,6 @@
 import os
 
-from farm.daemon.heartbeat import LOOK_S, WEDGED_S, Heartbeat, Look, look_at
+from drivers.heartbeat import LOOK_S, WEDGED_S, Heartbeat, Look, look_at
 
 
 def silence(looks: list[Look], step_s: float = 0.5, until_s: float = WEDGED_S + 5) -> float | None:
