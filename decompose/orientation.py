@@ -78,10 +78,12 @@ class Pose:
         return held and self.lean_mm >= 0.0
 
     @property
-    def rank(self) -> tuple[float, float, float]:
+    def rank(self) -> tuple[int, float, float, float]:
         """Less is better: standing, then clean cut faces, then time. Where none stands, the least strain."""
         touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
-        return (0.0 if self.stands else self.strain, touched, self.seconds)
+        if self.stands:
+            return (0, 0.0, touched, self.seconds)
+        return (1 if self.lean_mm >= 0.0 else 2, self.strain, touched, self.seconds)
 
 
 def best_pose(
@@ -122,7 +124,7 @@ def best_pose(
     best: Pose | None = None
     measured = 0
     for i in np.argsort(most_s, kind="stable"):
-        clean = best is not None and best.rank[:2] == (0.0, 0.0)
+        clean = best is not None and best.rank[:3] == (0, 0.0, 0.0)
         if best is not None and clean and (least_s[i] >= best.seconds or measured >= MOST_MEASURED):
             continue
         pose = measure(vertices, faces, cut, rotations[i], cost, fit_first_layer)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
 
 from decompose.boxes import Box, Boxes, all_boxes, box_index
-from decompose.check import ON_PLANE_MM, Coverage, check
+from decompose.check import Coverage, check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
-from decompose.cut import cut_box
+from decompose.cut import cut_box, cut_faces
 from decompose.errors import DecomposeError, NoFit
 from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
 from decompose.guillotine import UNREACHABLE, Partitioner
@@ -24,6 +24,7 @@ from decompose.report import Decomposition, Engine, Interior, Options, Part
 from decompose.solid import Solid
 
 Floats = npt.NDArray[np.float64]
+Piece = tuple[Solid, Floats]  # and the corners (2, 3) of the box that it was cut out of
 
 AUTO_GRANULARITY = 15
 FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
@@ -97,21 +98,6 @@ def decompose(
     return replace(result, coverage=coverage, compute_s=watch.laps())
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """One connected piece of the solid in a box, whose corners are `lo` and `hi`."""
-
-    solid: Solid
-    lo: Floats
-    hi: Floats
-
-    def cut_faces(self, vertices: Floats, faces: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-        """(m,) Which of its faces lie on the sides of the box."""
-        corners = vertices[faces][:, :, None, :]
-        on_plane = np.abs(corners - np.stack([self.lo, self.hi])) < ON_PLANE_MM
-        return np.asarray(on_plane.all(axis=1).reshape(len(faces), 6).any(axis=1))
-
-
 def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
     """The cube root of the number of cells, from a name, a number, or ``auto``.
 
@@ -173,7 +159,7 @@ def _search(
                 wrong = wrong or len(cut[box]) > int(boxes.pieces[at])
                 boxes.pieces[at] = len(cut[box])
         if not wrong:
-            return chosen, [Piece(s, *grid.bounds_mm(box)) for box in chosen for s in cut[box]]
+            return chosen, [(s, np.stack(grid.bounds_mm(box))) for box in chosen for s in cut[box]]
         least_s = max(bound_s, makespan - 1.0)
 
 
@@ -199,7 +185,7 @@ def _parts(
     pieces: list[Piece], printers: Sequence[PrinterRoom], cost: CostModel, fit_first_layer: bool
 ) -> list[Part]:
     """Pieces in their best poses, numbered by position from the bottom up, each with a printer."""
-    order = sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
+    order = sorted(pieces, key=lambda p: tuple(np.round(p[0].bounds_mm.mean(axis=0)[::-1], 3)))
     rooms = list(dict.fromkeys(replace(printer, name="") for printer in printers))
     posed = [_posed(piece, rooms, cost, fit_first_layer) for piece in order]
     free = list(printers)
@@ -216,21 +202,24 @@ def _parts(
     return [
         Part(
             id=f"p{i + 1:0{digits}d}",
-            solid=piece.solid,
+            solid=solid,
             to_model=pose.to_model,
             estimated_s=pose.seconds,
             printer=names[i],
             brim_width_mm=pose.brim_width_mm,
             layer_0_expansion_mm=pose.layer_0_expansion_mm,
+            box_mm=box_mm,
         )
-        for i, (piece, pose) in enumerate(zip(order, posed, strict=True))
+        for i, ((solid, box_mm), pose) in enumerate(zip(order, posed, strict=True))
     ]
 
 
 def _posed(piece: Piece, rooms: Sequence[PrinterRoom], cost: CostModel, fit_first_layer: bool) -> Pose:
     """The best pose that fits every printer; a box was only chosen because it has one."""
-    vertices, faces = piece.solid.arrays()
-    pose = best_pose(vertices, faces, piece.cut_faces(vertices, faces), rooms, cost, fit_first_layer)
+    solid, box_mm = piece
+    vertices, faces = solid.arrays()
+    cut = cut_faces(vertices, faces, box_mm)
+    pose = best_pose(vertices, faces, cut, rooms, cost, fit_first_layer)
     if pose is None:
         raise NoFit("a part fits no printer in any pose; this is a fault in the tables of the search")
     return pose

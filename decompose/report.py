@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,8 @@ class Part:
         The name of the printer that it is meant for.
     brim_width_mm, layer_0_expansion_mm
         Chosen for the part; None: as the quality has them.
+    box_mm
+        (2, 3) corners of the box that it was cut out of, in the model's frame; infinite where there is none.
     """
 
     id: str
@@ -72,6 +74,7 @@ class Part:
     file: str = ""
     brim_width_mm: float | None = None
     layer_0_expansion_mm: float | None = None
+    box_mm: Floats = field(default_factory=lambda: np.array([[-np.inf] * 3, [np.inf] * 3]))
 
     @property
     def rotation(self) -> Floats:

@@ -1,0 +1,209 @@
+"""How long parts take as we lay them, beside their axis poses and the way that the model stands.
+
+Parts of decomposed models are sliced with CuraEngine: as we lay them, with the brim and the first layer that
+are chosen for them and with the quality's; in every axis pose that fits the printer; and as they are. A pose
+whose slice is refused does not count.
+
+Usage: python -m bench.orientation [--parts 30] [--models DIR] [--workers 1] [--cache DIR] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import islice, zip_longest
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, models
+from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
+from decompose.cut import cut_faces
+from decompose.errors import DecomposeError
+from decompose.orientation import TOUCHED_MM2, Pose, best_pose, measure
+from decompose.partition import decompose
+from decompose.report import Options, Part
+from decompose.stl import write_stl
+from drivers.profiles import PROFILES, part_room
+from farm.services.recipe import recipe
+from slicing.errors import SlicingError
+from slicing.plate import PlateRequest, slice_plate
+from slicing.resources import find_engine, find_resources
+from slicing.settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
+
+REQUEST = SettingsRequest(PRINTER, "glue")
+AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One part. Seconds are CuraEngine's but for `estimated_s`; None where a slice is refused.
+
+    Attributes
+    ----------
+    ours_s, full_brim_s
+        As we lay it, with the brim chosen for it and with the quality's.
+    axes_s, axes_stand, axes_touched_mm2
+        The axis poses that fit; whether they stand by our rules; cut faces that support touches.
+    """
+
+    part: str
+    estimated_s: float
+    compute_s: float
+    ours_s: float | None
+    full_brim_s: float | None
+    as_is_s: float | None
+    up: list[float]
+    brim_mm: float | None
+    stands: bool
+    touched_mm2: float
+    axes_s: list[float | None]
+    axes_stand: list[bool]
+    axes_touched_mm2: list[float]
+
+    def best_axis_s(self, standing: bool = False) -> float | None:
+        times = zip(self.axes_s, self.axes_stand, strict=True)
+        return min((t for t, stands in times if t is not None and (stands or not standing)), default=None)
+
+
+def parts(folder: Path | None, cost: CostModel, room: PrinterRoom, count: int) -> Iterator[tuple[str, Part]]:
+    """A part of each decomposed model, then another of each ...; `count` in all."""
+    draw = np.random.default_rng(2)
+
+    def of_each() -> Iterator[list[tuple[str, Part]]]:
+        for name, model in models(folder):
+            for printers in COUNTS:
+                try:
+                    found = decompose(model, [room] * printers, Options(), cost).parts
+                except DecomposeError as error:
+                    print(f"{name} for {printers}: {error}", file=sys.stderr)
+                    continue
+                yield [(f"{name}-{printers}-{found[i].id}", found[i]) for i in draw.permutation(len(found))]
+
+    turns = zip_longest(*of_each())
+    yield from islice((named for turn in turns for named in turn if named is not None), count)
+
+
+def sliced_s(folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: PartSettings) -> float | None:
+    """CuraEngine's print time of a part in a pose; None where the slice is refused."""
+    settings = resolve_settings(REQUEST, find_resources(), chosen)
+    posed = Part(part.id, part.solid, pose.to_model, pose.seconds, part.printer)
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        stl = Path(scratch) / "part.stl"
+        write_stl(stl, posed.triangles())
+        out = stl.with_suffix(".gcode")
+        try:
+            return slice_plate(
+                PlateRequest(stl, settings, out, find_engine(), ANYWHERE, cache=cache)
+            ).print_time_s
+        except SlicingError as error:
+            print(f"refused: {error}", file=sys.stderr)
+            return None
+
+
+def compare(
+    named: tuple[str, Part], room: PrinterRoom, cost: CostModel, folder: Path, cache: Path | None
+) -> Row:
+    """Slice one part in all poses."""
+    name, part = named
+    vertices, faces = part.solid.arrays()
+    cut = cut_faces(vertices, faces, part.box_mm)
+    begun = perf_counter()
+    ours = best_pose(vertices, faces, cut, [room], cost)
+    compute_s = perf_counter() - begun
+    if ours is None:
+        raise SystemExit(f"{name} fits in no pose")
+    axes = [measure(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
+    fitting = [pose for pose in axes if room.fits(*pose.size_mm)]
+    time_of = partial(sliced_s, folder, cache, part)
+    chosen = PartSettings(None, ours.brim_width_mm, ours.layer_0_expansion_mm)
+    return Row(
+        part=name,
+        estimated_s=ours.seconds,
+        compute_s=compute_s,
+        ours_s=time_of(ours, chosen),
+        full_brim_s=time_of(ours, ANY_PART),
+        as_is_s=time_of(axes[AS_IS], ANY_PART),
+        up=ours.to_model[:3, 2].tolist(),
+        brim_mm=ours.brim_width_mm,
+        stands=ours.stands,
+        touched_mm2=ours.touched_mm2,
+        axes_s=[time_of(pose, ANY_PART) for pose in fitting],
+        axes_stand=[pose.stands for pose in fitting],
+        axes_touched_mm2=[pose.touched_mm2 for pose in fitting],
+    )
+
+
+def summary(rows: list[Row]) -> dict[str, Any]:
+    """Ratios over all parts: mean and worst."""
+
+    def ratios(pairs: list[tuple[float | None, float | None]]) -> dict[str, float]:
+        found = [a / b for a, b in pairs if a is not None and b is not None]
+        return {"mean": float(np.mean(found)), "worst": max(found), "parts": len(found)}
+
+    touched = [t > TOUCHED_MM2 for r in rows for t in r.axes_touched_mm2]
+    return {
+        "schema": 1,
+        "to_best_axis": ratios([(r.ours_s, r.best_axis_s()) for r in rows]),
+        "to_best_axis_full_brim": ratios([(r.full_brim_s, r.best_axis_s()) for r in rows]),
+        "to_best_standing_axis": ratios([(r.ours_s, r.best_axis_s(standing=True)) for r in rows]),
+        "to_as_is": ratios([(r.ours_s, r.as_is_s) for r in rows]),
+        "estimate": ratios([(r.estimated_s, r.ours_s) for r in rows]),
+        "stand": sum(r.stands for r in rows),
+        "touched": sum(r.touched_mm2 > TOUCHED_MM2 for r in rows),
+        "axes_touched_share": float(np.mean(touched)),
+        "compute_s": sum(r.compute_s for r in rows),
+        "parts": [asdict(r) for r in rows],
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--parts", type=int, default=30)
+    parser.add_argument("--models", type=Path)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--cache", type=Path)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    settings = resolve_settings(REQUEST, find_resources())
+    cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
+    room = PrinterRoom("0", tuple(b.size_mm for b in part_room(PROFILES[PRINTER], settings.brim_width_mm)))
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
+        one = partial(compare, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
+        rows = []
+        for row in pool.map(one, parts(args.models, cost, room, args.parts)):
+            rows.append(row)
+            print(_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
+    result = summary(rows)
+    if args.json:
+        print(json.dumps(result, indent=1))
+        return 0
+    for name in ("to_best_axis", "to_best_axis_full_brim", "to_best_standing_axis", "to_as_is", "estimate"):
+        figures = result[name]
+        print(f"{name:24} mean {figures['mean']:.3f}, worst {figures['worst']:.3f}, {figures['parts']} parts")
+    print(f"{result['stand']} of {len(rows)} stand; support touches a cut face of {result['touched']}")
+    print(
+        f"of the axis poses, {result['axes_touched_share']:.0%}; poses chosen in {result['compute_s']:.1f} s"
+    )
+    return 0
+
+
+def _line(row: Row) -> str:
+    up = " ".join(f"{v:+.2f}" for v in row.up)
+    brim = "-" if row.brim_mm is None else f"{row.brim_mm:g}"
+    times = [f"{t:.0f}" if t is not None else "-" for t in (row.ours_s, row.best_axis_s(), row.as_is_s)]
+    return (
+        f"{row.part:24} up {up}  brim {brim:>3}  ours {times[0]:>6}  axis {times[1]:>6}  as is {times[2]:>6}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

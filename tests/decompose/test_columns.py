@@ -1,0 +1,70 @@
+"""Supports and mass, seen as columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.columns import LEVELS, Columns, columns
+from decompose.solid import Solid
+
+OVERHANG_COS = np.sin(np.radians(45.0))
+
+
+def seen(solid: Solid, marked_up: float | None = None) -> Columns:
+    """The columns of a solid; marked are faces whose upward normal is `marked_up`."""
+    vertices, faces = solid.arrays()
+    triangles = vertices[faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    up = normals[:, 2] / np.linalg.norm(normals, axis=1)
+    marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(up, marked_up)
+    return columns(triangles, marked, OVERHANG_COS)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Solid:
+    """A foot of 20 x 20 x 5, a post, and a seat of 20 x 20 x 5 that hangs over foot and bed alike."""
+    return Solid.union(
+        [
+            Solid.box((0, 0, 0), (20, 20, 5)),
+            Solid.box((10, 0, 5), (20, 20, 25)),
+            Solid.box((0, 0, 25), (40, 20, 30)),
+        ]
+    )
+
+
+def test_supports_end_on_the_part(bench: Solid) -> None:
+    """10 mm of the seat stand 20 mm above the foot, 20 mm stand 25 mm above the bed."""
+    found = seen(bench)
+    assert found.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
+    assert found.propped_mm2 == pytest.approx(20 * 20, rel=0.05)
+    assert found.props_mm[:, 0].min() == pytest.approx(20.0, abs=0.5)
+    assert found.touched_mm2 == 0.0
+
+
+def test_marked_faces_are_touched_from_below_and_from_above(bench: Solid) -> None:
+    assert seen(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)  # the seat, not the foot's base
+    assert seen(bench, 1.0).touched_mm2 == pytest.approx(10 * 20, rel=0.05)  # the foot, not the seat's top
+    assert seen(bench, 0.5).touched_mm2 == 0.0
+
+
+def test_mass_grows_with_height(bench: Solid) -> None:
+    found = seen(bench)
+    assert found.volumes_mm3[-1] == pytest.approx(bench.volume_mm3, rel=0.02)
+    assert (np.diff(found.volumes_mm3) > 0.0).all()
+    whole = (
+        np.array([10, 10, 2.5]) * 2000 + np.array([15, 10, 15]) * 4000 + np.array([20, 10, 27.5]) * 4000
+    ) / 1e4
+    assert found.centres_mm[-1] == pytest.approx(whole, abs=0.3)
+    assert found.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
+
+
+def test_a_ball_needs_a_cone_of_support() -> None:
+    """What lies under a sphere's cap of 45 degrees, less the sphere: by the integral over the radius."""
+    mesh = trimesh.creation.icosphere(4, 20.0)
+    mesh.apply_translation([0, 0, 20])
+    found = seen(Solid.from_arrays(mesh.vertices, mesh.faces))
+    radii = np.linspace(0.0, 20.0 / np.sqrt(2.0), 1000)
+    heights = 20.0 - np.sqrt(400.0 - radii**2)
+    assert found.support_mm3 == pytest.approx(np.trapezoid(2 * np.pi * radii * heights, radii), rel=0.05)
