@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
+from slicing.foreign.extent import Extent
 from slicing.foreign.survey import survey
-from slicing.foreign.walk import Extent, Walk
+from slicing.foreign.walk import Walk
 from slicing.foreign.writer import Stopwatch, Writer
 from slicing.startcode import end_code, start_code
 

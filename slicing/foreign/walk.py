@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
-from dataclasses import dataclass, field
+from typing import NoReturn
 
 from slicing.errors import GcodeRefused
 from slicing.foreign import rules
 from slicing.foreign.arcs import Arc
+from slicing.foreign.extent import Extent
 from slicing.foreign.lines import Words, plain_move, split, words
 from slicing.foreign.survey import Survey, is_layer
 from slicing.foreign.writer import Writer
@@ -25,43 +25,11 @@ MOST_RETRACTED_MM = 20.5
 MOST_PUSHED_MM = 200.0  # in one move: more than any slicer asks for, less than what the firmware drops
 LEAST_MM_S = 0.1
 MOST_DWELL_S = 60.0  # the nozzle is hot, and a cancelled print has to wait for its end
-CLIPS_MM = 10.0
-"""[assumed] Below it the head must keep off the bed's clips when it only travels, too."""
 MOST_ARC_MM = 700.0  # round the whole bed
 ARC_TOLERANCE_MM = 0.2  # of its radius, between start and end
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
 _FIRMWARE_MM_S = 25.0  # what it moves with before the first F
-
-
 _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
-
-
-@dataclass(slots=True)
-class Extent:
-    """Where it prints, in the printer's own mm, and how much filament it takes.
-
-    `low` and `high` hold all that is extruded, and in X and Y also the moves as low as the bed's clips.
-    """
-
-    low: list[float] = field(default_factory=lambda: [math.inf] * 3)
-    high: list[float] = field(default_factory=lambda: [-math.inf] * 3)
-    reach_low: list[float] = field(default_factory=lambda: [math.inf] * 3)  # of all moves
-    reach_high: list[float] = field(default_factory=lambda: [-math.inf] * 3)
-    filament_mm: float = 0.0
-    path_mm: float = 0.0
-    path_on_step_mm: defaultdict[float, float] = field(
-        default_factory=lambda: defaultdict(float)
-    )  # by the height of its layer
-
-    @property
-    def layer_mm(self) -> float:
-        """The usual height of a layer: half of the path is on layers that are no higher."""
-        half, done = sum(self.path_on_step_mm.values()) / 2, 0.0
-        for step_mm, path_mm in sorted(self.path_on_step_mm.items()):
-            done += path_mm
-            if done >= half:
-                return step_mm
-        return 0.0
 
 
 class Walk:
@@ -93,9 +61,6 @@ class Walk:
         self._back_mm = 0.0
         self._drawn_back = False  # by G10
         self._fan: bytes = b"M107"
-        self._went: list[list[float]] = []  # since the last line that was printed
-        self._flat_z = 0.0
-        self._step_mm = 0.0
 
     def follow(self, raw: bytes, number: int) -> None:
         """Carry one line out."""
@@ -152,11 +117,13 @@ class Walk:
 
     def _move(self, given: Words) -> None:
         self._feed(given)
-        target = [
+        self._go(self._target(given), self._pushed_mm(given))
+
+    def _target(self, given: Words) -> list[float]:
+        return [
             here if (value := given.get(axis)) is None else value + (here if self._relative else 0.0)
             for axis, here in zip("XYZ", self._at, strict=True)
         ]
-        self._go(target, self._pushed_mm(given))
 
     def _pushed_mm(self, given: Words) -> float:
         """How much filament a move feeds; in G91 E is relative too, in this firmware."""
@@ -173,11 +140,7 @@ class Walk:
         i, j = given.get("I", 0.0), given.get("J", 0.0)
         if "R" in given or not (i or j):
             self._refuse("an arc needs I and J: switch arc fitting off in your slicer")
-        old = (x, y, z)
-        end = [
-            here if (value := given.get(axis)) is None else value + (here if self._relative else 0.0)
-            for axis, here in zip("XYZ", old, strict=True)
-        ]
+        end = self._target(given)
         pushed_mm, done = self._pushed_mm(given), 0.0
         if math.isnan(x + y + end[0] + end[1]):
             self._at = end
@@ -214,10 +177,9 @@ class Walk:
         self._e = given["E"]
 
     def _heat(self, code: str, given: Words) -> None:
-        target_c = given.get("S", given.get("R"))
-        if target_c is None:
+        if not given.keys() & {"S", "R"}:
             self._refuse(f"{code} names no temperature: write it behind S")
-            return
+        target_c = float(round(given["S" if "S" in given else "R"]))
         nozzle = code in ("M104", "M109")
         most_c = MOST_NOZZLE_C if nozzle else MOST_BED_C
         if given.get("T"):
@@ -232,7 +194,7 @@ class Walk:
         elif not nozzle and target_c == 0 and self.bed_c:
             self._object(f"{code} switches the bed off and the print goes on")
         else:
-            self._writer.line(b"%b S%d" % (code.encode(), round(target_c)))
+            self._writer.line(b"%b S%d" % (code.encode(), target_c))
 
     def _blow(self, code: str, given: Words) -> None:
         if given.get("P"):
@@ -291,12 +253,10 @@ class Walk:
         if z < 0:
             self._object(f"moves to Z {z:g}, into the bed")
         self._writer.move((x, y, z, pushed_mm, speed_mm_s))
-        self._went.append(target)
         fed_mm = pushed_mm - back_mm
-        if fed_mm > 0:
-            self.extent.filament_mm += fed_mm
-            if target != old:
-                self._print(old, target, fed_mm)
+        self.extent.go(target, fed_mm)
+        if fed_mm > 0 and target != old:
+            self._print(old, target)
 
     def _arrive(self, old: list[float], target: list[float], pushed_mm: float) -> bool:
         """Come to where the file believes the head to be, from above. False where it has not said."""
@@ -317,43 +277,22 @@ class Walk:
         self._arrived = True
         return True
 
-    def _print(self, old: list[float], target: list[float], fed_mm: float) -> None:
+    def _print(self, old: list[float], target: list[float]) -> None:
         if self.objection is not None:
             raise GcodeRefused(self.objection)
-        extent, z = self.extent, target[2]
-        if z <= 0:
-            self._refuse(f"prints at Z {z:g}: it has to be above the bed")
-        if not self._survey.marks_layers and z > self._flat_z + 0.01 and old[2] == z and extent.path_mm:
-            self._writer.layer(z)
-        path_mm = math.dist(old, target)
-        if old[2] == z and z != self._flat_z:
-            self._step_mm = round(z - self._flat_z, 3) if z > self._flat_z else self._step_mm
-            self._flat_z = z
-        extent.path_on_step_mm[self._step_mm] += path_mm
-        extent.path_mm += path_mm
-        for point in self._went:
-            _stretch(extent.reach_low, extent.reach_high, point)
-            if point[2] < CLIPS_MM:
-                _stretch(extent.low, extent.high, point[:2])
-        self._went.clear()
-        _stretch(extent.low, extent.high, old)
-        _stretch(extent.low, extent.high, target)
+        if target[2] <= 0:
+            self._refuse(f"prints at Z {target[2]:g}: it has to be above the bed")
+        if not self._survey.marks_layers and self.extent.rises(old, target):
+            self._writer.layer(target[2])
+        self.extent.print(old, target)
         self._writer.commit()
 
     # --- refusing ---
 
     def _object(self, why: str) -> None:
-        """Refuse the file as soon as something is printed after this line."""
-        self.objection = self.objection or f"line {self._number}: {why}"
+        """Refuse the file as soon as something is printed after this line; a start script is not printed."""
+        if self._printing:
+            self.objection = self.objection or f"line {self._number}: {why}"
 
-    def _refuse(self, why: str) -> None:
+    def _refuse(self, why: str) -> NoReturn:
         raise GcodeRefused(f"line {self._number}: {why}")
-
-
-def _stretch(low: list[float], high: list[float], point: list[float]) -> None:
-    """Let a bounding box hold a point."""
-    for axis, value in enumerate(point):
-        if value < low[axis]:
-            low[axis] = value
-        if value > high[axis]:
-            high[axis] = value

@@ -270,6 +270,7 @@ def test_an_end_script_may_do_what_a_print_must_not():
     accepted = take(marlin(tail=tail))
     safe(accepted)
     assert accepted.reach_min_mm == accepted.min_mm
+    assert take(marlin(tail=["G1 E90"])).filament_mm == accepted.filament_mm
 
 
 def test_what_is_left_out_is_said():
@@ -299,6 +300,7 @@ def test_what_is_left_out_is_said():
         ("M104", "no temperature"),
         ("M104 S200 T1", "single extruder"),
         ("M140 S0", "bed off"),
+        ("M140 S0.3", "bed off"),
         ("M140 S116", "at most 115"),
         ("M220", "needs S10 to S500"),
         ("M221 S0", "needs S10 to S300"),
@@ -341,7 +343,18 @@ def test_what_gives_a_file_another_meaning_is_refused_in_its_start_too(line):
 
 
 @pytest.mark.parametrize(
-    "line", ["M201 X500", "M203 E5", "M205 X8", "G29", "M420 S1", 'M862.3 P "MK3"', "G80"]
+    "line",
+    [
+        "M201 X500",
+        "M203 E5",
+        "G10 P0 R0",
+        "G2 X9 Y9 I1 J1",
+        "M205 X8",
+        "G29",
+        "M420 S1",
+        'M862.3 P "MK3"',
+        "G80",
+    ],
 )
 def test_what_a_start_does_to_the_printer_is_left_out(line):
     assert body(take([";FLAVOR:Marlin", line, *marlin()[1:]])) == body(take(marlin()))

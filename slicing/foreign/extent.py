@@ -1,0 +1,83 @@
+"""Where a file prints, and how much: gathered move by move."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+
+CLIPS_MM = 10.0
+"""[assumed] Below it the head must keep off the bed's clips where it only travels, too."""
+
+Corner = list[float]
+
+
+class Extent:
+    """Bounding boxes in the printer's own mm, and what tells whether E means what it should.
+
+    Attributes
+    ----------
+    low, high
+        Of all that is extruded, and in X and Y of the moves as low as the bed's clips.
+    reach_low, reach_high
+        Of all moves up to the last one that printed.
+    filament_mm
+        Fed beyond what had been drawn back.
+    path_mm
+        Length of all printed lines.
+    """
+
+    def __init__(self) -> None:
+        self.low, self.high = [math.inf] * 3, [-math.inf] * 3
+        self.reach_low, self.reach_high = [math.inf] * 3, [-math.inf] * 3
+        self.filament_mm = 0.0
+        self.path_mm = 0.0
+        self._went: list[Corner] = []  # since the last line that was printed
+        self._fed_mm = 0.0
+        self._flat_z = self._step_mm = 0.0
+        self._path_on_step_mm: defaultdict[float, float] = defaultdict(float)
+
+    def go(self, target: Corner, fed_mm: float) -> None:
+        """A move, which counts once something is printed after it."""
+        self._went.append(target)
+        self._fed_mm += max(0.0, fed_mm)
+
+    def rises(self, old: Corner, target: Corner) -> bool:
+        """Whether a printed line lies higher than all before it, but is not the first."""
+        return self.path_mm > 0 and old[2] == target[2] > self._flat_z + 0.01
+
+    def print(self, old: Corner, target: Corner) -> None:
+        """The last move has printed a line."""
+        z, path_mm = target[2], math.dist(old, target)
+        if old[2] == z != self._flat_z:
+            self._step_mm = round(z - self._flat_z, 3) if z > self._flat_z else self._step_mm
+            self._flat_z = z
+        self._path_on_step_mm[self._step_mm] += path_mm
+        self.path_mm += path_mm
+        self.filament_mm += self._fed_mm
+        self._fed_mm = 0.0
+        for point in self._went:
+            _stretch(self.reach_low, self.reach_high, point)
+            if point[2] < CLIPS_MM:
+                _stretch(self.low, self.high, point[:2])
+        self._went.clear()
+        _stretch(self.low, self.high, old)
+        _stretch(self.low, self.high, target)
+
+    @property
+    def layer_mm(self) -> float:
+        """The usual height of a layer: half of the path is on layers that are no higher. 0 without layers."""
+        done_mm = 0.0
+        for step_mm, path_mm in sorted(self._path_on_step_mm.items()):
+            done_mm += path_mm
+            if done_mm >= self.path_mm / 2:
+                return step_mm
+        return 0.0
+
+
+def _stretch(low: Corner, high: Corner, point: Corner) -> None:
+    """Let a bounding box hold a point."""
+    for axis, value in enumerate(point):
+        if value < low[axis]:
+            low[axis] = value
+        if value > high[axis]:
+            high[axis] = value
