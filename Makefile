@@ -9,7 +9,7 @@ SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-.PHONY: install demo test check lock clean engine
+.PHONY: install demo test interop check lock clean engine
 .DELETE_ON_ERROR:
 
 install: engine $(VENV)/.installed
@@ -36,6 +36,16 @@ demo: install
 
 test: install $(VENV)/.installed-dev
 	$(BIN)/python -m pytest
+
+# Against software that we did not write, in an environment of its own: about two minutes, most of them pip's.
+interop: $(VENV)/.installed-dev $(VENV)/interop/.installed
+	FARM_INTEROP=$(CURDIR)/$(VENV)/interop/bin/python $(BIN)/python -m pytest tests/interop
+
+$(VENV)/interop/.installed: tests/interop/requirements.txt
+	$(PYTHON) -m venv $(VENV)/interop
+	$(VENV)/interop/bin/python -m pip install --quiet -r $<
+	$(VENV)/interop/bin/python -m pip install --quiet --no-deps Printrun==2.2.0  # its windows are not needed
+	@touch $@
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -351,7 +351,7 @@ class Firmware:
             if int(value(line, b"*") or 0.0) != checksum(line[:star]):
                 self._refuse(wording.CHECKSUM)
                 return
-            if self._faults.on_lines and (n == self._stuck_n or self._dice.refuses()):
+            if (n == self._stuck_n or self._dice.refuses()) and b"M110" not in line:
                 self._refuse(wording.CHECKSUM)
                 return
             self._last_n = n

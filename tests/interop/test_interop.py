@@ -1,0 +1,155 @@
+"""With software that we did not write: OctoPrint's virtual printer, and Printrun's printcore.
+
+They live in an environment of their own, which `make interop` makes; else these tests are skipped.
+"""
+
+import os
+import select
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import groupby
+from pathlib import Path
+
+import pytest
+
+from drivers.clock import Clock
+from drivers.emulator.launch import Command, control, launch, read_status
+from drivers.errors import Fault, PortError
+from drivers.marlin import Link, Phase, Trouble
+from drivers.serialport import SerialPort
+
+HERE = Path(__file__).parent
+PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # of that environment
+SCALE = 10.0  # our time-outs are farm seconds; the virtual printer's are not
+PATIENCE_S = 120.0
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.skipif(not PYTHON.exists(), reason="make interop"),
+]
+
+
+@contextmanager
+def octoprint(folder: Path, *faults: str) -> Iterator[SerialPort]:
+    """A virtual printer's port, opened; each fault is NAME@LINE."""
+    peer = subprocess.Popen(
+        [PYTHON, HERE / "octoprint_peer.py", folder, *faults],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert peer.stdin is not None and peer.stdout is not None
+    try:
+        port = SerialPort(Path(peer.stdout.readline().strip()))
+        peer.stdin.write("the port is open\n")
+        peer.stdin.flush()
+        yield port
+        port.close()
+    finally:
+        peer.kill()
+        peer.wait()
+        peer.stdin.close()
+        peer.stdout.close()
+
+
+def stream(folder: Path, program: list[bytes], *faults: str) -> tuple[Link, list[Fault]]:
+    """Print to a virtual printer until the end, or until the link gives up."""
+    clock = Clock(SCALE, time.time())
+    link, up = Link(2.0 * SCALE), False
+    troubles: list[Fault] = []
+    link.poll_every_s = 10.0
+    with octoprint(folder, *faults) as port:
+        until_s = time.monotonic() + PATIENCE_S
+        link.opened(clock.now())
+        while not troubles and not (up and link.drained):
+            assert time.monotonic() < until_s, f"it does not end: {link.streamed} lines"
+            wait_s = max(0.0, min(clock.wall_seconds(link.deadline_s - clock.now()), 1.0))
+            try:
+                data = port.read() if select.select([port.fileno()], [], [], wait_s)[0] else b""
+                port.write(link.take())
+            except PortError:
+                return link, [Fault.PORT_LOST]
+            now_s = clock.now()
+            events = [*((data and link.receive(data, now_s)) or ()), *link.tick(now_s)]
+            troubles += [event.fault for event in events if isinstance(event, Trouble)]
+            if not up and link.phase is Phase.LIVE:
+                up = True
+                link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
+            port.write(link.take())
+    return link, troubles
+
+
+def spiral(count: int) -> list[bytes]:
+    return [
+        b"G1 F9000 X%.2f Y%.2f E%.3f" % (50 + i % 90 * 0.3, 50 + i * 0.05, i * 0.01) for i in range(count)
+    ]
+
+
+def done(folder: Path) -> list[bytes]:
+    """What the virtual printer carried out, without the lines that it asked to hear twice."""
+    return [line for line, _ in groupby((folder / "done.txt").read_bytes().splitlines())]
+
+
+def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(tmp_path: Path):
+    """Its default simulated errors (lines 100 to 115), and its debug commands that a host has to stand."""
+    program = spiral(600)
+    link, troubles = stream(
+        tmp_path,
+        program,
+        "dont_answer@150",
+        "prepare_ok o@200",
+        "trigger_missing_lineno@230",
+        "trigger_resend_checksum@260",
+        "trigger_resend_lineno@300",
+        "trigger_missing_checksum@340",
+        "sleep 3@380",
+        "send echo:busy: processing@390",
+        "send // action:nothing@395",
+        "resend_ratio 2@420",
+    )
+    assert troubles == []
+    assert link.streamed == len(program)
+    printed = done(tmp_path)
+    assert printed == [line for line in program if line in set(printed)]
+    dropped = (tmp_path / "dropped.txt").read_text().splitlines()
+    assert len(program) - len(printed) <= len(dropped)  # by its own doing; one may be an M105
+    assert link.repeated >= 10
+
+
+@pytest.mark.parametrize(
+    ("trigger", "fault"),
+    [
+        ("go_awol", Fault.NO_ANSWER),
+        ("rerequest_last", Fault.NOISY_LINE),
+        ("trigger_fatal_error_marlin", Fault.KILL),
+        ("mintemp_error", Fault.MINTEMP),
+        ("maxtemp_error", Fault.MAXTEMP),
+        ("reset", Fault.REBOOT),
+        ("drop_connection", Fault.PORT_LOST),
+    ],
+)
+def test_what_cannot_be_stood_ends_in_a_named_fault(tmp_path: Path, trigger: str, fault: Fault):
+    program = spiral(200)
+    _, troubles = stream(tmp_path, program, f"{trigger}@60")
+    assert troubles == [fault]
+    assert program[: len(done(tmp_path))] == done(tmp_path)
+
+
+@pytest.mark.parametrize("faults", ["", "?resend=0.01"])
+def test_printcore_prints_to_our_emulator_to_the_end(tmp_path: Path, faults: str):
+    path = tmp_path / "spiral.gcode"
+    moves = spiral(1500)
+    path.write_bytes(b"\n".join([b"M302 S0", b"G28", b"G92 E0", *moves, b"M400"]) + b"\n")
+    emulator = tmp_path / "emulator"
+    tty = launch(f"sim://ultimaker2_plus{faults}", emulator, Clock(SCALE, time.time()))
+    try:
+        subprocess.run([PYTHON, HERE / "printcore_peer.py", tty, path], check=True, timeout=PATIENCE_S)
+        status = read_status(emulator)
+    finally:
+        control(emulator, Command.POWER_OFF)
+    assert status.moves == len(moves)
+    assert status.filament_mm == pytest.approx(1499 * 0.01)
+    assert status.position_mm[:2] == pytest.approx((50 + 1499 % 90 * 0.3, 50 + 1499 * 0.05), abs=0.001)
+    assert (status.errors > 0) == bool(faults)
