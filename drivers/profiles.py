@@ -111,6 +111,21 @@ _UM2_PLUS_CLIPS = (
     Rect(108.0, -112.5, 115.0, -104.5),
 )
 
+_UM2_CLIPS = (
+    Rect(-115.0, 102.5, -82.0, 112.5),
+    Rect(108.0, 102.5, 115.0, 112.5),
+    Rect(-115.0, -112.5, -82.0, -104.5),
+    Rect(108.0, -112.5, 115.0, -104.5),
+)
+_GO_CLIPS = (
+    Rect(-60.0, 52.0, -33.0, 60.0),
+    Rect(33.0, 52.0, 60.0, 60.0),
+    Rect(-60.0, -60.0, -33.0, -52.0),
+    Rect(33.0, -60.0, 60.0, -52.0),
+)
+
+# The plain models have the serial code of the 2+ and another feeder, which their firmware allows for.
+# That their firmware's banner tells the Extended as that of the 2+ does is [assumed].
 PROFILES: dict[str, Profile] = {
     profile.model: profile
     for profile in (
@@ -124,8 +139,26 @@ PROFILES: dict[str, Profile] = {
             home_mm=(0.0, 224.5, 315.0),
             banner_suffix="ex",
         ),
+        Profile("ultimaker2", "Ultimaker 2", (223.0, 223.0), 205.0, _UM2_CLIPS, home_mm=(0.0, 224.5, 220.0)),
+        Profile(
+            "ultimaker2_extended",
+            "Ultimaker 2 Extended",
+            (223.0, 223.0),
+            305.0,
+            _UM2_CLIPS,
+            home_mm=(0.0, 224.5, 320.0),
+            banner_suffix="ex",
+        ),
     )
 }
+"""The printers that can be driven."""
+
+BEDS: dict[str, Profile] = {
+    **PROFILES,
+    # Its bed has no heater, which the session wants to see off; nothing is known of its firmware's answers.
+    "ultimaker2_go": Profile("ultimaker2_go", "Ultimaker 2 Go", (120.0, 120.0), 115.0, _GO_CLIPS),
+}
+"""The printers that can be sliced for."""
 
 
 def part_room(

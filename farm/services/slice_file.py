@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from decompose.mesh import load_model
-from drivers.profiles import PROFILES, RoomBox, part_room, place
+from drivers.profiles import BEDS, RoomBox, part_room, place
 from farm.errors import ErrorCode, FarmError
 from farm.services.estimate import plate_seconds
 from farm.services.plates import SliceTask, settings_of, slice_part
@@ -68,10 +68,10 @@ def slice_to_file(
     FarmError
         With the reason, in one line.
     """
-    if printer_model not in PROFILES:
-        hint = nearest(printer_model, PROFILES) or f"; there is {', '.join(sorted(PROFILES))}"
+    if printer_model not in BEDS:
+        hint = nearest(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
         raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
-    profile = PROFILES[printer_model]
+    profile = BEDS[printer_model]
     request = SettingsRequest(printer_model, quality, material, nozzle_mm, overrides)
     _check_writable(out)
     with in_farm_words():

@@ -4,15 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.profiles import FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, part_room, place
+from drivers.profiles import BEDS, FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, part_room, place
 
-models = st.sampled_from(sorted(PROFILES))
+models = st.sampled_from(sorted(BEDS))
 sizes = st.floats(1.0, 400.0)
 
 
 @given(models, st.floats(0.0, 30.0))
 def test_a_box_of_the_room_with_its_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
-    profile = PROFILES[model]
+    profile = BEDS[model]
     width, depth = profile.bed_mm
     bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
     for box in part_room(profile, brim_mm):
@@ -24,7 +24,7 @@ def test_a_box_of_the_room_with_its_brim_is_on_the_bed_and_off_the_clips(model: 
 
 @given(models, st.tuples(sizes, sizes, sizes))
 def test_what_is_placed_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
-    room = part_room(PROFILES[model], 8.0)
+    room = part_room(BEDS[model], 8.0)
     placed = place(extents_mm, room)
     dx, dy, dz = extents_mm
     if placed is None:
