@@ -166,7 +166,7 @@ def _job(view: api.JobView) -> RenderableType:
         )
     rows.append(facts)
     if view.parts:
-        parts = _table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "GRAMS")
+        parts = _table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "FILAMENT")
         plates = {plate.id: plate for plate in view.plates}
         for part in view.parts:
             plate = plates[part.plate]
@@ -178,7 +178,7 @@ def _job(view: api.JobView) -> RenderableType:
                 span(plate.estimated_s),
                 moment(last.started if last else None),
                 moment(last.ended if last else None),
-                f"{plate.grams:.0f}",
+                filament(plate.grams, plate.filament_mm, plate.price, view.currency),
             )
         rows.append(parts)
     if view.folder:
