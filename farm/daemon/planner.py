@@ -91,12 +91,12 @@ class Planner:
             return await self._workers.run(plan_gcode, task, self._state.files)
         self._progressed(job.id, PlanProgress(step=PlanStep.DECOMPOSING))
         decomposed = await self._workers.run(decompose_job, task, limit=DECOMPOSING)
-        tasks = slice_tasks(task, decomposed, self._state.slices)
+        # Resolving settings and writing files would keep the event loop: both in a thread.
+        tasks = await asyncio.to_thread(slice_tasks, task, decomposed, self._state.slices)
         # Longest first: the workers are done soonest then.
         order = sorted(range(len(tasks)), key=lambda i: -decomposed.parts[i].estimated_s)
         sliced = await self._slice(job.id, [tasks[i] for i in order])
         slices = [plate for _, plate in sorted(zip(order, sliced, strict=True), key=itemgetter(0))]
-        # It writes files to the disk: not on the event loop.
         return await asyncio.to_thread(make_plan, task, decomposed, tasks, slices, self._state.files)
 
     async def _slice(self, job: int, tasks: list[SliceTask]) -> list[PlateResult]:

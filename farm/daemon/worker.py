@@ -22,6 +22,7 @@ from farm.errors import FarmError
 Warm = Callable[[], None]
 
 _PR_SET_PDEATHSIG = 1
+_ENDING_S = 2.0  # from the end of its pipe to its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +67,9 @@ class Worker:
 
     def wait(self) -> str:
         """How the process, which has closed its pipe, ended."""
-        self._process.join()
-        code = self._process.exitcode or 0
-        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        self._process.join(_ENDING_S)
+        code = self._process.exitcode
+        return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
 
     def end(self) -> None:
         """End the process now, and with it (see slicing.engine) the engine that it runs."""

@@ -24,6 +24,7 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 _TRIES = 2
+_RETRY_S = 5.0
 _GB = 2**30
 
 
@@ -159,6 +160,16 @@ class Workers:
         self._alive.add(worker)
         self._give(worker)
 
+    def _replace(self) -> None:
+        """Start a worker, or try again until one can be started (the disk may be full)."""
+        if self._closed:
+            return
+        try:
+            self._start()
+        except OSError as error:
+            log.error("no worker can be started: %s; it is tried again", error)
+            asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
+
     async def _take(self, urgent: bool) -> Worker:
         """The next worker that is free; work that is as urgent gets one in the order in which it came."""
         if self._idle:
@@ -190,7 +201,7 @@ class Workers:
             return
         worker.end()
         self._alive.discard(worker)
-        self._start()
+        self._replace()
         # An engine that dies with its worker may have written after the folder was removed: all at once.
         kept = {one.folder for one in self._alive}
         for left in self._scratch.iterdir():

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import dying_work as work
+from farm.daemon.worker import Worker
 from farm.daemon.workers import DECOMPOSING, Limit, Workers, memory_for_each
 from farm.errors import ErrorCode, FarmError
 
@@ -154,6 +155,27 @@ def test_a_monstrous_model_ends_with_what_to_do(pool):
         return await workers.run(work.hoard, 0.1)
 
     assert pool.run(use, memory_gb=2.0) > 10**8
+
+
+def test_a_worker_that_cannot_be_started_now_is_started_later(pool, monkeypatch):
+    class FullDisk(Worker):
+        left = 2
+
+        def __init__(self, *arguments):
+            FullDisk.left -= 1
+            if FullDisk.left >= 0:
+                raise OSError("no space left")
+            super().__init__(*arguments)
+
+    async def use(workers):
+        monkeypatch.setattr("farm.daemon.workers.Worker", FullDisk)
+        monkeypatch.setattr("farm.daemon.workers._RETRY_S", 0.0)
+        with pytest.raises(FarmError, match="2 times"):
+            await workers.run(work.die)
+        return await workers.run(work.whoami)
+
+    assert pool.run(use) > 0
+    assert FullDisk.left < 0
 
 
 def test_each_worker_has_its_share_of_the_machine_but_enough_for_a_model():
