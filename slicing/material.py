@@ -91,9 +91,9 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     if not compatible:
         raise BadSetting(f"material {name} is not for the {product} with the nozzle {hotend}")
     for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
-        text = root.findtext(f"m:{path}", namespaces=_SPACE)
-        if text:
-            values[key] = text
+        found = root.findtext(f"m:{path}", namespaces=_SPACE)
+        if found:
+            values[key] = found
     density = root.findtext("m:properties/m:density", namespaces=_SPACE)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
