@@ -1,0 +1,55 @@
+"""Record what a CuraEngine says and writes of a small model, for machines that have only another version.
+
+Run it with that version and its files, from the repository's root. On Debian 13 (``apt-get install
+cura-engine cura fdm-materials``), or with those packages unpacked in a chroot::
+
+    FARM_CURA_ENGINE=/usr/bin/CuraEngine FARM_CURA_RESOURCES=/usr/share/cura/resources \\
+        python -m tests.slicing.record_engine tests/slicing/fixtures/engine-5.0.json.gz
+"""
+
+import base64
+import dataclasses
+import gzip
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import trimesh
+
+from slicing.engine import engine_version, run_engine
+from slicing.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, resolve_settings
+
+MOVE = trimesh.transformations.translation_matrix
+
+
+def model():
+    """A plate with a hole, a fin of one line on it and a post: rings, a line, and several islands."""
+    plate = trimesh.creation.box((14, 14, 2), MOVE((0, 0, 1)))
+    fin = trimesh.creation.box((0.3, 10, 2), MOVE((-5.5, 0, 3)))
+    post = trimesh.creation.cylinder(1.2, 2, sections=24, transform=MOVE((5, 5, 3)))
+    hole = trimesh.creation.cylinder(3, 9, sections=32)
+    return trimesh.boolean.difference([trimesh.boolean.union([plate, fin, post]), hole])
+
+
+def main():
+    settings = resolve_settings(SettingsRequest("ultimaker2_plus"), find_resources())
+    engine = find_engine()
+    stl = model().export(file_type="stl")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "model.stl"
+        path.write_bytes(stl)
+        ran = run_engine(engine, path, settings.global_, settings.extruder, layers=30, timeout_s=60.0)
+    record = {
+        "version": engine_version(engine),
+        "settings": dataclasses.asdict(settings),
+        "stl": base64.b64encode(stl).decode(),
+        "gcode": ran.gcode.decode(),
+        "log": ran.log,
+    }
+    Path(sys.argv[1]).write_bytes(gzip.compress(json.dumps(record).encode(), 9, mtime=0))
+
+
+if __name__ == "__main__":
+    main()
