@@ -219,6 +219,7 @@ class _Walls:
         height_mm = np.where(path.layer == 0, lines.layer_height_0_mm, lines.layer_height_mm)
         half_mm = np.zeros(len(way_mm))
         half_mm[prints] = (pushed_mm * filament_mm2)[prints] / (way_mm * height_mm)[prints] / 2
+        half_mm = np.minimum(half_mm, lines.width_mm)  # more is a blob, and covers nothing
         at = np.flatnonzero(prints & path.is_feature("WALL-OUTER"))
         start, end = path.before[at, :2] - centre_mm, path.after[at, :2] - centre_mm
         layer = path.layer[at]
