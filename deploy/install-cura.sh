@@ -1,13 +1,12 @@
 #!/usr/bin/env bash
-# CuraEngine 4.13 and Cura's settings of the same version, without Cura's desktop program.
+# CuraEngine and Cura's settings of the same version, without Cura's desktop program: 4.13 (Debian 12) or 5 (Debian 13).
 #
-# The engine is Debian's package. The settings are taken out of Debian's `cura` package without installing it, into
-# .cura/resources of this checkout. Both can be given instead: FARM_CURA_ENGINE (the program) and FARM_CURA_RESOURCES
-# (the folder with definitions, extruders, variants, quality, materials).
+# The engine is Debian's package. The settings are taken out of Debian's packages `cura` and `fdm-materials` without
+# installing them, into .cura/resources of this checkout. Both can be given instead: FARM_CURA_ENGINE (the program)
+# and FARM_CURA_RESOURCES (the folder with definitions, extruders, variants, quality, materials).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-VERSION=4.13
 RESOURCES=.cura/resources
 FOLDERS=(definitions extruders variants quality materials)
 
@@ -17,52 +16,45 @@ fail() {
     say "$1"
     cat >&2 <<END
 install: What is needed, and how to point at it:
-install:   CuraEngine $VERSION        export FARM_CURA_ENGINE=/path/to/CuraEngine
-install:   Cura $VERSION's resources  export FARM_CURA_RESOURCES=/path/to/resources
+install:   CuraEngine 4.13 or 5                   export FARM_CURA_ENGINE=/path/to/CuraEngine
+install:   Cura's resources of the same version   export FARM_CURA_RESOURCES=/path/to/resources
 install:     (the folder that has ${FOLDERS[*]};
-install:     'materials' is a package of its own, fdm-materials $VERSION)
-install: On Debian 12 'make install' gets both by itself.
+install:     'materials' is a package of its own, fdm-materials)
+install: On Debian 12 and 13 'make install' gets both by itself.
 END
     exit 1
 }
 
-has_settings() {
-    local folder
+supported() { [[ $1 == 4.13 || $1 == 5.* ]]; }
+
+# The engine names its version, like 4.13.0, in the first lines of its help; it exits 1 then.
+engine_version() { { "$1" help 2>&1 || true; } | head -n 3 | sed -n 's/.*version \([0-9]*\.[0-9]*\).*/\1/p'; }
+
+# Cura counts the versions of its settings.
+settings_version() {
+    local folder number
     for folder in "${FOLDERS[@]}"; do
-        [[ -d $1/$folder ]] || return 1
+        [[ -d $1/$folder ]] || return 0
     done
-    [[ -f $1/definitions/ultimaker2_plus.def.json && -f $1/materials/generic_pla.xml.fdm_material ]]
+    [[ -f $1/definitions/ultimaker2_plus.def.json && -f $1/materials/generic_pla.xml.fdm_material ]] || return 0
+    number=$(sed -n 's/.*"setting_version": *\([0-9]*\).*/\1/p' "$1/definitions/fdmprinter.def.json" | head -n 1)
+    case $number in
+        19) echo 4.13 ;;
+        20) echo 5.0 ;;
+        2[1-9]) echo 5.x ;;  # which of them a number is, only Cura knows
+    esac
 }
 
-# The engine names its version in the first lines of its help; it exits 1 then.
-right_engine() {
-    [[ -x $1 ]] && { "$1" help 2>&1 || true; } | head -n 3 | grep -q "version $VERSION"
-}
+match() { [[ $1 == "$2" || ($2 == 5.x && $1 == 5.* && $1 != 5.0) ]]; }
 
-find_engine() {
-    if [[ -n ${FARM_CURA_ENGINE:-} ]]; then
-        right_engine "$FARM_CURA_ENGINE" || fail "FARM_CURA_ENGINE=$FARM_CURA_ENGINE is not CuraEngine $VERSION."
-        return 0
-    fi
-    local engine
-    engine=$(command -v CuraEngine) && right_engine "$engine"
-}
-
-find_settings() {
-    if [[ -n ${FARM_CURA_RESOURCES:-} ]]; then
-        has_settings "$FARM_CURA_RESOURCES" ||
-            fail "FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is not Cura's resources folder (${FOLDERS[*]})."
-        return 0
-    fi
-    has_settings "$RESOURCES"
-}
-
-candidate() { apt-cache policy "$1" 2>/dev/null | awk '/Candidate:/ { print $2 }'; }
+# Debian's version of a package, like 4.13, without epoch and revision.
+candidate() { apt-cache policy "$1" 2>/dev/null | sed -n 's/ *Candidate: \([0-9]*:\)\?\([0-9]*\.[0-9]*\).*/\2/p'; }
 
 has_candidates() {
-    local package
+    local package version
     for package in "$@"; do
-        [[ $(candidate "$package") == *"$VERSION"* ]] || return 1
+        version=$(candidate "$package")
+        supported "$version" && match "$version" "${expected:-$version}" || return 1
     done
 }
 
@@ -81,52 +73,64 @@ refresh_lists() {
     as_root apt-get update -qq
 }
 
-install_packages() {
-    need_root "apt-get install $*"
-    as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@" >/dev/null
+install_engine() {
+    need_root "apt-get install cura-engine"
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends cura-engine >/dev/null
 }
 
-missing_engine=no
-missing_settings=no
-find_engine || missing_engine=yes
-find_settings || missing_settings=yes
-[[ $missing_engine$missing_settings == nono ]] && exit 0
+engine=${FARM_CURA_ENGINE:-$(command -v CuraEngine || true)}
+have_engine=
+[[ -z $engine || ! -x $engine ]] || have_engine=$(engine_version "$engine")
+if [[ -n ${FARM_CURA_ENGINE:-} ]]; then
+    supported "$have_engine" || fail "FARM_CURA_ENGINE=$FARM_CURA_ENGINE is not CuraEngine 4.13 or 5."
+fi
+supported "$have_engine" || have_engine=
+
+have_settings=$(settings_version "${FARM_CURA_RESOURCES:-$RESOURCES}")
+if [[ -n ${FARM_CURA_RESOURCES:-} ]]; then
+    supported "$have_settings" ||
+        fail "FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is not Cura's resources folder (${FOLDERS[*]}) of 4.13 or 5."
+    [[ -z $have_engine ]] || match "$have_engine" "$have_settings" ||
+        fail "CuraEngine is $have_engine, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $have_settings's."
+fi
+[[ -n $have_engine ]] && match "$have_engine" "$have_settings" && exit 0
 
 command -v apt-get >/dev/null || fail "There is no apt here."
+expected=$have_engine
+[[ -z ${FARM_CURA_RESOURCES:-} ]] || expected=${have_engine:-$have_settings}
 wanted=()
-[[ $missing_engine == yes ]] && wanted+=(cura-engine)
-[[ $missing_settings == yes ]] && wanted+=(cura fdm-materials)
+[[ -n $have_engine ]] || wanted+=(cura-engine)
+[[ -n ${FARM_CURA_RESOURCES:-} ]] || wanted+=(cura fdm-materials)
 has_candidates "${wanted[@]}" || refresh_lists
-has_candidates "${wanted[@]}" || fail "apt has no version $VERSION of: ${wanted[*]}."
+has_candidates "${wanted[@]}" || fail "apt has no version ${expected:-4.13 or 5} of: ${wanted[*]}."
 
-packages=()
-[[ $missing_engine == yes ]] && packages+=(cura-engine)
-[[ $missing_settings == yes && ! -d /usr/share/cura/resources/materials ]] && packages+=(fdm-materials)
-if ((${#packages[@]})); then
-    say "Installing ${packages[*]} ..."
-    install_packages "${packages[@]}" || { refresh_lists && install_packages "${packages[@]}"; } ||
-        fail "apt could not install ${packages[*]}."
-    [[ $missing_engine == no ]] || find_engine || fail "The CuraEngine on PATH is not version $VERSION."
+if [[ -z $have_engine ]]; then
+    say "Installing cura-engine ..."
+    install_engine || { refresh_lists && install_engine; } || fail "apt could not install cura-engine."
+    engine=$(command -v CuraEngine) && have_engine=$(engine_version "$engine")
+    supported "$have_engine" || fail "The CuraEngine on PATH is not version 4.13 or 5."
 fi
 
-if [[ $missing_settings == yes ]]; then
-    say "Taking Cura's settings out of Debian's package 'cura' (it is not installed) ..."
+if [[ -z ${FARM_CURA_RESOURCES:-} ]] && ! match "$have_engine" "$have_settings"; then
+    say "Taking Cura's settings out of Debian's packages 'cura' and 'fdm-materials' (not installed) ..."
     scratch=$(mktemp -d)
     trap 'rm -rf "$scratch"' EXIT
     # A list that is old names a file that is gone; then it is refreshed once.
-    download() { (cd "$scratch" && apt-get -o APT::Sandbox::User="$(id -un)" download -qq cura); }
-    download || { refresh_lists && download; } || fail "apt could not download cura."
-    dpkg-deb -x "$scratch"/cura_*.deb "$scratch/cura"
+    download() { (cd "$scratch" && apt-get -o APT::Sandbox::User="$(id -un)" download -qq cura fdm-materials); }
+    download || { refresh_lists && download; } || fail "apt could not download cura and fdm-materials."
+    for package in "$scratch"/*.deb; do dpkg-deb -x "$package" "$scratch/unpacked"; done
     mkdir -p "$scratch/resources"
-    for folder in definitions extruders variants quality intent; do
-        cp -r "$scratch/cura/usr/share/cura/resources/$folder" "$scratch/resources/"
+    for folder in "${FOLDERS[@]}"; do
+        cp -rL "$scratch/unpacked/usr/share/cura/resources/$folder" "$scratch/resources/"
     done
-    cp -rL /usr/share/cura/resources/materials "$scratch/resources/materials"
-    has_settings "$scratch/resources" || fail "Debian's cura package has not the files that were expected."
+    match "$have_engine" "$(settings_version "$scratch/resources")" ||
+        fail "Debian's cura package has not the settings of CuraEngine $have_engine."
     # The folder appears whole or not at all.
     mkdir -p "$(dirname "$RESOURCES")"
     rm -rf "$RESOURCES" "$RESOURCES.new"
     cp -r "$scratch/resources" "$RESOURCES.new"
     mv "$RESOURCES.new" "$RESOURCES"
 fi
-say "CuraEngine and Cura's settings are in place."
+[[ -z ${FARM_CURA_RESOURCES:-} ]] || match "$have_engine" "$have_settings" ||
+    fail "CuraEngine is $have_engine, and FARM_CURA_RESOURCES=$FARM_CURA_RESOURCES is Cura $have_settings's."
+say "CuraEngine $have_engine and Cura's settings are in place."
