@@ -8,7 +8,7 @@ and whether support would stick to a cut face, which is to be glued.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from decompose.columns import Columns, columns
-from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, pose_seconds
+from decompose.cost import ADDITIVE, POSE_ROTATIONS, CostModel, PrinterRoom, pose_features
 from decompose.footing import FIRST_LAYER_MM, Footing
 
 Floats = npt.NDArray[np.float64]
@@ -35,6 +35,8 @@ STICKS_N_MM2 = 0.05
 PROPPED = 0.1  # share of that for the area that supports carry
 PULL_N = 0.5
 WEIGHT_N_MM3 = 1.25e-5
+DEGREES: Floats = np.radians(np.arange(90.0))
+COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 
 
@@ -118,16 +120,17 @@ def best_pose(
     rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
     if not len(rotations):
         return None
+    features, extents = pose_features(vertices, faces, rotations, cost)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
-    least_s = pose_seconds(vertices, faces, rotations, replace(thinnest, overhang_s_mm3=0.0))
-    most_s = pose_seconds(vertices, faces, rotations, cost)
+    least_s = [thinnest.seconds([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
+    most_s = [cost.seconds(f, e) for f, e in zip(features, extents, strict=True)]
     best: Pose | None = None
     measured = 0
     for i in np.argsort(most_s, kind="stable"):
         clean = best is not None and best.rank[:3] == (0, 0.0, 0.0)
         if best is not None and clean and (least_s[i] >= best.seconds or measured >= MOST_MEASURED):
             continue
-        pose = measure(vertices, faces, cut, rotations[i], cost, fit_first_layer)
+        pose = _measured(vertices, faces, cut, rotations[i], features[i], cost, fit_first_layer)
         measured += 1
         if best is None or pose.rank < best.rank:
             best = pose
@@ -142,7 +145,20 @@ def measure(
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose:
-    """Price a pose with the supports that it really has, and see how the part stands in it."""
+    """Price a pose, a rotation in rows, with the supports that it really has, and see how the part stands."""
+    (features,), _ = pose_features(vertices, faces, rotation[None], cost)
+    return _measured(vertices, faces, cut, rotation, features, cost, fit_first_layer)
+
+
+def _measured(
+    vertices: Floats,
+    faces: Ints,
+    cut: Bools,
+    rotation: Floats,
+    features: Floats,
+    cost: CostModel,
+    fit_first_layer: bool,
+) -> Pose:
     placed = vertices @ rotation.T
     lo, hi = placed.min(axis=0), placed.max(axis=0)
     origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
@@ -155,17 +171,16 @@ def measure(
     leans = [footing.inside_mm(centre[None, :2]) for centre in inside.centres_mm]
     brim: float | None = None
     expansion: float | None = None
-    priced = replace(cost, overhang_s_mm3=0.0)
     if fit_first_layer:
         brim = footing.brim_width_mm(height, cost.brim_mm)
         joined = bool((triangles[cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
-        priced = replace(priced, brim_mm=brim)
-    seconds = float(pose_seconds(vertices, faces, rotation[None], priced)[0])
+    priced = cost if brim is None else replace(cost, brim_mm=brim)
     return Pose(
         to_model=to_model,
         size_mm=(width, depth, height),
-        seconds=seconds + cost.overhang_s_mm3 * inside.support_mm3,
+        seconds=priced.seconds([*features[:COLUMN], 0.0], hi - lo)
+        + cost.support_seconds(inside.support_mm3, inside.support_side_mm2),
         footing=footing,
         strain=_strain(footing, inside, height, leans),
         lean_mm=leans[-1],
@@ -229,7 +244,7 @@ def _hull_points(points: Floats) -> Floats:
     return points
 
 
-def _turned(up: Floats, points: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
+def _turned(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
     """The rotation (rows) with this direction up and a yaw that fits every printer; None where none does.
 
     What stands along the axes stays so. Anything else is turned into its smallest rectangle, and further only
@@ -237,23 +252,32 @@ def _turned(up: Floats, points: Floats, printers: Sequence[PrinterRoom]) -> Floa
     """
     axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
     if len(axis):
-        upright, angles = POSE_ROTATIONS[axis[0]], np.zeros(1)
+        x, y = POSE_ROTATIONS[axis[0], :2]
     else:
         x = np.cross(up, np.eye(3)[np.abs(up).argmin()])
         x /= np.linalg.norm(x)
-        upright, angles = np.array([x, np.cross(up, x), up]), np.zeros(0)
-    flat = _hull_points(points @ upright[:2].T)
-    height = float(np.ptp(points @ up))
-    edges = np.diff(flat, axis=0, append=flat[:1])
-    rectangles = np.arctan2(edges[:, 1], edges[:, 0])
-    sizes = [np.ptp(flat @ _plane(angle).T, axis=0) for angle in rectangles]
-    smallest = min(range(len(sizes)), key=lambda i: (round(sizes[i][0] * sizes[i][1], 6), i))
-    turns = rectangles[smallest] + (math.pi / 2.0 if sizes[smallest][0] < sizes[smallest][1] else 0.0)
-    for angle in (*angles, turns, *(turns + np.radians(np.arange(1.0, 90.0)))):
-        width, depth = np.ptp(flat @ _plane(angle).T, axis=0)
-        if all(printer.fits(float(width), float(depth), height) for printer in printers):
-            return np.vstack([_plane(angle) @ upright[:2], up])
+        y = np.cross(up, x)
+    flat = hull @ np.array([x, y]).T
+    height = float(np.ptp(hull @ up))
+    for angle in _yaws(flat, aligned=len(axis) > 0):
+        plane = _plane(angle)
+        width, depth = np.ptp(flat @ plane.T, axis=0).tolist()
+        if all(printer.fits(width, depth, height) for printer in printers):
+            return np.vstack([plane @ np.array([x, y]), up])
     return None
+
+
+def _yaws(points: Floats, aligned: bool) -> Iterator[float]:
+    """Angles in radians to try: as it is, the smallest rectangle about points (n, 2), then every degree."""
+    if aligned:
+        yield 0.0
+    rim = _hull_points(points)
+    edges = np.diff(rim, axis=0, append=rim[:1])
+    angles = np.arctan2(edges[:, 1], edges[:, 0]) if len(rim) < len(DEGREES) else DEGREES
+    sides = [np.ptp(rim @ _plane(angle).T, axis=0) for angle in angles]
+    smallest = min(range(len(sides)), key=lambda i: (round(float(sides[i].prod()), 6), i))
+    lengthwise = angles[smallest] + (math.pi / 2.0 if sides[smallest][0] < sides[smallest][1] else 0.0)
+    yield from lengthwise + DEGREES
 
 
 def _plane(angle: float) -> Floats:
