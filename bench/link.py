@@ -1,8 +1,11 @@
-"""Lines a second through agents and emulators on ptys, and what a line costs the agents.
+"""Lines a second through agents and emulators on ptys, what a line costs, and printcore beside them.
 
-``python bench/link.py [--agents N] [--lines N] [--scale S] [--json]``. Real processes, and nothing is left
-out: every agent resets its board, heats, streams short moves and ends. The clock is so quick that the moves
-take next to no time, so the figure is what host and link can carry.
+``python -m bench.link [--agents N] [--lines N] [--scale S] [--beside PYTHON] [--json]``. Real processes, and
+nothing is left out: every agent resets its board, heats, streams short moves and ends. The clock is so quick
+that the moves take next to no time, so the first figures are what host and link can carry.
+
+Where PYTHON can import Printrun (`make interop` makes such an environment), an agent and then printcore print
+the same moves to one emulator, on wall time and with the time that bytes take at 250000 baud.
 """
 
 from __future__ import annotations
@@ -12,10 +15,13 @@ import asyncio
 import hashlib
 import json
 import os
+import shutil
+import subprocess
 import tempfile
 import time
 from contextlib import suppress
 from pathlib import Path
+from statistics import median
 
 from drivers import messages as m
 from drivers.client import AgentClient, spawn
@@ -24,7 +30,11 @@ from drivers.emulator.launch import control
 from drivers.errors import DriverError
 
 MODEL = "ultimaker2_plus"
+PEER = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
+# Cold moves in the time that bytes need: nothing but the link is measured.
+BESIDE_HEAD = "G21\nG90\nM82\nM107\nG28\nM302 S0\nM109 S30\nG1 F2400 Z205\nG92 E0\nG0 F9000 X10 Y10\n"
+BESIDE_ROUNDS = 3
 TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
 
 
@@ -34,9 +44,11 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-async def one(folder: Path, clock: Clock, gcode: Path, sha256: str) -> tuple[float, float, float]:
+async def one(
+    folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep: bool = False
+) -> tuple[float, float, float]:
     """Print on one printer: wall time of the first and last line, the agent's CPU seconds between."""
-    process = spawn(folder.name, MODEL, f"sim://{MODEL}", folder, clock)
+    process = spawn(folder.name, MODEL, url, folder, clock)
     client = AgentClient(folder)
     try:
         await client.connect()
@@ -44,7 +56,7 @@ async def one(folder: Path, clock: Clock, gcode: Path, sha256: str) -> tuple[flo
             id=0,
             print_id="bench",
             gcode=str(gcode),
-            sha256=sha256,
+            sha256=hashlib.sha256(gcode.read_bytes()).hexdigest(),
             print_time_s=1.0,
             filament=m.Filament.PARKED,
         )
@@ -59,8 +71,9 @@ async def one(folder: Path, clock: Clock, gcode: Path, sha256: str) -> tuple[flo
             phase = snapshot.print.phase if snapshot.print else None
             if phase is m.PrintPhase.PRINTING and not began_s:
                 began_s, cpu_before_s = time.time(), cpu_s(process.pid)
-            if phase is not None and phase.ended:
+            if phase is m.PrintPhase.ENDING and not ended_s:
                 ended_s, cpu_after_s = time.time(), cpu_s(process.pid)
+            if phase is not None and phase.ended:
                 if phase is not m.PrintPhase.DONE:
                     raise SystemExit(f"the print ended {phase}: {snapshot.print and snapshot.print.reason}")
                 break
@@ -70,7 +83,8 @@ async def one(folder: Path, clock: Clock, gcode: Path, sha256: str) -> tuple[flo
             await client.request(m.Shutdown(id=0, now=True))
         await client.close()
         await asyncio.to_thread(process.wait, 30.0)
-        control(folder / "emulator", "power_off")
+        if not keep:
+            control(folder / "emulator", "power_off")
     return began_s, ended_s, cpu_after_s - cpu_before_s
 
 
@@ -83,10 +97,9 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         gcode = Path(folder) / "bench.gcode"
         gcode.write_bytes(text)
-        sha256 = hashlib.sha256(text).hexdigest()
         clock = Clock(scale, time.time())
         runs = await asyncio.gather(
-            *(one(Path(folder) / f"p{number}", clock, gcode, sha256) for number in range(agents))
+            *(one(Path(folder) / f"p{number}", clock, gcode) for number in range(agents))
         )
     span_s = max(run[1] for run in runs) - min(run[0] for run in runs)
     return {
@@ -98,14 +111,49 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
     }
 
 
+def beside(lines: int, python: Path) -> dict[str, float]:
+    """An agent and printcore in turn, the same moves to the same emulator on wall time; medians."""
+    moves = "".join(
+        f"G1 F18000 X{10 + abs(i % 1200 - 600) * 0.3:.3f} Y{10 + i // 600 * 0.5:.3f} E{i * 0.01:.5f}\n"
+        for i in range(lines)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        whole, head, path = (Path(folder) / name for name in ("whole.gcode", "head.gcode", "moves.gcode"))
+        whole.write_text(BESIDE_HEAD + moves + TAIL)
+        head.write_text(BESIDE_HEAD)
+        path.write_text(moves)
+        printer = Path(folder) / "p"
+        ours, theirs = [], []
+        try:
+            for _ in range(BESIDE_ROUNDS):  # in turn: what else the machine does then hits both
+                url = f"sim://{MODEL}?wire=1"
+                began_s, ended_s, _ = asyncio.run(one(printer, Clock(), whole, url, keep=True))
+                ours.append(lines / (ended_s - began_s))
+                control(printer / "emulator", "clear_bed")
+                run = [str(python), PEER, printer / "emulator" / "tty", path, head]
+                theirs.append(lines / float(subprocess.run(run, check=True, stdout=subprocess.PIPE).stdout))
+                shutil.rmtree(printer / "spool")
+                (printer / "journal.jsonl").unlink()
+        finally:
+            control(printer / "emulator", "power_off")
+    return {
+        "wire_lines_per_s": round(median(ours), 1),
+        "wire_printcore_lines_per_s": round(median(theirs), 1),
+        "wire_ratio": round(median(ours) / median(theirs), 3),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--agents", type=int, default=8)
     parser.add_argument("--lines", type=int, default=10_000, help="an agent")
     parser.add_argument("--scale", type=float, default=300.0, help="farm seconds in a wall second")
+    parser.add_argument("--beside", type=Path, help="a Python that has Printrun")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
     result = asyncio.run(measure(given.agents, given.lines, given.scale))
+    if given.beside is not None:
+        result |= beside(given.lines, given.beside)
     print(
         json.dumps({"schema": 1, **result})
         if given.json

@@ -1,6 +1,7 @@
 """Printrun's printcore prints a file; runs in the environment of `make interop`.
 
-``printcore_peer.py TTY GCODE``: prints the seconds from the first line of the file to the ok of the last.
+``printcore_peer.py TTY GCODE [HEAD]``: prints the seconds from the first line of the file to the ok of the
+last; HEAD is a file that is printed before.
 """
 
 import sys
@@ -11,20 +12,26 @@ from printrun import gcoder
 from printrun.printcore import printcore
 
 
+def send(core, path):
+    began = time.monotonic()
+    core.startprint(gcoder.LightGCode(Path(path).read_text().splitlines()))
+    while core.printing:
+        time.sleep(0.001)
+    return time.monotonic() - began
+
+
 def main():
-    port, path = sys.argv[1:]
-    lines = Path(path).read_text().splitlines()
+    port, path, *head = sys.argv[1:]
     core = printcore()
     core.loud = False
     core.connect(port, 250000)
     while not core.online:
         time.sleep(0.01)
     time.sleep(1.0)
-    began = time.monotonic()
-    core.startprint(gcoder.LightGCode(lines))
-    while core.printing:
-        time.sleep(0.001)
-    print(time.monotonic() - began, flush=True)
+    for before in head:
+        send(core, before)
+        time.sleep(0.5)
+    print(send(core, path), flush=True)
     core.send_now("M400")
     time.sleep(1.0)
     core.disconnect()
