@@ -30,6 +30,8 @@ class Columns:
     ----------
     support_mm3
         Volume below faces that lean out too far, down to the bed or to the part.
+    support_side_mm2
+        Upright sides of this support, counted along the columns' grid.
     propped_mm2, props_mm
         Area, as seen from above, that this support carries from the bed, and (p, 2) where it stands there.
     touched_mm2
@@ -40,6 +42,7 @@ class Columns:
     """
 
     support_mm3: float
+    support_side_mm2: float
     propped_mm2: float
     props_mm: Floats
     touched_mm2: float
@@ -65,7 +68,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float) -> Columns:
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    sums, levels, propped = _sweep(
+    touched, levels, propped, supports = _sweep(
         np.ascontiguousarray(triangles),
         marked.astype(np.float64),
         origin,
@@ -78,13 +81,21 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float) -> Columns:
     props = origin + step * np.argwhere(propped)
     area = step**2
     return Columns(
-        support_mm3=float(sums[0] * area),
+        support_mm3=float(supports.sum() * area),
+        support_side_mm2=_side_mm2(supports, step),
         propped_mm2=float(len(props) * area),
         props_mm=props,
-        touched_mm2=float(sums[1] * area),
+        touched_mm2=float(touched * area),
         volumes_mm3=levels[:, 3] * area,
         centres_mm=levels[:, :3] / mass,
     )
+
+
+def _side_mm2(heights_mm: Floats, step_mm: float) -> float:
+    """Upright area between columns (nx, ny) of different heights; what slants is taken along the grid."""
+    heights = np.pad(heights_mm, 1)
+    steps = np.abs(np.diff(heights, axis=0)).sum() + np.abs(np.diff(heights, axis=1)).sum()
+    return float(steps * step_mm)
 
 
 @jit
@@ -97,8 +108,8 @@ def _sweep(
     ny: int,
     height: float,
     overhang_cos: float,
-) -> tuple[Floats, Floats, Bools]:
-    """Support and touched area for columns of a unit area; (LEVELS, 4) moments and mass; what is propped."""
+) -> tuple[float, Floats, Bools, Floats]:
+    """Touched columns; (LEVELS, 4) moments and mass; which are propped, and how much of each is support."""
     start = np.zeros(nx * ny + 1, np.int64)
     where = np.zeros(0, np.float64)
     which = np.zeros(0, np.int64)
@@ -138,7 +149,8 @@ def _sweep(
                         where[at], which[at] = where[at - 1], which[at - 1]
                         at -= 1
                     where[at], which[at] = z, t
-    support, touched = 0.0, 0.0
+    touched = 0.0
+    supports = np.zeros((nx, ny))
     propped = np.zeros((nx, ny), np.bool_)
     levels = np.zeros((LEVELS, 4))
     for column in range(nx * ny):
@@ -159,7 +171,7 @@ def _sweep(
                 across_y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
                 length = np.sqrt(across_x**2 + across_y**2 + up**2)
                 if -up > overhang_cos * length and z - below > LEAST_GAP_MM:
-                    support += z - below
+                    supports[column // ny, column % ny] += z - below
                     touched += marked[t] + on_marked
                     if below == 0.0:
                         propped[column // ny, column % ny] = True
@@ -175,4 +187,4 @@ def _sweep(
                         levels[level, 1] += y * (top - bottom)
                         levels[level, 2] += (top * top - bottom * bottom) / 2.0
                         levels[level, 3] += top - bottom
-    return np.array([support, touched]), levels, propped
+    return touched, levels, propped, supports

@@ -34,21 +34,27 @@ column_mm3
     Sum of A |n| z over the faces that lean out further than the support angle, z being their height above the
     bed: the support's volume, where it reaches the bed.
 """
-FEATURES = (*ADDITIVE, "brim_mm2")
-"""And the ring of the brim about the part's rectangle, which does not add up."""
+FEATURES = (*ADDITIVE, "brim_mm2", "support_mm3", "support_side_mm2")
+"""And those that do not add up: the ring of the brim about the part's rectangle and, in place of `column_mm3`
+where a part is looked at closely, the support that it really has (`decompose.columns`)."""
 
 FACTORS: Mapping[str, float] = {
     "infill": 1.0,
     "walls": 0.984,
     "connections": 0.35,
     "skin": 0.98,
-    "slope ends": 3.3,
-    "support": 1.25,
+    "slope ends": 2.47,
+    "columns": 1.25,
+    "support": 1.01,
+    "support sides": 1.11,
     "brim": 0.92,
-    "infill ends": 0.51,
-    "travel": 1.04,
+    "infill ends": 0.52,
+    "travel": 0.99,
 }
-"""What the seconds of each term of `terms` are multiplied by: one set for all settings."""
+"""What the seconds of each term of `terms` are multiplied by: one set for all settings.
+
+``columns`` stands for ``support`` and ``support sides`` where only tables are at hand.
+"""
 WALLED_PER_MM = 0.09
 """Share of flat faces that a mm of wall covers at their edges, instead of skin."""
 
@@ -109,7 +115,7 @@ class Recipe:
 
 
 def terms(recipe: Recipe) -> dict[str, Floats]:
-    """Seconds of each term for one unit of each of `FEATURES`: (6,) vectors, under the names of `FACTORS`.
+    """Seconds of each term for one unit of each of `FEATURES`: (8,) vectors, under the names of `FACTORS`.
 
     An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
     """
@@ -134,7 +140,9 @@ def terms(recipe: Recipe) -> dict[str, Floats]:
         "connections": vector(lateral_mm2=1.0 / (layer * r.infill_mm_s) if connected else 0.0),
         "skin": vector(skin_mm2=skin_layers * skin),
         "slope ends": vector(slope_mm2=r.skin_mm_s / r.acceleration_mm_s2 / (layer * r.line_width_mm)),
-        "support": vector(column_mm3=supports / (layer * r.support_mm_s)),
+        "columns": vector(column_mm3=supports / (layer * r.support_mm_s)),
+        "support": vector(support_mm3=supports / (layer * r.support_mm_s)),
+        "support sides": vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
         "brim": vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
         "infill ends": vector(lateral_mm2=lines * r.infill_mm_s / r.acceleration_mm_s2 / layer),
         "travel": vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
@@ -145,8 +153,9 @@ def terms(recipe: Recipe) -> dict[str, Floats]:
 class CostModel:
     """Coefficients of the print time, in seconds for each unit of a feature, and what the features depend on.
 
-    ``t = fixed + max(volume V + lateral L, least H) + skin S + slope X + overhang O + brim B``; see `ADDITIVE`
-    for V, L, S, X and O. B is the ring of the brim about the part's rectangle in mm2, H the height in mm.
+    ``t = fixed + max(volume V + lateral L, least H) + skin S + slope X + overhang O + brim B``; see
+    `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in mm2, H the height
+    in mm. Where a part's columns are known, `support_seconds` takes the place of O.
 
     Held out by model, over parts that the decomposition makes, it errs by 3.1 % on average, in each of five
     settings by less than 4 %; bench/print_time_model.py measures it.
@@ -163,6 +172,8 @@ class CostModel:
     brim_mm: float
     support_angle_deg: float = 45.0
     skin_cos: float = 0.7  # faces with a larger |n| get skin
+    support_s_mm3: float = 0.0
+    support_side_s_mm2: float = 0.0
 
     @property
     def overhang_cos(self) -> float:
@@ -188,7 +199,13 @@ class CostModel:
             brim_mm=recipe.brim_mm,
             support_angle_deg=recipe.support_angle_deg,
             skin_cos=recipe.skin_cos,
+            support_s_mm3=seconds["support_mm3"],
+            support_side_s_mm2=seconds["support_side_mm2"],
         )
+
+    def support_seconds(self, support_mm3: float, side_mm2: float) -> float:
+        """The time of a support of this volume and these upright sides."""
+        return self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
 
     def coefficients(self) -> Floats:
         """The coefficients in the order of the fields, for compiled code."""

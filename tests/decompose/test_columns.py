@@ -38,6 +38,7 @@ def test_supports_end_on_the_part(bench: Solid) -> None:
     """10 mm of the seat stand 20 mm above the foot, 20 mm stand 25 mm above the bed."""
     found = seen(bench)
     assert found.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
+    assert found.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
     assert found.propped_mm2 == pytest.approx(20 * 20, rel=0.05)
     assert found.props_mm[:, 0].min() == pytest.approx(20.0, abs=0.5)
     assert found.touched_mm2 == 0.0

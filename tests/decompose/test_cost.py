@@ -91,7 +91,9 @@ def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls(
     [
         ({"infill_line_distance_mm": 14.0}, "infill", 0.5),
         ({"infill_line_distance_mm": 14.0}, "infill ends", 0.5),
+        ({"support_line_distance_mm": 2 * 2.333}, "columns", 0.5),
         ({"support_line_distance_mm": 2 * 2.333}, "support", 0.5),
+        ({"support_line_distance_mm": 2 * 2.333}, "support sides", 1.0),
         ({"layer_height_mm": 0.125}, "infill", 2.0),
         ({"layer_height_mm": 0.125}, "walls", 2.0),
         ({"layer_height_mm": 0.125}, "support", 2.0),
@@ -104,6 +106,7 @@ def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls(
         ({"infill_connected": False}, "connections", 0.0),
         ({"infill_line_distance_mm": 0.0}, "infill", 0.0),
         ({"support_line_distance_mm": 0.0}, "support", 0.0),
+        ({"support_line_distance_mm": 0.0}, "support sides", 0.0),
     ],
 )
 def test_settings_enter_by_physics(change: dict[str, float], term: str, times: float) -> None:
