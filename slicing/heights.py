@@ -15,8 +15,8 @@ EXACT_MM = 0.02
 CERTAIN_LAYERS = 6
 _SPREAD = 0.04  # of the layer height
 # The first layer alone may differ by more: it evens out the bed anyway, and without it about one height in a
-# hundred cannot be reached in whole micrometres. Upwards it stays under 0.8 of the nozzle, as Cura has it.
-_SPREAD_0 = (-0.2, 0.17)
+# hundred cannot be reached in whole micrometres.
+_SPREAD_0 = 0.25
 _SLACK_UM = 1  # for rounding
 
 
@@ -38,7 +38,7 @@ def printed_mm(height_mm: float, heights: LayerHeights) -> float:
     return (first + above * other) / 1000
 
 
-def fit_heights(height_mm: float, wanted: LayerHeights, *, fixed_first: bool = False) -> LayerHeights:
+def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float) -> LayerHeights:
     """The heights nearest to the wanted ones with which a part is printed to its height.
 
     Parameters
@@ -46,12 +46,15 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, fixed_first: bool = F
     height_mm
         The part's.
     wanted
-        What the quality asks for. Layers differ from it by 4 % at most, the first one by a fifth.
-    fixed_first
-        Leave the first layer as it is.
+        What the quality asks for. Layers differ from it by 4 % at most, the first one by a quarter.
+    most_first_mm
+        How high the first layer may be; 0 to leave it as it is.
     """
     first, other = _um(wanted.first_mm), _um(wanted.other_mm)
-    low, high = (first, first) if fixed_first else (round(first * (1 + share)) for share in _SPREAD_0)
+    low, high = first, first
+    if most_first_mm > 0:
+        low = round(first * (1 - _SPREAD_0))
+        high = max(low, min(round(first * (1 + _SPREAD_0)), _um(most_first_mm)))
     height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
     step = _floor(other * _SPREAD)
 

@@ -13,7 +13,7 @@ from slicing.startcode import PARKED_MM
 
 NOZZLE_MAX_C = 260.0  # the firmware's own menu ends there
 BED_MAX_C = 115.0
-_LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
+LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
 _LINE_SHARE = 2.0  # of the nozzle, where Cura warns
 _MOST_HOP_MM = 10.0
 
@@ -130,7 +130,7 @@ def _our_bounds(resolver: Resolver, key: str) -> tuple[float | None, float | Non
     nozzle_mm = float(resolver.value(Scope.EXTRUDER, "machine_nozzle_size"))
     match key:
         case "layer_height" | "layer_height_0":
-            return None, _LAYER_SHARE * nozzle_mm
+            return None, LAYER_SHARE * nozzle_mm
         case "retraction_amount":
             return 0.0, PARKED_MM
         case "retraction_hop" | "wipe_hop_amount":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -12,14 +11,15 @@ from slicing.definitions import parse_value
 from slicing.errors import BadSetting, DefinitionError
 from slicing.formula import Formula
 from slicing.heights import LayerHeights, fit_heights
-from slicing.limits import Violation, violations, why_reserved
-from slicing.material import Material
+from slicing.limits import LAYER_SHARE, Violation, violations, why_reserved
 from slicing.qualities import DEFAULT_QUALITY, OURS
-from slicing.resolver import Layer, Place, Resolver, Scope
+from slicing.resolver import Layer, Place, Resolver
 from slicing.resources import Resources
-from slicing.shrinkage import NONE, compensation
 from slicing.stacks import Stacks, find_stacks
-from slicing.startcode import FLAVOR, end_code, start_code
+from slicing.startcode import FLAVOR
+from slicing.told import SHRINKAGE, Settings, print_scale, tell_engine
+
+__all__ = ["ANY_PART", "PartSettings", "Settings", "SettingsRequest", "resolve_settings"]
 
 # What a file that is streamed needs.
 _FIXED: Mapping[str, Any] = {
@@ -29,21 +29,6 @@ _FIXED: Mapping[str, Any] = {
     "material_bed_temp_prepend": False,
     "material_print_temp_prepend": False,
     "relative_extrusion": False,
-}
-_SHRINKAGE = (
-    "material_shrinkage_percentage",
-    "material_shrinkage_percentage_xy",  # from Cura 5 on
-    "material_shrinkage_percentage_z",
-)
-# Directions in which a pattern lays its lines `infill_line_distance` apart (Cura's formula for that setting).
-_DIRECTIONS = {
-    "grid": 2,
-    "tetrahedral": 2,
-    "quarter_cubic": 2,
-    "triangles": 3,
-    "trihexagon": 3,
-    "cubic": 3,
-    "cubicsubdiv": 3,
 }
 
 
@@ -80,45 +65,6 @@ class PartSettings:
 ANY_PART = PartSettings()
 
 
-@dataclass(frozen=True, slots=True)
-class Settings:
-    """Every setting as CuraEngine reads it, and the numbers that others need."""
-
-    printer_model: str
-    global_: dict[str, str]
-    extruder: dict[str, str]
-    layer_height_mm: float
-    layer_height_0_mm: float
-    line_width_mm: float  # the inner walls'
-    line_width_0_mm: float  # the outer wall's
-    wall_count: int
-    top_layers: int
-    bottom_layers: int
-    infill_line_distance_mm: float  # mean spacing, all directions together; 0 without infill
-    support_enabled: bool
-    support_angle_deg: float  # from the vertical
-    support_line_distance_mm: float  # 0 without support
-    speed_wall_0_mm_s: float
-    speed_wall_x_mm_s: float
-    speed_infill_mm_s: float
-    speed_topbottom_mm_s: float
-    speed_support_mm_s: float
-    speed_layer_0_mm_s: float
-    speed_travel_mm_s: float
-    brim_width_mm: float  # as printed: whole lines of brim, or the skirt with its gap
-    nozzle_c: float  # of the first layer
-    bed_c: float  # of the first layer
-    density_g_cm3: float
-    filament_diameter_mm: float
-    scale_xy: float  # a part is printed larger by these, because it shrinks
-    scale_z: float
-
-    @property
-    def filament_mm2(self) -> float:
-        """The filament's cross-section in mm2."""
-        return math.pi * self.filament_diameter_mm**2 / 4
-
-
 def resolve_settings(
     request: SettingsRequest, resources: Resources, part: PartSettings = ANY_PART
 ) -> Settings:
@@ -137,8 +83,8 @@ def resolve_settings(
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
         wanted = LayerHeights(every.layer_height_0_mm, every.layer_height_mm)
-        fixed = "layer_height_0" in request.overrides
-        heights = fit_heights(part.height_mm, wanted, fixed_first=fixed)
+        most_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
+        heights = fit_heights(part.height_mm, wanted, most_first_mm=most_first_mm)
     part = replace(part, height_mm=None)
     settings = _resolve(resources, words, part, heights)
     if settings.brim_width_mm > every.brim_width_mm:
@@ -185,19 +131,9 @@ def _resolve(
             raise
         raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
     quality = OURS.get(words.quality)
-    ours = quality is not None and quality.compensates_shrinkage and {*_SHRINKAGE}.isdisjoint(user_keys)
-    scale = _scale(resolver, stacks.material.kind if ours else "")
-    return _settings(words.printer_model, resolver, stacks.material, scale)
-
-
-def _scale(resolver: Resolver, kind: str) -> tuple[float, float]:
-    """Factors (XY, Z) by which a part is printed larger: Cura's; where it has none, a material kind's."""
-    known = resolver.keys(Scope.GLOBAL)
-    both, xy, z = (
-        float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in _SHRINKAGE
-    )
-    scale = (xy or both or 1.0, z or both or 1.0)
-    return compensation(kind) if scale == NONE else scale
+    ours = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
+    scale = print_scale(resolver, stacks.material.kind if ours else "")
+    return tell_engine(words.printer_model, resolver, stacks.material.density_g_cm3, scale)
 
 
 def _is_cura_s(found: Violation, resources: Resources, words: _Words) -> bool:
@@ -245,76 +181,3 @@ def _part_layer(part: PartSettings, heights: LayerHeights | None) -> Layer:
     if part.layer_0_expansion_mm is not None:
         layer["xy_offset_layer_0"] = Formula(f"xy_offset + ({part.layer_0_expansion_mm!r})")
     return layer
-
-
-def _settings(model: str, resolver: Resolver, material: Material, scale: tuple[float, float]) -> Settings:
-    global_ = {key: _text(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
-    extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
-    # The engine reads it in both places, and prints no support where either says no.
-    extruder["support_enable"] = global_["support_enable"]
-    # The mesh is scaled before it is placed, so that the checks see what is printed.
-    told = dict.fromkeys(_SHRINKAGE, "100.0")
-    global_ |= {key: told[key] for key in told.keys() & global_.keys()}
-    extruder |= {key: told[key] for key in told.keys() & extruder.keys()}
-
-    def number(key: str) -> float:
-        return float(resolver.value(Scope.EXTRUDER, key))
-
-    def flag(key: str) -> bool:
-        return bool(resolver.value(Scope.EXTRUDER, key))
-
-    if global_["adhesion_type"] == "raft":
-        raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
-    diameter_mm = number("material_diameter")
-    filament_mm2 = math.pi * diameter_mm**2 / 4
-    nozzle_c = number("material_print_temperature_layer_0")
-    bed_c = number("material_bed_temperature_layer_0") if flag("machine_heated_bed") else 0.0
-    global_["machine_start_gcode"] = start_code(nozzle_c, bed_c, filament_mm2)
-    global_["machine_end_gcode"] = end_code(number("retraction_amount") if flag("retraction_enable") else 0.0)
-    directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
-    support = flag("support_enable")
-    return Settings(
-        printer_model=model,
-        global_=global_,
-        extruder=extruder,
-        layer_height_mm=number("layer_height"),
-        layer_height_0_mm=number("layer_height_0"),
-        line_width_mm=number("wall_line_width_x"),
-        line_width_0_mm=number("wall_line_width_0"),
-        wall_count=int(number("wall_line_count")),
-        top_layers=int(number("top_layers")),
-        bottom_layers=int(number("bottom_layers")),
-        infill_line_distance_mm=number("infill_line_distance") / directions,
-        support_enabled=support,
-        support_angle_deg=number("support_angle"),
-        support_line_distance_mm=number("support_line_distance") if support else 0.0,
-        speed_wall_0_mm_s=number("speed_wall_0"),
-        speed_wall_x_mm_s=number("speed_wall_x"),
-        speed_infill_mm_s=number("speed_infill"),
-        speed_topbottom_mm_s=number("speed_topbottom"),
-        speed_support_mm_s=number("speed_support"),
-        speed_layer_0_mm_s=number("speed_layer_0"),
-        speed_travel_mm_s=number("speed_travel"),
-        brim_width_mm=_brim_mm(global_["adhesion_type"], number),
-        nozzle_c=nozzle_c,
-        bed_c=bed_c,
-        density_g_cm3=material.density_g_cm3,
-        filament_diameter_mm=diameter_mm,
-        scale_xy=scale[0],
-        scale_z=scale[1],
-    )
-
-
-def _brim_mm(adhesion: str, number: Any) -> float:
-    line_mm = number("skirt_brim_line_width") * number("initial_layer_line_width_factor") / 100
-    match adhesion:
-        case "brim":
-            return round(float(number("brim_line_count") * line_mm), 6)
-        case "skirt":
-            return round(float(number("skirt_gap") + number("skirt_line_count") * line_mm), 6)
-    return 0.0
-
-
-def _text(value: Any) -> str:
-    """As CuraEngine reads it: Python's own words for numbers, booleans and lists."""
-    return "" if value is None else str(value)
