@@ -15,6 +15,7 @@ from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.services.rooms import bed_boxes
 from farm.tracking.store import Store
+from make_gcode import marlin
 
 MODEL = "ultimaker2_plus"
 
@@ -71,6 +72,31 @@ def stl():
 def submit(app, content, **params):
     facts = {"request_id": "r" * 8, "name": "box.stl", "size": len(content)}
     return ask(app, "POST", "/jobs", params={**facts, **params}, content=content)
+
+
+def test_g_code_goes_the_same_road_as_a_model(daemon):
+    content = "\n".join(marlin()).encode()
+    assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
+    assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
+    job = daemon.state.core.books.jobs[1]
+    assert (daemon.state.folder.files / job.model_file).read_bytes() == content
+    assert (job.name, job.own_gcode.min_mm) == ("tower.gcode", pytest.approx((-11.5, -11.5, 0.2)))
+    assert list(daemon.state.folder.work.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "code"),
+    [
+        ("t.gcode", '{"scale": 2}', "settings"),
+        ("t.gcode", '{"colour": "red"}', "refused"),
+        ("t.gcode.gz", "{}", "gcode"),
+        ("t.stl", "{}", "model"),
+    ],
+)
+def test_g_code_that_cannot_be_printed_so_is_refused_by_name(daemon, name, options, code):
+    answer = submit(daemon, "\n".join(marlin()).encode(), name=name, options=options).json()
+    assert answer["code"] == code
+    assert daemon.state.core.books.jobs == {}
 
 
 def test_a_submission_sent_twice_is_one_job(daemon):
