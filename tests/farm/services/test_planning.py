@@ -115,6 +115,17 @@ class NoHands:
         pass
 
 
+def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
+    glue = task(bar, files, tmp_path)
+    paper = replace(glue, options=JobOptions(quality="paper"))
+    for part in decompose_job(glue).parts:
+        assert 0.0 <= part.brim_width_mm <= 8.05
+        assert part.layer_0_expansion_mm == -0.2  # it was cut across, and that face meets the bed
+    cut = decompose_job(paper)
+    assert {(p.brim_width_mm, p.layer_0_expansion_mm) for p in cut.parts} == {(None, None)}
+    assert {one.brim_width_mm for one in slice_tasks(paper, cut, None)} == {None}
+
+
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
     def too_large(solid, grid, box):
         lo, hi = grid.bounds_mm(box)
