@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from bench.shapes import SHAPES
+from decompose.columns import columns
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, Recipe, pose_features
 from decompose.errors import DecomposeError
 from decompose.mesh import Model, load_model
@@ -91,6 +92,8 @@ class Row:
     width_mm: float
     depth_mm: float
     height_mm: float
+    support_mm3: float
+    support_side_mm2: float
     sliced_s: float
     walls_s: float
     fill_s: float
@@ -209,8 +212,10 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     out.unlink()
     cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
     (features,), (extents,) = pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
-    figures = [*map(float, features), *map(float, extents), sliced_s]
-    return Row(posed.model, posed.part, posed.printed, setting, *figures, **kinds)
+    unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
+    support = columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)
+    figures = [*map(float, features), *map(float, extents), support.support_mm3, support.support_side_mm2]
+    return Row(posed.model, posed.part, posed.printed, setting, *figures, sliced_s, **kinds)
 
 
 def kind_seconds(gcode: str) -> dict[str, float]:
