@@ -10,11 +10,13 @@ from pathlib import Path
 
 from drivers.agent.idle import CARD, IdleWatch
 from drivers.agent.journal import Journal
+from drivers.clock import Clock
 from drivers.errors import DriverError, PortError
 from drivers.locks import AGENT_LOCK, hold
 from drivers.marlin import Link, Report, Said, Up
+from drivers.ports import Port, open_port, plugged_in
 from drivers.profiles import PROFILES
-from drivers.serialport import Device, SerialPort, devices, plugged_in
+from drivers.serialport import Device, devices
 from drivers.talk import talk
 
 BY_PATH = Path("/dev/serial/by-path")
@@ -64,13 +66,13 @@ def plugged(
     return result
 
 
-def commission(path: Path, folder: Path | None, answer_s: float = _ANSWER_S) -> str:
+def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> str:
     """Pulse DTR on the port of an idle printer and see its board start again.
 
     Parameters
     ----------
-    path
-        The port, which no agent has.
+    url
+        The port, which no agent has; not a simulated one.
     folder
         The agent's folder, where that is written down; None for a printer that is not in the fleet.
     answer_s
@@ -91,18 +93,18 @@ def commission(path: Path, folder: Path | None, answer_s: float = _ANSWER_S) -> 
         folder.mkdir(parents=True, exist_ok=True)
         lock = hold(folder / AGENT_LOCK)
         if lock is None:
-            raise PortError(f"{path}: its agent is running: ask that")
+            raise PortError(f"{url}: its agent is running: ask that")
     try:
-        port = SerialPort(path)
+        port = open_port(url, Path(), Clock())
         try:
-            _see_idle(port, path, answer_s)
+            _see_idle(port, url, answer_s)
             port.reset()
-            banner = _see_start(port, path, answer_s)
+            banner = _see_start(port, url, answer_s)
         finally:
             port.close()
         if folder is not None:
             journal = Journal(folder / "journal.jsonl")
-            journal.write(time.time(), reset_verified=str(path), opened=plugged_in(path))
+            journal.write(time.time(), reset_verified=url, opened=plugged_in(url))
     finally:
         if lock is not None:
             os.close(lock)
@@ -125,7 +127,7 @@ def model_of(banner: bytes) -> str:
     raise DriverError(f"the board started again, but says no version that is known: {version!r}")
 
 
-def _see_idle(port: SerialPort, path: Path, answer_s: float) -> None:
+def _see_idle(port: Port, url: str, answer_s: float) -> None:
     """Where opening the port did not reset the board, it can say that it prints."""
     link, idle = Link(), IdleWatch()
     for now_s, event in talk(port, link, answer_s):
@@ -139,17 +141,17 @@ def _see_idle(port: SerialPort, path: Path, answer_s: float) -> None:
         elif isinstance(event, Report):
             if idle.card or not event.off:
                 why = CARD if idle.card else "a heater is on"
-                raise PortError(f"{path}: its printer is not idle: {why}; wait until that has ended")
+                raise PortError(f"{url}: its printer is not idle: {why}; wait until that has ended")
             return
-    raise PortError(f"{path}: its printer does not say that it is idle; switch it off and on")
+    raise PortError(f"{url}: its printer does not say that it is idle; switch it off and on")
 
 
-def _see_start(port: SerialPort, path: Path, answer_s: float) -> bytes:
+def _see_start(port: Port, url: str, answer_s: float) -> bytes:
     for _, event in talk(port, Link(), answer_s):
         if isinstance(event, Up):
             if event.restarted:
                 return event.banner
             break
     raise PortError(
-        f"{path}: no `start` after a pulse of DTR, so the farm could not stop it: see to its cable"
+        f"{url}: no `start` after a pulse of DTR, so the farm could not stop it: see to its cable"
     )

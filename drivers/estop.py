@@ -24,6 +24,7 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.marlin import Link, Report, Up
+from drivers.ports import NET, NetPort, Port
 from drivers.serialport import SerialPort
 from drivers.talk import talk
 
@@ -126,22 +127,22 @@ def _cut(target: Target, show_s: float) -> Stopped:
     return Stopped(name, cut_s, seen, text)
 
 
-def _open(target: Target) -> SerialPort | None:
+def _open(target: Target) -> Port | None:
     path = Path(target.port)
     if target.port.startswith("sim://"):
         emulator = target.folder / EMULATOR
         if not emulator_alive(emulator):
             return None
         path = emulator / TTY
-    elif "://" in target.port:
-        raise PortError(f"{target.port}: is on another host")
+    elif target.port.startswith(NET):
+        return NetPort(target.port)
     try:
         return SerialPort(path)
     except PortError:
         return SerialPort(path, shared=True)  # whoever has it: this comes first
 
 
-def _show(port: SerialPort, show_s: float) -> tuple[str, bool]:
+def _show(port: Port, show_s: float) -> tuple[str, bool]:
     """Whether the heaters were seen off, and what is to be said of it."""
     link, up, report = Link(), None, None
     link.only_ask = True

@@ -156,7 +156,7 @@ def resolve(url: str, folder: Path, clock: Clock) -> Path:
         raise PortError(
             f"{url}: a plain socket has no DTR, so the board cannot be stopped; use a device path"
         )
-    raise PortError(f"{url}: a port is a device path or sim://MODEL; run an agent beside the printer instead")
+    raise PortError(f"{url}: a port is a device path, rfc2217://HOST:PORT or sim://MODEL")
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,20 +177,42 @@ def devices() -> list[Device]:
     return sorted(found, key=lambda device: device.path)
 
 
-def plugged_in(path: Path) -> str:
-    """A name for this device that changes when it is plugged in anew or the host starts anew.
+class Distant:
+    """pyserial's port on another host, its errors in our words."""
 
-    Raises
-    ------
-    PortError
-        It is not there.
-    """
-    try:
-        node = path.stat()
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    except OSError as error:
-        raise PortError(f"{path}: is not there; is the printer plugged in and switched on?") from error
-    return f"{boot}:{node.st_rdev}:{node.st_ino}:{node.st_ctime_ns}"
+    def __init__(self, url: str) -> None:
+        self._url = url
+        try:
+            self._port = serial.serial_for_url(url, BAUD, timeout=None)
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise PortError(
+                f"{url}: cannot be opened ({error}); does ser2net run there, with rfc2217?"
+            ) from error
+
+    def read_some(self) -> bytes:
+        """Wait for bytes; raises what pyserial raises where the port went away."""
+        data: bytes = self._port.read(1)
+        if not data:
+            raise PortError(f"{self._url}: went away")
+        return data + self._port.read(self._port.in_waiting)
+
+    def write(self, data: bytes) -> None:
+        """Send them; raises PortError."""
+        try:
+            self._port.write(data)
+        except (serial.SerialException, OSError) as error:
+            raise PortError(f"{self._url}: went away ({error}); look at its host and the network") from error
+
+    def set_dtr(self, *, up: bool) -> None:
+        """Set DTR and wait until the other host says that it is; raises PortError."""
+        try:
+            self._port.dtr = up
+        except (serial.SerialException, OSError, ValueError) as error:
+            raise PortError(f"{self._url}: DTR cannot be set there ({error})") from error
+
+    def close(self) -> None:
+        with suppress(Exception):  # it went away
+            self._port.close()
 
 
 def _cause(error: BaseException) -> str:

@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterator
 
 from drivers.marlin import Event, Link, Phase
-from drivers.serialport import SerialPort
+from drivers.ports import Port
 
 
-def talk(port: SerialPort, link: Link, patience_s: float) -> Iterator[tuple[float, Event]]:
+def talk(port: Port, link: Link, patience_s: float) -> Iterator[tuple[float, Event]]:
     """Move bytes between a port that was just opened or reset and a link.
 
     Parameters

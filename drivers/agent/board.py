@@ -14,7 +14,7 @@ from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.marlin import Event, Events, Link, Phase, Report, Said, Trouble, Up
-from drivers.serialport import SerialPort, plugged_in, resolve
+from drivers.ports import Port, open_port, plugged_in
 from drivers.session import Pace, Session
 
 log = logging.getLogger(__name__)
@@ -68,7 +68,7 @@ class Board:
         self.stirred = False  # something other than the next line of a program happened
         self._url, self._folder, self._clock = url, folder, clock
         self._remember, self._moved = remember, moved
-        self._port: SerialPort | None = None
+        self._port: Port | None = None
         self._retry_wall_s = 0.0
         self._said_idle = False  # by a person: its port may be opened
         self.proving = False  # whether DTR resets the board
@@ -114,12 +114,11 @@ class Board:
         before: it is left alone until somebody has said that the printer does not print by itself.
         """
         try:
-            path = resolve(self._url, self._folder, self._clock)
-            device = None if self.simulated else plugged_in(path)
+            device = plugged_in(self._url)
             ours = self.session is not None or self.hot  # whatever prints there is ours to stop
-            if not (self.simulated or ours or self._said_idle or device == self.opened):
+            if not (self.simulated or ours or self._said_idle or (device and device == self.opened)):
                 raise PortNotIdle(NOT_IDLE)
-            self._port = SerialPort(path)
+            self._port = open_port(self._url, self._folder, self._clock)
             self.opened = device
         except PortError as error:
             self.untouched = isinstance(error, PortNotIdle)

@@ -13,6 +13,7 @@ from drivers import discover as drv
 from drivers import messages as m
 from drivers.client import AgentClient, alive
 from drivers.errors import AgentError, DriverError
+from drivers.ports import NET
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection, load_fleet
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
@@ -56,7 +57,7 @@ def discover(
         print(f"\nfor the printers among them, under `printers` in {places.fleet}:")
     taken = {section.name for section in sections}
     for row in new:
-        print(_line(_name(taken), _MODEL, row.port))
+        print(_line(_name(taken), _MODEL, str(row.port)))
     if new:
         print("then `farm discover --commission PORT` says its model, and whether it can be stopped")
 
@@ -75,14 +76,14 @@ def _name(taken: set[str]) -> str:
     return name
 
 
-def _line(name: str, model: str, port: Path) -> str:
+def _line(name: str, model: str, port: str) -> str:
     return f'  - {{name: {name}, model: {model}, port: "{port}"}}'
 
 
 def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: str, yes: bool) -> None:
     """Reset the board of an idle printer, by its agent where that is running."""
     section = next((one for one in sections if wanted in (one.name, one.port)), None)
-    if section is None and not wanted.startswith("/"):
+    if section is None and not wanted.startswith(("/", NET)):
         names = " ".join(one.name for one in sections)
         raise NoSuchThing(f"there is no printer {wanted}; the fleet has {names or 'none'}; or name a port")
     if section is not None and section.simulated:
@@ -97,12 +98,12 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
             print(f"{section.name}: its board starts again when DTR is pulsed: it can be stopped")
             return
         folder = places.state.agent(section.name) if section is not None else None
-        model = drv.commission(Path(section.port if section is not None else wanted), folder)
+        model = drv.commission(section.port if section is not None else wanted, folder)
     except DriverError as error:
         raise Refused(str(error)) from error
     print(f"{wanted}: its board starts again when DTR is pulsed: it can be stopped; it is an {model}")
     if section is None:
-        print(_line(_name({one.name for one in sections}), model, Path(wanted)))
+        print(_line(_name({one.name for one in sections}), model, wanted))
     elif section.model != model:
         raise FarmError(f"{section.name}: fleet.yaml says {section.model}: change it", ErrorCode.FLEET_FILE)
 

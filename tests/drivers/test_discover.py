@@ -58,7 +58,7 @@ def test_what_is_plugged_in_is_named_by_its_socket_and_by_the_fleet(tmp_path: Pa
 
 @pytest.mark.system
 def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
-    assert commission(printer, tmp_path / "agent") == MODEL
+    assert commission(str(printer), tmp_path / "agent") == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").memory
     assert memory.reset_verified == str(printer) and memory.opened is not None
 
@@ -86,7 +86,7 @@ def test_a_board_that_prints_from_its_card_is_not_reset():
     thread.start()
     try:
         with pytest.raises(PortError, match="SD card"):
-            commission(path, None, answer_s=30.0)
+            commission(str(path), None, answer_s=30.0)
         assert b"M27" in heard
     finally:
         os.close(slave)

@@ -59,7 +59,7 @@ def test_a_port_whose_printer_went_away_says_so(ends: tuple[int, Path]):
         os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
 
 
-@pytest.mark.parametrize("url", ["socket://printer:5000", "rfc2217://printer:5000", "sim://mendel"])
+@pytest.mark.parametrize("url", ["socket://printer:5000", "telnet://printer:5000", "sim://mendel"])
 def test_ports_that_cannot_be_printed_over_are_refused_in_one_line(url: str, tmp_path: Path):
     with pytest.raises(PortError) as refused:
         resolve(url, tmp_path, Clock())
