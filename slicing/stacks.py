@@ -86,7 +86,7 @@ def _variant(machine: Machine, hotend: str, resources: Resources) -> Mapping[str
 def _material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
     root = resources.material(name)
     if name in machine.excluded_materials:
-        raise BadSetting(f"material {name} is not for the {machine.name}")
+        raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like generic_pla")
     material = read_material(root, name, machine.name, hotend)
     diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
     if abs(diameter_mm - machine.diameter_mm) > _MOST_APART_MM:
