@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import multiprocessing
 import os
@@ -121,6 +122,8 @@ def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != daemon:
         os._exit(1)  # it died before the kernel was asked
+    with contextlib.suppress(OSError):  # where the machine runs out of memory, it takes this, not the daemon
+        Path("/proc/self/oom_score_adj").write_text("800")
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
     # The soft limit alone: CuraEngine has one of its own kind (slicing.engine), and asks for it.
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)

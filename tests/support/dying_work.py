@@ -48,6 +48,11 @@ def whoami():
     return os.getpid()
 
 
+def first_to_go():
+    """How willingly the kernel ends this process where memory runs out."""
+    return int(Path("/proc/self/oom_score_adj").read_text())
+
+
 def temporary_folder():
     return Path(tempfile.gettempdir())
 

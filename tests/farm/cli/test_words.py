@@ -2,7 +2,8 @@
 
 import pytest
 
-from farm.cli.words import filament, moment, span
+from farm.cli.words import filament, moment, planning, span
+from farm.model import PlanProgress, PlanStep
 
 
 @pytest.mark.parametrize(
@@ -31,3 +32,10 @@ def test_filament_has_a_price_where_one_is_known():
 def test_moments():
     assert moment(None) == "-"
     assert moment("2026-11-21T07:05:09+00:00") == "Sat 07:05"
+
+
+def test_how_far_a_plan_is():
+    assert planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
+    slicing = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
+    assert planning(slicing) == "slicing 3 of 8"
+    assert planning(slicing.model_copy(update={"cached": 1})) == "slicing 3 of 8 (1 plate from the cache)"

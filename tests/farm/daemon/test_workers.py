@@ -152,6 +152,7 @@ def test_a_monstrous_model_ends_with_what_to_do(pool):
         with pytest.raises(FarmError, match=r"not enough memory for decomposing \(.* 2.0 GB\)") as error:
             await workers.run(work.hoard, 3.0, limit=DECOMPOSING)
         assert error.value.code is ErrorCode.LIMIT
+        assert await workers.run(work.first_to_go) > work.first_to_go()
         return await workers.run(work.hoard, 0.1)
 
     assert pool.run(use, memory_gb=2.0) > 10**8

@@ -1,0 +1,93 @@
+"""How long finished prints took against what was expected: the books of a farm that has printed.
+
+For each printer: its prints that ended well and say something of its speed, their layers' time reached over
+CuraEngine's, the `time_factor` that is learned from them, and how far off the expected time is without and
+with it. Each print is expected with what was known before it.
+
+Usage: python -m bench.reached_times STATE_FOLDER [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from farm.model import PrintState
+from farm.paths import StateFolder
+from farm.tracking.books import Books
+from farm.tracking.factor import MOST_STARVED, SHORTEST_S, learned
+from farm.tracking.store import Store
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What one printer's prints say."""
+
+    printer: str
+    prints: int
+    mean_ratio: float
+    time_factor: float
+    error_without: float  # mean of |reached / expected - 1|, layers alone
+    error_with: float
+
+
+def rows(books: Books) -> Iterator[Row]:
+    """A row for each printer that has ended a print that counts."""
+    for name in sorted(books.printers):
+        ended = sorted(
+            (p for p in books.prints.values() if p.printer == name and p.state is PrintState.DONE),
+            key=lambda p: p.ended_s or 0.0,
+        )
+        factor, ratios, before = 1.0, [], []
+        for attempt in ended:
+            plate = books.plates[attempt.plate]
+            if attempt.started_s is None or attempt.ended_s is None:
+                continue
+            reached_s = attempt.ended_s - attempt.started_s - plate.prelude_s
+            if plate.print_time_s < SHORTEST_S or attempt.starved_s > MOST_STARVED * reached_s:
+                continue
+            ratios.append(reached_s / plate.print_time_s)
+            before.append(factor)
+            factor = learned(factor, plate.print_time_s, reached_s, attempt.starved_s)
+        if ratios:
+            ratio, known = np.array(ratios), np.array(before)
+            yield Row(
+                printer=name,
+                prints=len(ratios),
+                mean_ratio=float(ratio.mean()),
+                time_factor=factor,
+                error_without=float(np.abs(ratio - 1).mean()),
+                error_with=float(np.abs(ratio / known - 1).mean()),
+            )
+
+
+def main() -> None:
+    """Read the books and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("state", type=Path)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    path = StateFolder(arguments.state).books
+    if not path.is_file():
+        sys.exit(f"{path}: there are no books; name a farm's state folder")
+    with Store(path) as store:
+        found = list(rows(store.load()))
+    if arguments.json:
+        print(json.dumps({"printers": [asdict(row) for row in found]}, indent=2))
+        return
+    print("printer     prints  reached/expected  time_factor  error without  with")
+    for row in found:
+        print(
+            f"{row.printer:12}{row.prints:5}{row.mean_ratio:18.3f}{row.time_factor:13.3f}"
+            f"{row.error_without:15.1%}{row.error_with:6.1%}"
+        )
+
+
+if __name__ == "__main__":
+    main()
