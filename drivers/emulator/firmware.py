@@ -24,25 +24,19 @@ from drivers.emulator.board import Board
 from drivers.emulator.commands import Work, execute, temperatures
 from drivers.emulator.faults import SLEEP_S, Dice, Faults
 from drivers.emulator.machine import Machine, value
+from drivers.emulator.mishaps import happen
 from drivers.emulator.noise import Noise
+from drivers.emulator.receiver import Receiver
 from drivers.profiles import Profile
+from drivers.replies import checksum
 
-RING_BYTES = 127
 LINES = 8
-LINE_BYTES = 95
 BOOTLOADER_S = 1.0  # [assumed] bytes are lost
 BANNER_S = 0.036  # from start to the end of the banner
 FIRST_COMMAND_S = 0.26  # from the end of the banner
 SD_FAIL_S = 2.3  # from start
 WATCHDOG_S = 4.07
 
-# A complete numbered move as slicers write it: the one line that has to be cheap.
-_MOVE = re.compile(
-    rb"N(\d+) ?G[01](?: F(\d+\.?\d*))?"
-    + b"".join(rb"(?: %b(-?(?:\d+\.?\d*|\.\d+)))?" % axis for axis in (b"X", b"Y", b"Z", b"E"))
-    + rb"\*(\d+)\n"
-)
-_SPECIAL = re.compile(rb"[\r:;]")
 _WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
 
 
@@ -54,19 +48,6 @@ class Phase(StrEnum):
     RUNNING = "running"
     HALTED = "halted"  # kill(): waits for its watchdog
     MUTE = "mute"  # a fault: hears and says nothing, and goes on heating
-
-
-def checksum(line: bytes) -> int:
-    """XOR of all bytes, by folding one long number; lines of up to 128 bytes."""
-    n = int.from_bytes(line, "little")
-    n ^= n >> 512
-    n ^= n >> 256
-    n ^= n >> 128
-    n ^= n >> 64
-    n ^= n >> 32
-    n ^= n >> 16
-    n ^= n >> 8
-    return n & 0xFF
 
 
 class Firmware:
@@ -100,7 +81,7 @@ class Firmware:
         self._out: list[bytes] = []
         self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation of the lives before this one
         self._time_s = now_s
-        self.machine = Machine(self.board, self._say, self._stop, now_s)
+        self.machine = Machine(self.board, self._say, self.stop, now_s)
         self.reset(now_s)
 
     # --- from outside ---
@@ -118,10 +99,8 @@ class Firmware:
         self.resets += 1
         self.board.changes += 1
         self.phase = Phase.BOOTLOADER
-        self.machine = Machine(self.board, self._say, self._stop, now_s)
-        self._ring = b""
-        self._partial = b""
-        self._comment = False
+        self.machine = Machine(self.board, self._say, self.stop, now_s)
+        self._receiver = Receiver()
         self._buffer: deque[bytes] = deque()
         self._running: Work | None = None
         self._resume_s = math.inf
@@ -219,9 +198,9 @@ class Firmware:
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
             elif self.machine.trip_s <= at_s:
-                self._stop(self.machine.trip_words, at_s)
+                self.stop(self.machine.trip_words, at_s)
             else:
-                self._kill(at_s)
+                self.kill(at_s)
         self._work(now_s)
 
     def _work(self, now_s: float) -> None:
@@ -248,7 +227,7 @@ class Firmware:
                 planner.advance(self._time_s)
                 self._go_on()
                 continue
-            if self._ring:
+            if self._receiver.ring:
                 if not self._buffer and self._quick_move():
                     continue
                 if len(self._buffer) < LINES - 1:
@@ -265,31 +244,29 @@ class Firmware:
     def _take(self, data: bytes, now_s: float) -> None:
         """Bytes into the ring, as far as there is room; what does not fit is lost."""
         while data:
-            room = RING_BYTES - len(self._ring)
-            if room <= 0:
+            left = self._receiver.put(data)
+            if len(left) == len(data):
                 return
-            self._ring += data[:room]
-            data = data[room:]
+            data = left
             self._work(now_s)
 
     # --- lines ---
 
     def _quick_move(self) -> bool:
         """Take a well-formed numbered move from the ring, exactly as the long way would; False: take that."""
-        found = _MOVE.match(self._ring)
-        if found is None or self._partial or self._comment or self._faults.on_lines:
+        receiver = self._receiver
+        found = receiver.move()
+        if found is None or self._faults.on_lines:
             return False
         n, f, x, y, z, e, check = found.groups()
-        end = found.end()
         machine = self.machine
         if (
             int(n) != self._last_n + 1
-            or end > LINE_BYTES
             or machine.stopped
-            or checksum(self._ring[: found.start(7) - 1]) != int(check)
+            or checksum(receiver.ring[: found.start(7) - 1]) != int(check)
         ):
             return False
-        self._ring = self._ring[end:]
+        receiver.ring = receiver.ring[found.end() :]
         self._last_n += 1
         self.lines += 1
         if self.noise is not None:
@@ -309,27 +286,11 @@ class Firmware:
 
     def _get_command(self) -> None:
         """Fill the line buffer from the ring."""
-        while self._ring and len(self._buffer) < LINES and self.phase is Phase.RUNNING:
-            if not self._partial and not self._comment:
-                end = self._ring.find(b"\n")
-                if 0 < end <= LINE_BYTES and not _SPECIAL.search(self._ring, 0, end):
-                    line, self._ring = self._ring[:end], self._ring[end + 1 :]
-                    self._accept(line)
-                    continue
-            char, self._ring = self._ring[:1], self._ring[1:]
-            ends = char in b"\n\r" or (char == b":" and not self._comment)
-            if ends or len(self._partial) >= LINE_BYTES:
-                if not self._partial:
-                    self._comment = False
-                    continue
-                line, self._partial = self._partial, b""
-                # A line with a comment is dropped, and the comment goes on: it swallows the next one too.
-                if not self._comment:
-                    self._accept(line)
-            elif char == b";":
-                self._comment = True
-            elif not self._comment:
-                self._partial += char
+        while len(self._buffer) < LINES and self.phase is Phase.RUNNING:
+            line = self._receiver.line()
+            if line is None:
+                return
+            self._accept(line)
 
     def _accept(self, line: bytes) -> None:
         """Check number and checksum, and put the line into the buffer; or refuse it."""
@@ -375,7 +336,7 @@ class Firmware:
         self._request_resend()
 
     def _request_resend(self) -> None:
-        self._ring = b""
+        self._receiver.flush()
         self._say(b"Resend: %d\n" % (self._last_n + 1))
         if not self._faults.mute_resend:
             self._ok()
@@ -448,7 +409,7 @@ class Firmware:
         self.phase = Phase.RUNNING
         self._time_s = self.machine.heard_s = now_s
 
-    def _stop(self, words: bytes, now_s: float) -> None:
+    def stop(self, words: bytes, now_s: float) -> None:
         """``Stop()``: heaters off; moves are refused until ``M999``, and nothing else is."""
         machine = self.machine
         machine.trip_s = math.inf
@@ -460,7 +421,7 @@ class Firmware:
             self._stopped_n = self._last_n
             self._error(b"Error:" + wording.STOPPED)
 
-    def _kill(self, now_s: float) -> None:
+    def kill(self, now_s: float) -> None:
         """``kill()``: everything off, and dead until the watchdog resets the board."""
         self.machine.power_down(now_s)
         self._error(wording.KILLED)
@@ -473,42 +434,19 @@ class Firmware:
     def _break_down(self) -> None:
         """The faults that happen at a line of their own."""
         for name in self._due.get(self.lines, ()):
-            self._happen(name, self._time_s)
+            happen(name, self, self._time_s)
 
-    def _happen(self, name: str, now_s: float) -> None:
-        """One fault of those that count lines."""
-        board = self.board
-        match name:
-            case "reset_after":
-                self.reset(now_s)
-            case "silent_after":
-                self.phase = Phase.MUTE
-            case "sleep_after":
-                self._asleep_s = now_s + SLEEP_S
-            case "stuck_after":
-                self._stuck_n = self._last_n + 1
-            case "kill_after":
-                self._kill(now_s)
-            case "zero_after":
-                board.set_nozzle(0.0, now_s)
-            case "nozzle_dies_after" | "nozzle_burns_after":
-                board.nozzle.temperature_c(now_s)
-                board.nozzle.dead, board.nozzle.burns = "dies" in name, "burns" in name
-                self.machine.foresee(now_s)
-            case "bed_dies_after" | "bed_burns_after":
-                board.bed.temperature_c(now_s)
-                board.bed.dead, board.bed.burns = "dies" in name, "burns" in name
-            case "stop_after":
-                self._stop(wording.NOZZLE_MAXTEMP, now_s)
-            case "nozzle_short_after":
-                self._stop(wording.NOZZLE_MINTEMP, now_s)
-            case "bed_open_after":
-                self._stop(wording.BED_MAXTEMP, now_s)
-            case "bed_short_after":
-                board.bed_shorted = True
-                board.set_bed(board.bed.target_c, now_s)
-            case _:
-                raise AssertionError(f"nobody knows how {name} happens")
+    def fall_silent(self) -> None:
+        """Hear and say nothing more until a reset; the heaters stay on."""
+        self.phase = Phase.MUTE
+
+    def sleep(self, now_s: float) -> None:
+        """Do nothing for a while, and then go on as if nothing had been."""
+        self._asleep_s = now_s + SLEEP_S
+
+    def stick(self) -> None:
+        """Ask for the next line for ever."""
+        self._stuck_n = self._last_n + 1
 
 
 def _is_move(line: bytes) -> bool:

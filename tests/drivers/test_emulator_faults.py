@@ -33,7 +33,7 @@ def test_faults_may_be_named_in_two_ways() -> None:
         ("/dev/ttyUSB0", "not an emulator's url"),
         (
             "sim://prusa_mk4",
-            "no printer model 'prusa_mk4'; use one of ultimaker2, ultimaker2_extended, ultimaker2_extended_plus, ",
+            "no printer model 'prusa_mk4'; use one of ultimaker2, ultimaker2_extended, ",
         ),
         ("sim://ultimaker2_plus?fire=1", "no fault 'fire'; use one of bed_burns_after"),
         ("sim://ultimaker2_plus?checksum=often", "checksum needs a number, not 'often'"),

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
+from drivers.emulator.mishaps import happen
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session
@@ -54,13 +55,13 @@ def somebody_turns_the_knob(rig: Rig) -> None:
 
 
 def the_board_goes_mute_and_it_is_cancelled(rig: Rig) -> None:
-    rig.firmware._happen("silent_after", rig.now_s)
+    happen("silent_after", rig.firmware, rig.now_s)
     cancelled(rig)
 
 
 def it_happens(name: str) -> Way:
     def way(rig: Rig) -> None:
-        rig.firmware._happen(name, rig.now_s)
+        happen(name, rig.firmware, rig.now_s)
 
     way.__name__ = name
     return way

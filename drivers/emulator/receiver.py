@@ -1,0 +1,71 @@
+"""Bytes into lines, as ``get_command`` reads them out of a ring that loses what does not fit. Pure.
+
+A line ends at a line feed, a carriage return or a ``:``, and after 95 characters. A line with a ``;`` is
+dropped, and its comment goes on: it swallows the next one too (um2-serial section 1).
+"""
+
+from __future__ import annotations
+
+import re
+
+RING_BYTES = 127
+LINE_BYTES = 95
+
+# A complete numbered move as slicers write it: the one line that has to be cheap.
+_MOVE = re.compile(
+    rb"N(\d+) ?G[01](?: F(\d+\.?\d*))?"
+    + b"".join(rb"(?: %b(-?(?:\d+\.?\d*|\.\d+)))?" % axis for axis in (b"X", b"Y", b"Z", b"E"))
+    + rb"\*(\d+)\n"
+)
+_SPECIAL = re.compile(rb"[\r:;]")
+
+
+class Receiver:
+    """The ring, and the line that is being put together."""
+
+    __slots__ = ("_comment", "_partial", "ring")
+
+    def __init__(self) -> None:
+        self.ring = b""
+        self._partial = b""
+        self._comment = False
+
+    def put(self, data: bytes) -> bytes:
+        """Take bytes as far as there is room; what is left over."""
+        room = RING_BYTES - len(self.ring)
+        self.ring += data[:room]
+        return data[room:]
+
+    def flush(self) -> None:
+        """Forget the ring, as the firmware does at each error."""
+        self.ring = b""
+
+    def move(self) -> re.Match[bytes] | None:
+        """A well-formed numbered move in front, which stays there: N, F, X, Y, Z, E and checksum."""
+        if self._partial or self._comment:
+            return None
+        found = _MOVE.match(self.ring)
+        return found if found is not None and found.end() <= LINE_BYTES else None
+
+    def line(self) -> bytes | None:
+        """The next line, without its end; None where none is complete."""
+        while self.ring:
+            if not self._partial and not self._comment:
+                end = self.ring.find(b"\n")
+                if 0 < end <= LINE_BYTES and not _SPECIAL.search(self.ring, 0, end):
+                    line, self.ring = self.ring[:end], self.ring[end + 1 :]
+                    return line
+            char, self.ring = self.ring[:1], self.ring[1:]
+            ends = char in b"\n\r" or (char == b":" and not self._comment)
+            if ends or len(self._partial) >= LINE_BYTES:
+                if not self._partial:
+                    self._comment = False
+                    continue
+                line, self._partial = self._partial, b""
+                if not self._comment:
+                    return line
+            elif char == b";":
+                self._comment = True
+            elif not self._comment:
+                self._partial += char
+        return None
