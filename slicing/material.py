@@ -90,7 +90,7 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
             values[entry.get("key", "")] = _WORDS.get(text.lower(), text)
     if not compatible:
         raise BadSetting(
-            f"material {name} is not for the {product} with the nozzle {hotend}; take another nozzle or material"
+            f"material {name} is not for the {product} with the nozzle {hotend}; take another of the two"
         )
     for key, path in (("material_diameter", "properties/m:diameter"), ("material_guid", "metadata/m:GUID")):
         found = root.findtext(f"m:{path}", namespaces=_SPACE)
