@@ -14,6 +14,7 @@ Floats = npt.NDArray[np.float64]
 
 FIRST_LAYER_MM = 0.15  # where the first layer is cut: the middle of it
 SHARP_DEG = 120.0
+ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
 
 # [assumed] How wide a brim has to be.
 STEADY = 3.0  # times the width of its walls' feet that a part may be high without a brim
@@ -34,60 +35,40 @@ class Footing:
     ----------
     contact_mm2, wall_mm
         Area of the first layer, and the width of the walls that it consists of (four areas over its outline).
-    width_mm, length_mm
-        Least and greatest extent of the convex outline around it and the supports that stand on the bed.
-    sharp_corners
-        How many corners of that outline are under `SHARP_DEG`.
-    edges
-        (q, 3) that outline as half-planes ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
+    length_mm, sharp_corners
+        Greatest extent of the convex outline around it, and how many corners of that are under `SHARP_DEG`.
+    width_mm, edges
+        Least extent of the convex outline around it and the supports that stand on the bed, and that outline
+        as half-planes (q, 3): ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
     """
 
     contact_mm2: float
     wall_mm: float
-    width_mm: float
     length_mm: float
     sharp_corners: int
+    width_mm: float
     edges: Floats
 
     @classmethod
     def of(cls, triangles: Floats, props_mm: Floats) -> Footing:
         """The footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
-        low = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
-        across = np.cross(low[:, 1] - low[:, 0], low[:, 2] - low[:, 0])[:, 2] / 2.0
-        order = np.argsort(low[:, :, 2], axis=1)[:, :, None]
-        corners = np.take_along_axis(low, order, axis=1)
-        z = corners[:, :, 2]
-        # By the divergence theorem a section is what looks down below it, less what looks up.
-        one, two = z[:, 1] >= FIRST_LAYER_MM, z[:, 2] >= FIRST_LAYER_MM
-        share = np.ones(len(low))
-        share[one] = _corner_share(z[one][:, [0, 1, 2]])
-        upper = two & ~one
-        share[upper] = 1.0 - _corner_share(z[upper][:, [2, 1, 0]])
-        contact = max(0.0, -float((across * share).sum()))
-        ends = np.concatenate(
-            [
-                np.stack([_crossing(corners[one], 0, 1), _crossing(corners[one], 0, 2)], axis=1),
-                np.stack([_crossing(corners[upper], 0, 2), _crossing(corners[upper], 1, 2)], axis=1),
-            ]
-        )
-        outline = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
-        wall = 4.0 * contact / outline if outline > 0.0 else 0.0
-        points = np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2), props_mm])
-        try:
-            hull = ConvexHull(points)
-        except (QhullError, ValueError):
-            return cls(contact, wall, 0.0, 0.0, 0, np.zeros((0, 3)))
-        rim, normals = points[hull.vertices], hull.equations[:, :2]
+        contact_mm2, outline_mm, points = _first_layer(triangles)
+        touching = _outline(points)
+        rim = points[:0] if touching is None else points[touching.vertices]
         sides = np.diff(rim, axis=0, append=rim[:1])
+        sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
         turn = np.arctan2(sides[:, 1], sides[:, 0])
         bend = np.degrees((np.roll(turn, -1) - turn + math.pi) % (2.0 * math.pi) - math.pi)
+        around = np.concatenate([rim, props_mm])
+        held = _outline(around)
+        edges = np.zeros((0, 3)) if held is None else held.equations
         return cls(
-            contact_mm2=contact,
-            wall_mm=wall,
-            width_mm=float(np.ptp(rim @ normals.T, axis=0).min()),
-            length_mm=float(pdist(rim).max()),
+            contact_mm2=contact_mm2,
+            wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
+            length_mm=float(pdist(rim).max(initial=0.0)),
             sharp_corners=int((bend > 180.0 - SHARP_DEG).sum()),
-            edges=hull.equations,
+            width_mm=0.0 if held is None else float(np.ptp(around @ edges[:, :2].T, axis=0).min()),
+            edges=edges,
         )
 
     def inside_mm(self, points: Floats) -> float:
@@ -112,6 +93,38 @@ class Footing:
     def expansion_mm(self, joined: bool) -> float:
         """The first layer's horizontal expansion: what is joined to a neighbour must not stick out."""
         return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= LEAST_WALL_MM else 0.0
+
+
+def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
+    """Area in mm2 and length of the outline in mm of the first layer, and points (n, 2) that span it."""
+    low = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
+    across = np.cross(low[:, 1] - low[:, 0], low[:, 2] - low[:, 0])[:, 2] / 2.0
+    order = np.argsort(low[:, :, 2], axis=1)[:, :, None]
+    corners = np.take_along_axis(low, order, axis=1)
+    z = corners[:, :, 2]
+    one = z[:, 1] >= FIRST_LAYER_MM  # with one corner in the layer, with two
+    two = ~one & (z[:, 2] >= FIRST_LAYER_MM)
+    share = np.ones(len(low))
+    share[one] = _corner_share(z[one])
+    share[two] = 1.0 - _corner_share(z[two][:, ::-1])
+    ends = np.concatenate(
+        [
+            np.stack([_crossing(corners[one], 0, 1), _crossing(corners[one], 0, 2)], axis=1),
+            np.stack([_crossing(corners[two], 0, 2), _crossing(corners[two], 1, 2)], axis=1),
+        ]
+    )
+    # By the divergence theorem a section is what looks down below it, less what looks up.
+    area_mm2 = max(0.0, -float((across * share).sum()))
+    outline_mm = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+    return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])
+
+
+def _outline(points: Floats) -> ConvexHull | None:
+    """The convex outline around points (n, 2); None where it has no area."""
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError):
+        return None
 
 
 def _corner_share(z: Floats) -> Floats:

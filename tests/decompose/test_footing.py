@@ -56,7 +56,8 @@ def test_props_widen_the_base() -> None:
     vertices, faces = Solid.box((0, 0, 0), (10, 10, 50)).arrays()
     found = Footing.of(vertices[faces], np.array([[40.0, 5.0]]))
     assert found.contact_mm2 == pytest.approx(100.0)
-    assert found.length_mm == pytest.approx(math.hypot(40, 5))
+    assert found.length_mm == pytest.approx(math.hypot(10, 10))  # a support does not curl up
+    assert found.inside_mm(np.array([[20.0, 5.0]])) > 0.0
 
 
 def test_an_edge_has_no_base() -> None:
@@ -77,6 +78,22 @@ def test_broad_and_low_needs_no_brim_narrow_long_and_small_do() -> None:
     disc.apply_translation([0, 0, 5])
     blunt = footing(Solid.from_arrays(disc.vertices, disc.faces))
     assert 0.0 < blunt.brim_width_mm(10.0, 8.0) < 8.0  # as long, without corners
+
+
+def test_a_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
+    def block(corner_mm: float) -> Footing:
+        corners = [
+            (x + s * a, y + t * b)
+            for x, s in ((0, 1), (80, -1))
+            for y, t in ((0, 1), (30, -1))
+            for a, b in ((0.0, corner_mm), (corner_mm, 0.0))
+        ]
+        hull = trimesh.convex.convex_hull([(x, y, z) for x, y in corners for z in (0.0, 10.0)])
+        return footing(Solid.from_arrays(hull.vertices, hull.faces))
+
+    assert block(0.2).sharp_corners == 4
+    assert block(8.0).sharp_corners == 0
+    assert block(8.0).brim_width_mm(10.0, 8.0) < block(0.2).brim_width_mm(10.0, 8.0)
 
 
 def test_a_joint_is_not_squeezed_out_but_a_thin_wall_stays() -> None:
