@@ -7,7 +7,7 @@ whether what is missing is thinner than two lines can be: that is reported, anyt
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,9 @@ TOLERANCE_MM = 0.15
 """How far an outline may be off: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
 SLACK_MM2, SLACK_MM = 0.5, 0.005
 """What the area of a layer may be off by before its polygons are compared: so much, and so much for each mm
-of outline (measured: at most 0.3 mm2 + 0.004 mm, bench/slice_check.py)."""
+of outline. Sound models stay within it in nearly all layers."""
+WALL_MM2 = 5.0
+"""The smallest wall that is worth a word."""
 GRAVE_MM2 = 1.0
 """The smallest piece that is worth a refusal."""
 TIP_MM = 1.0
@@ -151,6 +153,8 @@ def check_outline(
         `OUTLINE` where something thick enough is missing, something is printed outside of the model, or most
         of the model is too thin.
     """
+    if removed:  # what is printed first is not the layer that was grown as the first
+        lines = replace(lines, offset_0_mm=lines.offset_mm)
     walls = _Walls.of(path, lines, centre_mm, filament_mm2)
     height_mm = float(corners[..., 2].max())
     count = max(
@@ -450,9 +454,9 @@ def _gathered(pieces: list[tuple[int, Geometry]], lines: Lines, share: float) ->
         layers = [layer for layer, _ in of]
         box = shadow.bounds
         low_mm, high_mm = lines.top_mm(min(layers) - 1) if min(layers) else 0.0, lines.top_mm(max(layers))
-        if high_mm - low_mm < TIP_MM:
-            continue
         side_mm2 = sum(piece.length / 2 for _, piece in of) * lines.layer_height_mm * share
+        if high_mm - low_mm < TIP_MM or side_mm2 < WALL_MM2:
+            continue
         middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
         walls.append(Unprinted(float(side_mm2), low_mm, high_mm, *middle))
     return tuple(sorted(walls, key=lambda wall: -wall.area_mm2))

@@ -158,6 +158,7 @@ def test_layers_that_the_engine_took_away_at_the_bottom():
     layers = [list(rings(shape)) for shape in shapes_of(CONE)]
     assert checked(CONE, layers) == ()
     assert checked(CONE, layers[2:], removed=2) == ()
+    assert checked(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed=2) == ()
     with pytest.raises(SliceRejected, match="layer"):
         checked(CONE, layers[2:])
 
