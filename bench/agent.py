@@ -1,0 +1,233 @@
+"""What an agent costs, and how soon it answers an ok, against peers that only acknowledge.
+
+``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--json]``. Real agents on real
+pseudo-terminals and wall time; the peers, all in this process, say `ok` to a line when the last one was said
+1/rate ago. Turnaround is from the writing of that ok to the reading of the next line, so this process and
+the kernel are in it. CPU and memory are the kernel's figures for each agent while it streams.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import hashlib
+import heapq
+import json
+import os
+import select
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+from drivers import messages as m
+from drivers.client import AgentClient, spawn
+from drivers.clock import Clock
+from drivers.emulator import wording
+from drivers.emulator.planner import Limits
+from drivers.emulator.port import Port
+from drivers.errors import DriverError
+from drivers.profiles import PROFILES
+
+MODEL = "ultimaker2_plus"
+HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
+TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
+PLACE = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
+
+
+class Peer:
+    """A board that acknowledges, is as hot as it was told, and knows where its head is."""
+
+    def __init__(self, link: Path, period_s: float) -> None:
+        profile = PROFILES[MODEL]
+        self.port = Port(link)
+        self.turnarounds_s: list[float] = []
+        self._banner = wording.START + wording.banner(profile, Limits.of(profile))
+        self._period_s = period_s
+        self._partial = b""
+        self._nozzle_c = self._bed_c = b"0"
+        self._free_s = 0.0
+        self._said_s = 0.0
+
+    def reset(self) -> None:
+        """The host opened the port."""
+        self.port.discard()
+        self._partial, self._nozzle_c, self._bed_c = b"", b"0", b"0"
+        self.port.write(self._banner)
+
+    def hear(self, now_s: float) -> float | None:
+        """Take what came; when the ok to a move is due, if one is."""
+        *lines, self._partial = (self._partial + self.port.read()).split(b"\n")
+        for line in lines:
+            command = line.partition(b" ")[2].partition(b"*")[0] if line.startswith(b"N") else line
+            if command.startswith(b"G1 X"):
+                if self._said_s:
+                    self.turnarounds_s.append(now_s - self._said_s)
+                self._free_s = max(now_s, self._free_s + self._period_s)
+                return self._free_s
+            self._said_s = 0.0
+            self._answer(command)
+        return None
+
+    def _answer(self, command: bytes) -> None:
+        name, _, value = command.partition(b" S")
+        if name == b"M104":
+            self._nozzle_c = value
+        elif name == b"M140":
+            self._bed_c = value
+        elif name == b"M105":
+            nozzle_c, bed_c = (max(float(c), 21.0) for c in (self._nozzle_c, self._bed_c))
+            heat = (nozzle_c, self._nozzle_c, bed_c, self._bed_c)
+            self.port.write(b"ok T:%.1f /%b.0 B:%.1f /%b.0 @:0 B@:0\n" % heat)
+            return
+        answers = {b"M115": wording.IDENTITY, b"M114": PLACE, b"M27": b"Not SD printing\n"}
+        self.port.write(answers.get(name, b"") + wording.OK)
+
+    def acknowledge(self) -> None:
+        self.port.write(wording.OK)
+        self._said_s = time.monotonic()
+
+
+class Peers(threading.Thread):
+    """All of them, on one poll."""
+
+    def __init__(self, peers: list[Peer]) -> None:
+        super().__init__(daemon=True)
+        self._peers = peers
+        self.over = False
+
+    def run(self) -> None:
+        poll, due = select.epoll(), []
+        for peer in self._peers:
+            poll.register(peer.port.watch, select.EPOLLIN)
+        by_watch = {peer.port.watch: peer for peer in self._peers}
+        by_master = {peer.port.master: peer for peer in self._peers}
+        opened: set[int] = set()
+        while not self.over:
+            wait_s = max(0.0, due[0][0] - time.monotonic()) if due else 0.1
+            ready = poll.poll(wait_s)
+            now_s = time.monotonic()
+            while due and due[0][0] <= now_s:
+                heapq.heappop(due)[2].acknowledge()
+            for fd, _ in ready:
+                if fd in by_watch:
+                    peer = by_watch[fd]
+                    if peer.port.opened():
+                        peer.reset()
+                    master = peer.port.master
+                    if peer.port.is_open != (master in opened):
+                        if peer.port.is_open:
+                            poll.register(master, select.EPOLLIN)
+                            opened.add(master)
+                        else:
+                            poll.unregister(master)
+                            opened.discard(master)
+                elif fd in opened:
+                    at_s = by_master[fd].hear(now_s)
+                    if at_s is not None:
+                        heapq.heappush(due, (at_s, fd, by_master[fd]))
+
+
+def cost(pid: int) -> tuple[float, float]:
+    """CPU seconds and resident MB of a process."""
+    process = Path("/proc") / str(pid)
+    fields = (process / "stat").read_text().rpartition(")")[2].split()
+    rss = next(line for line in (process / "status").read_text().splitlines() if line.startswith("VmRSS"))
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(rss.split()[1]) / 1024
+
+
+async def one(folder: Path, port: Path, gcode: Path, sha256: str) -> dict[str, float]:
+    """Print on one printer: its agent's share of a core and its memory while it streamed."""
+    process = spawn(folder.name, MODEL, str(port), folder, Clock())
+    client = AgentClient(folder)
+    cleared = asked = False
+    began: tuple[float, float] | None = None
+    memory_mb, share = 0.0, 0.0
+    try:
+        await client.connect(timeout_s=60.0)
+        async for said in client.snapshots():
+            if said.link is m.LinkState.FAULT and not cleared:
+                cleared = True
+                await client.request(m.BedCleared(id=0))
+            elif said.link is m.LinkState.READY and not asked:
+                asked = True
+                filament = m.Filament.AT_NOZZLE
+                start = m.StartPrint(
+                    id=0,
+                    print_id="bench",
+                    gcode=str(gcode),
+                    sha256=sha256,
+                    print_time_s=1.0,
+                    filament=filament,
+                )
+                reply = await client.request(start)
+                if reply.error:
+                    raise SystemExit(reply.error)
+            elif said.print is not None:
+                if said.print.phase is m.PrintPhase.PRINTING:
+                    cpu_s, mb = cost(process.pid)
+                    memory_mb = max(memory_mb, mb)
+                    began = began or (time.monotonic(), cpu_s)
+                    if time.monotonic() > began[0]:
+                        share = (cpu_s - began[1]) / (time.monotonic() - began[0])
+                elif said.print.phase.ended:
+                    if said.print.phase is not m.PrintPhase.DONE:
+                        raise SystemExit(f"the print ended {said.print.phase}: {said.print.reason}")
+                    break
+    finally:
+        with suppress(DriverError):
+            await client.request(m.Shutdown(id=0, now=True))
+        await client.close()
+        await asyncio.to_thread(process.wait, 60.0)
+    return {"cpu_share": share, "memory_mb": memory_mb}
+
+
+async def measure(agents: int, lines: int, rate: float) -> dict[str, float]:
+    """Run the prints at the same time."""
+    moves = "".join(
+        f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n" for i in range(lines)
+    )
+    text = (HEAD + "G0 F9000 X100 Y100 Z0.3\n" + moves + TAIL).encode()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        gcode = folder / "bench.gcode"
+        gcode.write_bytes(text)
+        peers = [Peer(folder / f"tty{number}", 1.0 / rate) for number in range(agents)]
+        hands = Peers(peers)
+        hands.start()
+        sha256 = hashlib.sha256(text).hexdigest()
+        runs = await asyncio.gather(
+            *(one(folder / f"p{number}", folder / f"tty{number}", gcode, sha256) for number in range(agents))
+        )
+        hands.over = True
+        hands.join()
+    turnarounds_s = sorted(value for peer in peers for value in peer.turnarounds_s)
+    return {
+        "agents": agents,
+        "lines_per_s_each": rate,
+        "turnarounds": len(turnarounds_s),
+        "turnaround_median_ms": round(1e3 * turnarounds_s[len(turnarounds_s) // 2], 3),
+        "turnaround_p99_ms": round(1e3 * turnarounds_s[int(len(turnarounds_s) * 0.99)], 3),
+        "cpu_percent_of_a_core": round(100 * max(run["cpu_share"] for run in runs), 2),
+        "memory_mb": round(max(run["memory_mb"] for run in runs), 1),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--agents", type=int, default=8)
+    parser.add_argument("--lines", type=int, default=1000, help="an agent")
+    parser.add_argument("--rate", type=float, default=50.0, help="lines a second, an agent")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    result = asyncio.run(measure(given.agents, given.lines, given.rate))
+    print(
+        json.dumps({"schema": 1, **result})
+        if given.json
+        else "\n".join(f"{k}: {v}" for k, v in result.items())
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""How soon `farm estop` ends the heat where the daemon and every agent are stopped by SIGSTOP.
+
+``python -m bench.estop [--printers N] [--json]``. A farm of real processes on emulators, all of them hot;
+the time is from the start of the command to the last emulator's targets being 0, by their own status.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from drivers import client as agents
+from drivers import messages as m
+from drivers.emulator.launch import alive, control, read_status
+
+MODEL = "ultimaker2_plus"
+FARM = Path(sys.executable).with_name("farm")
+HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\n"
+PATIENCE_S = 120.0
+
+
+async def heat(folder: Path, gcode: Path) -> None:
+    """Have the agent of a folder print; return when it does."""
+    client = agents.AgentClient(folder)
+    await client.connect(60.0)
+    asked = False
+    async with asyncio.timeout(PATIENCE_S):
+        async for said in client.snapshots():
+            if said.link is m.LinkState.READY and not asked:
+                asked = True
+                start = m.StartPrint(
+                    id=0,
+                    print_id="bench",
+                    gcode=str(gcode),
+                    sha256=hashlib.sha256(gcode.read_bytes()).hexdigest(),
+                    print_time_s=60.0,
+                    filament=m.Filament.PARKED,
+                )
+                await client.request(start)
+            if said.print is not None and said.print.phase is m.PrintPhase.PRINTING:
+                break
+    await client.close()
+
+
+def hot(folder: Path) -> bool:
+    """Whether the emulator of an agent's folder has a target."""
+    status = read_status(folder / "emulator")
+    return bool(status.nozzle_target_c or status.bed_target_c)
+
+
+async def prepare(folders: list[Path], gcode: Path) -> None:
+    await asyncio.gather(*(heat(folder, gcode) for folder in folders))
+
+
+def measure(printers: int) -> dict[str, float]:
+    """Bring a farm up, heat it, stop its processes, stop its heat."""
+    with tempfile.TemporaryDirectory() as name:
+        root = Path(name)
+        state, fleet, gcode = root / "state", root / "fleet.yaml", root / "a.gcode"
+        rows = "".join(
+            f"  - {{name: p{i}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for i in range(printers)
+        )
+        fleet.write_text(f"fleet: {{time_scale: 60}}\nprinters:\n{rows}")
+        moves = (f"G1 F6000 X{50 + i % 2 * 100} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(100_000))
+        gcode.write_text(HEAD + "".join(moves))
+        places = ["--state", str(state), "--fleet", str(fleet)]
+        subprocess.run([FARM, "up", *places], check=True, stdout=subprocess.DEVNULL)
+        folders = [state / "agents" / f"p{i}" for i in range(printers)]
+        daemon = int((state / "lock").read_text())
+        try:
+            asyncio.run(prepare(folders, gcode))
+            for pid in (daemon, *(agents.pid(folder) for folder in folders)):
+                assert pid is not None
+                os.kill(pid, signal.SIGSTOP)
+            assert all(map(hot, folders))
+            began_s = time.monotonic()
+            command = subprocess.Popen([FARM, "estop", "--json", *places], stdout=subprocess.PIPE)
+            while any(map(hot, folders)) and time.monotonic() < began_s + PATIENCE_S:
+                time.sleep(0.002)
+            off_s = time.monotonic() - began_s
+            said = json.loads(command.communicate()[0])
+            known_s = time.monotonic() - began_s
+        finally:
+            os.kill(daemon, signal.SIGKILL)
+            for folder in folders:
+                agents.kill(folder)
+                if alive(folder / "emulator"):
+                    control(folder / "emulator", "power_off")
+    return {
+        "printers": printers,
+        "targets_0_after_s": round(off_s, 3),
+        "all_seen_off_after_s": round(known_s, 3),
+        "seen_off": sum(row["seen_off"] for row in said["printers"]),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--printers", type=int, default=2)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    result = measure(given.printers)
+    print(
+        json.dumps({"schema": 1, **result})
+        if given.json
+        else "\n".join(f"{k}: {v}" for k, v in result.items())
+    )
+
+
+if __name__ == "__main__":
+    main()
