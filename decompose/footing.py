@@ -77,17 +77,19 @@ class Footing:
             return -math.inf
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
 
-    def brim_width_mm(self, height_mm: float, widest_mm: float) -> float:
+    def brim_width_mm(self, height_mm: float, lean_mm: float, widest_mm: float) -> float:
         """The brim that a part of this height needs; 0 for none, never more than the widest.
 
-        Where it is high for its feet a brim widens them; a small contact sticks by its brim; a long base
-        curls up at its corners, less where they are blunt.
+        Where it is high for its feet, or its centre of mass is not inside them (`lean_mm`), a brim widens
+        them; a small contact sticks by its brim; a long base curls up at its corners, less where they are
+        blunt.
         """
         lever = (height_mm / STEADY - self.wall_mm) / 2.0
         contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
         begins, all_of_it = WARPS_MM
         warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
-        needed = max(lever, contact, warp if self.sharp_corners else warp / 2.0)
+        beside = widest_mm if lean_mm < 0.0 else 0.0
+        needed = max(lever, contact, beside, warp if self.sharp_corners else warp / 2.0)
         return 0.0 if needed < LEAST_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
 
     def expansion_mm(self, joined: bool) -> float:

@@ -33,6 +33,7 @@ LEAST_CONTACT_MM2 = 4.0
 # its side. What a support carries is made to be peeled off.
 STICKS_N_MM2 = 0.05
 PROPPED = 0.1  # share of that for the area that supports carry
+BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing; the rest is too thin
 PULL_N = 0.5
 WEIGHT_N_MM3 = 1.25e-5
 DEGREES: Floats = np.radians(np.arange(90.0))
@@ -58,6 +59,8 @@ class Pose:
         How far inside its footing the centre of mass of the whole is; negative outside.
     touched_mm2
         Area of cut faces that support sticks to.
+    brim_share_mm
+        How far the brim widens the footing.
     brim_width_mm, layer_0_expansion_mm
         Chosen for it; None: as the quality has them.
     """
@@ -70,14 +73,15 @@ class Pose:
     lean_mm: float
     support_mm3: float
     touched_mm2: float
+    brim_share_mm: float
     brim_width_mm: float | None
     layer_0_expansion_mm: float | None
 
     @property
     def stands(self) -> bool:
-        """Whether it stays where it is while it is printed, and would by its weight alone."""
+        """Whether it stays where it is while it is printed, and its weight is on its footing or its brim."""
         held = self.footing.contact_mm2 >= LEAST_CONTACT_MM2 and self.strain <= 1.0
-        return held and self.lean_mm >= 0.0
+        return held and self.lean_mm >= -self.brim_share_mm
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
@@ -85,7 +89,7 @@ class Pose:
         touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
         if self.stands:
             return (0, 0.0, touched, self.seconds)
-        return (1 if self.lean_mm >= 0.0 else 2, self.strain, touched, self.seconds)
+        return (1 if self.lean_mm >= -self.brim_share_mm else 2, self.strain, touched, self.seconds)
 
 
 def best_pose(
@@ -172,7 +176,7 @@ def _measured(
     brim: float | None = None
     expansion: float | None = None
     if fit_first_layer:
-        brim = footing.brim_width_mm(height, cost.brim_mm)
+        brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm)
         joined = bool((triangles[cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
     priced = cost if brim is None else replace(cost, brim_mm=brim)
@@ -186,6 +190,7 @@ def _measured(
         lean_mm=leans[-1],
         support_mm3=inside.support_mm3,
         touched_mm2=inside.touched_mm2,
+        brim_share_mm=BRIM_HOLDS * priced.brim_mm,
         brim_width_mm=brim,
         layer_0_expansion_mm=expansion,
     )

@@ -49,7 +49,7 @@ def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
     assert found.contact_mm2 == pytest.approx(100.0)
     assert found.wall_mm == pytest.approx(5.0)
     assert found.width_mm == pytest.approx(40.0)
-    assert found.brim_width_mm(45.0, 8.0) == pytest.approx(6.0)
+    assert found.brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
 
 
 def test_props_widen_the_base() -> None:
@@ -70,14 +70,15 @@ def test_an_edge_has_no_base() -> None:
 
 
 def test_broad_and_low_needs_no_brim_narrow_long_and_small_do() -> None:
-    assert upright(40, 40, 20).brim_width_mm(20.0, 8.0) == 0.0
-    assert upright(40, 10, 100).brim_width_mm(100.0, 8.0) == 8.0  # a tall plate
-    assert upright(8, 8, 8).brim_width_mm(8.0, 8.0) > 5.0  # little to stick by
-    assert upright(120, 40, 20).brim_width_mm(20.0, 8.0) == 8.0  # long: it would curl up
+    assert upright(40, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 0.0
+    assert upright(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
+    assert upright(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little to stick by
+    assert upright(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
+    assert upright(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its weight is beside it
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
     blunt = footing(Solid.from_arrays(disc.vertices, disc.faces))
-    assert 0.0 < blunt.brim_width_mm(10.0, 8.0) < 8.0  # as long, without corners
+    assert 0.0 < blunt.brim_width_mm(10.0, 5.0, 8.0) < 8.0  # as long, without corners
 
 
 def test_a_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
@@ -93,7 +94,7 @@ def test_a_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
 
     assert block(0.2).sharp_corners == 4
     assert block(8.0).sharp_corners == 0
-    assert block(8.0).brim_width_mm(10.0, 8.0) < block(0.2).brim_width_mm(10.0, 8.0)
+    assert block(8.0).brim_width_mm(10.0, 5.0, 8.0) < block(0.2).brim_width_mm(10.0, 5.0, 8.0)
 
 
 def test_a_joint_is_not_squeezed_out_but_a_thin_wall_stays() -> None:
@@ -110,6 +111,6 @@ def test_a_brim_is_never_wider_than_the_widest_and_grows_with_height(
     width: float, depth: float, height: float, widest: float
 ) -> None:
     found = upright(width, depth, height)
-    brims = [found.brim_width_mm(h, widest) for h in (height, 2 * height, 4 * height)]
+    brims = [found.brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
     assert brims == sorted(brims)
     assert all(0.0 <= b <= widest for b in brims)
