@@ -17,6 +17,7 @@ _SPREAD = 0.04  # of the layer height
 # The first layer alone may differ by more: it evens out the bed anyway, and without it about one height in a
 # hundred cannot be reached in whole micrometres.
 _SPREAD_0 = 0.25
+_WEIGHT_0 = 0.1  # of its change: it is one layer of many
 _SLACK_UM = 1  # for rounding
 
 
@@ -58,8 +59,8 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
     height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
     step = _floor(other * _SPREAD)
 
-    def candidates() -> Iterator[tuple[float, int, int, int, int]]:
-        """Best first: missed by (um), the changes of the first and the other layers, and both heights."""
+    def candidates() -> Iterator[tuple[float, float, int, int]]:
+        """Best first: missed by (um), the change of both heights, and both heights."""
         for layer in range(other - step, other + step + 1):
             above = max(0, _floor((height - first) / layer))
             for count in (above, above + 1):
@@ -67,7 +68,8 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
                 near = round(min(max(first, exact - tolerance), exact + tolerance))
                 chosen = min(max(near, low), high)
                 missed = max(0.0, abs(chosen - exact) - tolerance - 0.5)
-                yield missed, abs(chosen - first), abs(layer - other), chosen, layer
+                change = abs(layer - other) / other + _WEIGHT_0 * abs(chosen - first) / first
+                yield missed, change, chosen, layer
 
     *_, chosen, layer = min(candidates())
     return LayerHeights(chosen / 1000, layer / 1000)
