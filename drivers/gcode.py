@@ -79,7 +79,7 @@ class Mark:
     seconds
         Print time, by the slicer's clock: without heating, homing, start and end.
     layer
-        From 0, as the file counts.
+        From 0, as the file counts; None before the first.
     z_mm
         The layer's height; 0 before the first.
     feature
@@ -88,7 +88,7 @@ class Mark:
 
     line: int
     seconds: float
-    layer: int = 0
+    layer: int | None = None
     z_mm: float = 0.0
     feature: Feature | None = None
 
@@ -243,8 +243,9 @@ class _Timeline:
         self.layers = 0
         self._lines: list[int] = []
         self._seconds: list[float] = []
-        self._states: list[tuple[int, float, Feature | None]] = []  # layer, height, feature
-        self._layer, self._z_mm = 0, 0.0
+        self._states: list[tuple[int | None, float, Feature | None]] = []  # layer, height, feature
+        self._layer: int | None = None
+        self._z_mm = 0.0
         self._feature: Feature | None = None
 
     def elapsed(self, line: int, seconds: float) -> None:

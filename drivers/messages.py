@@ -77,6 +77,10 @@ class PrintSnapshot(_Said):
     lines: int = 0
     progress_s: float = 0.0  # print time done, by the slicer's ;TIME_ELAPSED
     print_time_s: float = 0.0  # of the whole file
+    layer: int | None = None  # from 1, once the file's first has begun
+    layers: int = 0
+    z_mm: float | None = None  # of that layer
+    feature: str | None = None  # a value of `drivers.gcode.Feature`
     extruded: bool = False  # something of this print may lie on the bed
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock, heaters off and the head still

@@ -98,6 +98,10 @@ class PrintProgress(_View):
     state: PrintState
     progress: float = Field(ge=0, le=1)
     remaining_s: float
+    layer: int | None  # from 1; null before the first
+    layers: int
+    z_mm: float | None
+    feature: str | None  # what is printed, by Cura's name: WALL-OUTER, FILL, ...
 
 
 class PrinterView(_View):

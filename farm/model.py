@@ -238,6 +238,10 @@ class AgentPrint(Entity):
     started_s: float | None
     ended_s: float | None
     starved_s: float = 0.0  # simulated printers: how long it waited for the host
+    layer: int | None = None  # from 1
+    layers: int = 0
+    z_mm: float | None = None
+    feature: str | None = None  # by Cura's name
 
 
 class AgentSnapshot(Entity):

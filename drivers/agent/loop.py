@@ -12,6 +12,7 @@ from pathlib import Path
 
 from drivers import mains
 from drivers.agent.board import UNWATCHED, Board
+from drivers.agent.idle import CARD
 from drivers.agent.inhibit import Inhibitor
 from drivers.agent.journal import Journal
 from drivers.agent.server import Server
@@ -240,7 +241,11 @@ class Agent:
         }
         if self._program is not None:
             known["line"] = session.streamed
-            known["progress_s"] = self._program.seconds_at(session.streamed)
+            mark = self._program.at(session.streamed)
+            known["progress_s"] = mark.seconds
+            known["layers"] = self._program.layers
+            if mark.layer is not None:
+                known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
             known["started_s"] = session.started_s
         return told.model_copy(update=known)
 
@@ -258,6 +263,8 @@ class Agent:
             return LinkState.CONNECTING, None
         if board.look is not None:
             return LinkState.FAULT, board.look
+        if board.idle.card:
+            return LinkState.FAULT, CARD
         if not board.proven:
             return LinkState.FAULT, UNPROVEN
         return (LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING), None

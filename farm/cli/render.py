@@ -89,7 +89,7 @@ def _status(view: api.Status) -> RenderableType:
         now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style="dim")
     rows.append(now)
     rows += [Text.assemble(("DO NOW  ", "bold red"), item.text) for item in view.todo]
-    printers = _table("PRINTER", "STATE", "PLATE", "LEFT", "NOZZLE", "BED", "BED IS", "FILAMENT")
+    printers = _table("PRINTER", "STATE", "PLATE", "LEFT", "LAYER", "NOZZLE", "BED", "BED IS", "FILAMENT")
     for printer in view.printers:
         printing = printer.print
         printers.add_row(
@@ -97,6 +97,7 @@ def _status(view: api.Status) -> RenderableType:
             printer.state,
             printing.plate if printing else "",
             f"{span(printing.remaining_s)} {printing.progress:4.0%}" if printing else "",
+            f"{printing.layer}/{printing.layers}" if printing and printing.layer else "",
             _degrees(printer.nozzle_c, printer.targets.nozzle_c),
             _degrees(printer.bed_c, printer.targets.bed_c),
             printer.bed.replace("_", " "),

@@ -66,6 +66,10 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
             started_s=said.print.started_s,
             ended_s=said.print.ended_s,
             starved_s=said.print.starved_s,
+            layer=said.print.layer,
+            layers=said.print.layers,
+            z_mm=said.print.z_mm,
+            feature=said.print.feature,
         )
     return AgentSnapshot(
         printer=said.printer,

@@ -10,6 +10,7 @@ from farm import api
 from farm.config import Fleet, PrinterSection
 from farm.errors import EXIT_CODES, ExitCode
 from farm.model import (
+    AgentPrint,
     AgentSnapshot,
     Bed,
     Hold,
@@ -174,11 +175,17 @@ def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
 def _print_remaining_s(scene: Scene, attempt: Print, plate: Plate) -> float:
     """By the timeline once it prints (heat-up is over then), by the estimate before."""
     factor = scene.books.printer(attempt.printer).time_factor
-    snapshot = scene.snapshots.get(attempt.printer)
-    said = snapshot.print if snapshot is not None else None
-    if said is not None and said.print_id == attempt.id and said.progress_s > 0:
+    said = _said(scene, attempt)
+    if said is not None and said.progress_s > 0:
         return max(0.0, plate.print_time_s - said.progress_s) * factor
     return max(0.0, plate.seconds(factor) - (scene.now_s - (attempt.started_s or scene.now_s)))
+
+
+def _said(scene: Scene, attempt: Print) -> AgentPrint | None:
+    """What the printer's agent says of it."""
+    snapshot = scene.snapshots.get(attempt.printer)
+    said = snapshot.print if snapshot is not None else None
+    return said if said is not None and said.print_id == attempt.id else None
 
 
 def _eta_s(scene: Scene, job: Job, remaining_s: float | None) -> float | None:
@@ -258,12 +265,17 @@ def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
 def _progress(scene: Scene, attempt: Print) -> api.PrintProgress:
     plate = scene.books.plates[attempt.plate]
     remaining_s = _print_remaining_s(scene, attempt, plate)
+    said = _said(scene, attempt)
     return api.PrintProgress(
         job=attempt.job,
         plate=attempt.plate,
         state=attempt.state,
         progress=min(1.0, max(0.0, 1 - remaining_s / plate.estimated_s)),
         remaining_s=remaining_s,
+        layer=said.layer if said else None,
+        layers=plate.layers,
+        z_mm=said.z_mm if said else None,
+        feature=said.feature if said else None,
     )
 
 

@@ -58,7 +58,7 @@ def test_progress_is_by_time_and_linear_in_a_layer():
     assert p.seconds_at(7) == 10.0
     assert p.seconds_at(8) == 20.0
     assert p.seconds_at(p.count) == 30.0
-    assert [p.at(n).layer for n in (0, 6, 7, 8)] == [0, 0, 1, 1]
+    assert [p.at(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
     assert p.layers == 2
 
 

@@ -91,9 +91,14 @@ def test_what_is_left_of_a_print_is_by_its_printers_own_factor(progress_s, remai
         extruded=True,
         started_s=2.0,
         ended_s=None,
+        layer=3,
+        z_mm=0.67,
+        feature="FILL",
     )
     view = printer_view(
         scene(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=said)), FLEET.printer("a"), None
     )
     assert view.time_factor == 1.2
     assert view.print.remaining_s == pytest.approx(remaining_s)
+    assert (view.print.layer, view.print.layers) == (3, 10)
+    assert (view.print.z_mm, view.print.feature) == (0.67, "FILL")
