@@ -2,7 +2,7 @@
 
 import pytest
 
-from slicing.definitions import merge, parse_value
+from slicing.definitions import fits_type, merge, parse_value
 from slicing.errors import BadSetting, DefinitionError
 from slicing.formula import Formula
 from slicing.resolver import Place, Resolver, Scope
@@ -148,3 +148,52 @@ def test_only_the_extruders_own_keys_are_listed_for_it():
     assert "nozzle" in keys
     assert "width" in keys
     assert not {"height", "group", "bed"} & set(keys)
+
+
+@pytest.mark.parametrize(
+    ("formula", "value"),
+    [
+        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the user's and all below
+        ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # from the quality on
+        ("extruderValueFromContainer(0, 'width', 7)", 0.5),  # the definition's
+        ("extruderValueFromContainer(0, 'child', 4)", 20),  # what it is made of is asked there too
+        ("valueFromContainer('height', 3)", 0.2),
+        ("int(anyExtruderWithMaterial('flag')) + int(anyExtruderNrWithOrDefault('flag'))", 0),
+    ],
+)
+def test_cura_5_asks_below_a_profile(formula, value):
+    user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
+    below = resolver(user=user, extruder={"width": 2.0}, shared={"height": 0.2})
+    assert below.value(Scope.EXTRUDER, "warmth") == value
+    assert below.value(Scope.EXTRUDER, "width") == 3.0  # and only there
+
+
+def test_a_setting_counts_as_its_definition_says():
+    extra = {
+        "overrides": {"child": {"enabled": "flag and width > 1"}, "areas": {"enabled": "[x for x in y]"}}
+    }
+    machine = merge([ROOT, extra])
+
+    def counts(key, **user):
+        return Resolver(machine, merge([TRAIN]), {Scope.EXTRUDER: {Place.USER: user}}).is_enabled(key)
+
+    assert not counts("child")
+    assert counts("child", flag=True, width=2.0)
+    assert counts("areas")  # a formula that only a window needs
+
+
+@pytest.mark.parametrize(
+    ("key", "good", "bad"),
+    [
+        ("width", [0.4, 3], [None, "0.4", float("nan")]),
+        ("child", [3, 3.0], [3.5, "3"]),
+        ("flag", [True, 0], ["yes", None]),
+        ("kind", ["grid"], ["Grid", 1]),
+        ("nr", ["0", -1], ["2", None]),
+        ("areas", [[], "[[1, 2]]"], ["(1, 2)", "[", 1]),
+    ],
+)
+def test_a_value_that_was_worked_out_fits_its_type(key, good, bad):
+    setting = resolver().setting(key)
+    assert all(fits_type(setting, value) for value in good)
+    assert not any(fits_type(setting, value) for value in bad)
