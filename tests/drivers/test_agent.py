@@ -387,6 +387,37 @@ def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_
 
 
 @pytest.mark.system
+@pytest.mark.parametrize(
+    ("deed", "seen"),
+    [
+        ({"command": "move", "z_mm": 50.0}, "moved"),
+        ({"command": "set_nozzle", "target_c": 180.0}, "heater"),
+        ({"command": "print_sd"}, "SD card"),
+        ({"command": "reset"}, "reset"),
+    ],
+)
+def test_whoever_uses_an_idle_printer_is_seen_and_its_bed_doubted(
+    tmp_path: Path, deed: dict[str, Any], seen: str
+):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            idle = await one.until(lambda s: s.link is m.LinkState.READY and s.heaters_off)
+            assert idle.doubt is None
+            await asyncio.to_thread(control, one.folder / "emulator", **deed)
+            doubted = await one.until(lambda s: s.doubt is not None)
+            assert seen in str(doubted.doubt) or seen == "SD card"
+            refused = await one.start(gcode(10))
+            assert refused.error is not None
+            if seen == "SD card":
+                await one.until(lambda s: "SD" in str(s.reason))
+                refused = await one.client.request(m.BedCleared(id=0))
+                assert "SD card" in str(refused.error)
+                assert read_status(one.folder / "emulator").nozzle_target_c > 0  # nobody has reset it
+
+    run(story())
+
+
+@pytest.mark.system
 def test_a_printer_that_goes_away_hot_loses_its_mains_and_a_person_is_told(tmp_path: Path):
     one = Printer(tmp_path / "agent", str(tmp_path / "emulator" / "tty"))
     relay = tmp_path / "relay.sh"
