@@ -202,7 +202,7 @@ def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Seque
     holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
     outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))
     pulls = PULL_N * height_mm + WEIGHT_N_MM3 * outside
-    return pulls / holds if holds > 0.0 else math.inf
+    return float(pulls / holds) if holds > 0.0 else math.inf
 
 
 def candidates(vertices: Floats, faces: Ints) -> Floats:
