@@ -6,6 +6,7 @@ pyserial's own calls select and lock each time, and a link of thousands of lines
 
 from __future__ import annotations
 
+import fcntl
 import os
 import termios
 import time
@@ -23,6 +24,7 @@ from drivers.errors import PortError
 BAUD = 250_000
 DTR_PULSE_S = 0.1
 _READ_BYTES = 4096
+_PTY = "/dev/pts/"  # the kernel forgets of no pty that it was exclusive before its other end is closed
 
 
 class SerialPort:
@@ -60,6 +62,8 @@ class SerialPort:
             # pyserial's VMIN of 0 would make an empty port look like one that hung up.
             attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
+            if self._exclusive and not os.ttyname(fd).startswith(_PTY):
+                fcntl.ioctl(fd, termios.TIOCEXCL)  # also against programs that ask for no lock
             os.set_blocking(fd, False)
             termios.tcflush(fd, termios.TCIFLUSH)
         except (termios.error, OSError) as error:
@@ -122,7 +126,7 @@ class SerialPort:
         """
         self._unwritten = b""
         try:
-            if os.ttyname(self._fd).startswith("/dev/pts/"):
+            if os.ttyname(self._fd).startswith(_PTY):
                 self.close()
                 self._open()
                 return
