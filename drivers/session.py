@@ -354,7 +354,6 @@ class Session(Parking):
                 self.heaters_off = False
                 try:
                     yield from self._connect()
-                    self._watch.again()
                     if (yield from self._shown_off()):
                         if homed and self.fault is None:
                             # The nozzle may stand in the part: the bed goes down to its switch first.

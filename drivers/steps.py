@@ -175,6 +175,7 @@ class Steps:
         """Ask until a report shows both targets 0 and what is warm was seen to cool."""
         limit = self._until(lambda: False, OFF_S).deadline_s
         self._off_s = None
+        self._watch.again()
         self.link.poll_every_s = self._pace.heating_s
         self.link.poll(self._now_s)
         while self._now_s < limit:

@@ -97,15 +97,19 @@ class Watch:
         return all(heater.cools for heater in self._heaters.values())
 
     def again(self) -> None:
-        """Forget what was seen: a reset has to show anew that both cool."""
+        """Both were switched off now: what was seen before tells nothing of that."""
         for heater in self._heaters.values():
-            heater.aim(0.0)
+            heater.forget()
 
 
 class _Heater:
     def __init__(self, name: HeaterName, rule: Rule, patience_s: float) -> None:
         self._name, self._rule, self._patience_s = name, rule, patience_s
         self._last: deque[float] = deque(maxlen=3)
+        self.aim(0.0)
+
+    def forget(self) -> None:
+        self._last.clear()
         self.aim(0.0)
 
     def aim(self, set_c: float) -> None:

@@ -1,5 +1,6 @@
 """However a print ends, the next one's first line finds the filament at the nozzle, or a person is asked."""
 
+import math
 import random
 from collections.abc import Callable
 from dataclasses import fields
@@ -17,6 +18,8 @@ from drivers.session import Pace, Session
 from print_rig import PLUS, Rig, gcode, hopping
 
 NEAR_MM = 0.5
+AFTER = [field.name for field in fields(Faults) if field.name.endswith("_after")]
+MADE_MM = Rig(text=gcode(150)).run().firmware.board.filament_mm
 
 Way = Callable[[Rig], None]
 
@@ -113,7 +116,7 @@ WAYS: list[Way] = [
     the_port_is_lost_for_a_while,
     somebody_turns_the_knob,
     the_board_goes_mute_and_it_is_cancelled,
-    *(it_happens(field.name) for field in fields(Faults) if field.name.endswith("_after")),
+    *(it_happens(name) for name in AFTER),
 ]
 
 
@@ -164,3 +167,50 @@ def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
     """The ways that are everyday work ask nobody."""
     for way in EVERYDAY:
         assert ended(way, lines, 0.7, hopping(50)).session.filament is Filament.PARKED
+
+
+@given(
+    faults=st.builds(
+        Faults,
+        noise=st.sampled_from([0.0, 0.0001, 0.002]),
+        lost=st.sampled_from([0.0, 0.0005]),
+        checksum=st.sampled_from([0.0, 0.003, 0.1]),
+        drop_ok=st.sampled_from([0.0, 0.003, 0.1]),
+        garble_ok=st.sampled_from([0.0, 0.01]),
+        swallow=st.sampled_from([0.0, 0.003]),
+        mute_resend=st.booleans(),
+        dead_bed=st.sampled_from([False, False, True]),
+        weak_nozzle=st.sampled_from([False, False, True]),
+        no_endstop=st.sampled_from([0, 0, 0, 1, 3]),
+        **{name: st.sampled_from([0, 0, 0, 0, 30, 450, 600]) for name in AFTER},
+    ),
+    cancel_s=st.sampled_from([math.inf, 5.0, 300.0, 600.0]),
+    pause_s=st.sampled_from([math.inf, 250.0, 500.0]),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=60, deadline=None)
+def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
+    faults: Faults, cancel_s: float, pause_s: float, seed: int
+):
+    """Heaters off, or somebody told to cut the mains; and a print that is said to be done was made."""
+    rig = Rig(faults, text=gcode(150), seed=seed)
+    board, session, paused = rig.firmware.board, rig.session, False
+    while not session.ended:
+        rig.step()
+        passed_s = rig.now_s - 1000.0
+        if passed_s > cancel_s:
+            session.cancel("no more", rig.now_s)
+        if passed_s > pause_s and not paused:
+            paused = True
+            session.pause(rig.now_s)
+        if session.phase is PrintPhase.PAUSED and passed_s > pause_s + 400.0:
+            session.resume(rig.now_s)
+        assert passed_s < 20_000.0, "it does not end"
+    assert (session.phase is PrintPhase.FAILED) == (session.fault is not None)
+    assert session.heaters_off or session.wants_power_off
+    if session.heaters_off:
+        assert rig.targets() == (0.0, 0.0)
+        for heater in (board.nozzle, board.bed):
+            assert not heater.burns or heater.temperature_c(rig.now_s) < 90.0  # it has hardly begun
+    if session.phase is PrintPhase.DONE and not (rig.firmware.noise and rig.firmware.noise.altered):
+        assert board.filament_mm == pytest.approx(MADE_MM, abs=0.05)
