@@ -14,6 +14,7 @@ from decompose.report import Interior, Options, write
 from drivers.profiles import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.services.recipe import recipe
+from farm.services.rooms import model_sizes
 from farm.services.trouble import in_farm_words
 from slicing.resources import find_resources
 from slicing.settings import SettingsRequest, resolve_settings
@@ -43,9 +44,9 @@ def decompose_to_folder(
     """
     profile = max(
         PROFILES.values(), key=lambda p: (p.height_mm >= volume_mm[2], -p.height_mm)
-    )  # clips are the same on every model that there is; the lowest that is high enough
-    boxes = tuple(box.size_mm for box in part_room(profile, brim_mm, volume_mm))
-    if not boxes:
+    )  # the lowest that is high enough; the first of two is a 2+, which has the larger clips
+    room = part_room(profile, brim_mm, volume_mm)
+    if not room:
         raise FarmError(f"a brim of {brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
     try:
         options = Options(granularity=granularity, interior=Interior(interior), min_wall_mm=min_wall_mm)
@@ -55,7 +56,7 @@ def decompose_to_folder(
     with in_farm_words():
         settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
-        rooms = [PrinterRoom(str(number), boxes) for number in range(printers)]
+        rooms = [PrinterRoom(str(number), model_sizes(room, settings)) for number in range(printers)]
         cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=brim_mm))
         written = write(partition.decompose(model, rooms, options, cost), out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
