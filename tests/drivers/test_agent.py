@@ -268,6 +268,73 @@ def test_after_a_cancel_in_the_middle_the_filament_is_parked_whatever_was_drawn_
 
 
 @pytest.mark.system
+def test_a_print_is_paused_and_goes_on(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(1500))
+            await one.until(lambda s: s.print is not None and s.print.line >= 100)
+            await one.client.request(m.PausePrint(id=0, print_id="p-1"))
+            paused = await one.phase(m.PrintPhase.PAUSED)
+            await one.until(lambda s: s.filament is m.Filament.PARKED)
+            assert await asyncio.to_thread(settled, one.folder / "emulator", lambda s: s.nozzle_target_c == 0)
+            assert one.targets() == (0.0, 40.0)
+            await one.client.request(m.ResumePrint(id=0, print_id="p-1"))
+            done = await one.phase(m.PrintPhase.DONE)
+            assert done.line == done.lines > paused.line
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_cable_that_is_pulled_in_a_print_fails_it_and_the_board_is_shown_off_when_it_is_back(
+    tmp_path: Path,
+):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(50_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            before = read_status(one.folder / "emulator").tty
+            control(one.folder / "emulator", "unplug")
+            await one.until(lambda s: s.reason is not None)
+            assert one.targets() != (0.0, 0.0)
+            control(one.folder / "emulator", "plug")
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "port_lost"
+            last = await one.until(lambda s: s.link is not m.LinkState.BUSY)
+            assert last.heaters_off
+            assert one.targets() == (0.0, 0.0)
+            assert read_status(one.folder / "emulator").tty != before
+
+    run(story())
+
+
+@pytest.mark.system
+def test_two_swapped_cables_are_noticed_until_a_person_says_that_it_is_right(tmp_path: Path):
+    async def story() -> None:
+        one = Printer(tmp_path / "agent", f"sim://{MODEL}?levelled=100")
+        for print_id, levelled, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
+            one.url = f"sim://{MODEL}?levelled={levelled}"
+            one.spawn()
+            try:
+                await one.connect()
+                if print_id == "p-3":
+                    await one.until(lambda s: s.link is m.LinkState.FAULT)
+                    assert (await one.client.request(m.BedCleared(id=0))).error is None
+                await one.ready()
+                assert (await one.start(gcode(20), print_id)).error is None
+                ended = await one.phase(m.PrintPhase(phase))
+                assert ended.fault == ("wrong_printer" if phase == "failed" else None)
+                assert ended.extruded == (phase == "done")
+                if phase == "done":
+                    await one.client.request(m.ForgetPrint(id=0, print_id=print_id))
+            finally:
+                await one.close()
+
+    run(story())
+
+
+@pytest.mark.system
 def test_a_file_that_is_not_the_one_that_was_meant_heats_nothing(tmp_path: Path):
     async def story() -> None:
         async with printer(tmp_path) as one:

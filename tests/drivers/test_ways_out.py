@@ -188,7 +188,7 @@ def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
     pause_s=st.sampled_from([math.inf, 250.0, 500.0]),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=120, deadline=None)
 def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
     faults: Faults, cancel_s: float, pause_s: float, seed: int
 ):
