@@ -132,10 +132,9 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                     raise ValueError
                 return text
             case kind if kind in _LISTS:
-                items = ast.literal_eval(text)
-                if not isinstance(items, list):
+                if not _is_list(setting.type, text):
                     raise ValueError
-                return items
+                return ast.literal_eval(text)
     except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
         raise BadSetting(
             f"{setting.key}={raw}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
@@ -177,12 +176,15 @@ def fits_type(setting: Setting, value: Any) -> bool:
         case kind if kind in _EXTRUDERS:
             return str(value) in _EXTRUDER_NUMBERS
         case kind if kind in _LISTS:
-            return isinstance(value, list) or _is_list(value)
+            return _is_list(kind, value)
     return isinstance(value, str)
 
 
-def _is_list(value: Any) -> bool:
+def _is_list(kind: SettingType, value: Any) -> bool:
+    """Whether it is a list, or the text of one; of whole numbers where the type says so."""
     try:
-        return isinstance(value, str) and isinstance(ast.literal_eval(value), list)
+        items = ast.literal_eval(value) if isinstance(value, str) else value
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         return False
+    numbers = kind is SettingType.INTS
+    return isinstance(items, list) and all(type(item) is int for item in items if numbers)

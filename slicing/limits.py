@@ -20,6 +20,7 @@ _MOST_HOP_MM = 10.0
 _PRINTER = "it describes the printer; choose another printer model or nozzle"
 _STREAM = "set by this program, for streaming; leave it out"
 _PLACE = "where the part lies is this program's matter; leave it out"
+_FILE = "it names a file, which is not looked at; leave it out"
 _ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out"
 _ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
 _ALONE = "a plate has one part; leave it out"
@@ -47,6 +48,8 @@ _RESERVED: Mapping[str, str] = {
         _STREAM,
     ),
     "center_object": _PLACE,
+    "cross_infill_density_image": _FILE,
+    "cross_support_density_image": _FILE,
     "support_mesh": _ONE_MESH,
     "support_mesh_drop_down": _ONE_MESH,
     "support_meshes_present": _ONE_MESH,
@@ -70,7 +73,7 @@ _RESERVED: Mapping[str, str] = {
 _RESERVED_STARTS: Mapping[str, str] = {
     "machine_": _PRINTER,
     "extruder_prime_pos_": _PRINTER,
-    "nozzle_offsetting_": _PRINTER,
+    "nozzle_": _PRINTER,
     "mesh_": _PLACE,
     "prime_tower_": _ONE_EXTRUDER,
     "switch_extruder_": _ONE_EXTRUDER,
@@ -79,7 +82,7 @@ _RESERVED_STARTS: Mapping[str, str] = {
 
 def why_reserved(key: str) -> str | None:
     """Why a person must not set a key; None where one may."""
-    if key.endswith("_extruder_nr"):
+    if "_extruder_nr" in key:
         return _ONE_EXTRUDER
     starts = (why for start, why in _RESERVED_STARTS.items() if key.startswith(start))
     return _RESERVED.get(key) or next(starts, None)

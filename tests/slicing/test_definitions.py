@@ -38,6 +38,7 @@ ROOT = {
                 "kind": entry("enum", default_value="grid", options={"grid": "", "zigzag": "", "lines": ""}),
                 "flag": entry("bool", default_value=False),
                 "areas": entry("polygons", default_value=[]),
+                "angles": entry("[int]", default_value="[ ]"),
             },
         }
     }
@@ -110,6 +111,7 @@ def test_unknown_keys_name_the_nearest():
         ("flag", "TRUE", True),
         ("kind", "zigzag", "zigzag"),
         ("areas", "[[[1, 2]]]", [[[1, 2]]]),
+        ("angles", "[0, -45]", [0, -45]),
         ("nr", "-1", "-1"),
     ],
 )
@@ -129,6 +131,9 @@ def test_values_are_read_by_type(key, raw, value):
         ("flag", "maybe"),
         ("kind", "ZigZag"),
         ("areas", "7"),
+        ("angles", "[1.5]"),
+        ("angles", "['x']"),
+        ("angles", "[[1]]"),
         ("areas", "__import__('os')"),
         ("nr", "4"),
     ],
@@ -191,6 +196,7 @@ def test_a_setting_counts_as_its_definition_says():
         ("kind", ["grid"], ["Grid", 1]),
         ("nr", ["0", -1], ["2", None]),
         ("areas", [[], "[[1, 2]]"], ["(1, 2)", "[", 1]),
+        ("angles", ["[ ]", [20, 110]], [[0.5], "[True]", "0"]),
     ],
 )
 def test_a_value_that_was_worked_out_fits_its_type(key, good, bad):

@@ -32,6 +32,8 @@ def refused(resources, overrides, **rest):
         ("extruders_enabled_count", "2", "several nozzles"),
         ("infill_extruder_nr", "0", "several nozzles"),
         ("prime_tower_enable", "true", "several nozzles"),
+        ("support_extruder_nr_layer_0", "0", "several nozzles"),
+        ("cross_infill_density_image", "/etc/passwd", "names a file"),
         ("mesh_position_x", "50", "where the part lies"),
         ("mesh_rotation_matrix", "[[1,0,0],[0,1,0],[0,0,1]]", "where the part lies"),
         ("center_object", "true", "where the part lies"),
