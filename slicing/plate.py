@@ -18,11 +18,12 @@ from typing import Any
 from slicing import output, stl
 from slicing.engine import Progress, check_versions, engine_version, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
-from slicing.outline import Unprinted, check_outline, lines_of
+from slicing.outline import Unprinted, check_outline
 from slicing.settings import Settings
 from slicing.startcode import PARKED_MM
 from slicing.timeline import with_times
 from slicing.toolpath import read_toolpath
+from slicing.walls import lines_of
 
 _FORMAT = "farm-slice-2"
 """Part of the cache's key: changes where what is stored or checked changes."""

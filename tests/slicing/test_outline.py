@@ -9,9 +9,10 @@ import shapely
 import trimesh
 
 from slicing.errors import Rule, SliceRejected
-from slicing.outline import Lines, check_outline, lines_of
+from slicing.outline import check_outline
 from slicing.plate import slice_plate
 from slicing.toolpath import read_toolpath
+from slicing.walls import Lines, lines_of
 
 LINES = Lines(
     layer_height_0_mm=0.3,
@@ -97,6 +98,9 @@ def test_a_wall_along_the_outline_is_good(mesh):
     assert checked(mesh, good) == ()
     turned = [[np.asarray(ring)[::-1] for ring in layer] for layer in good]  # as Cura 5 goes round
     assert checked(mesh, turned) == ()
+    inside_out = mesh.copy()
+    inside_out.invert()
+    assert checked(inside_out, good) == ()
 
 
 def test_the_model_is_grown_as_the_settings_say():
