@@ -27,18 +27,18 @@ Bools = npt.NDArray[np.bool_]
 HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
 APART_DEG = 2.0  # directions closer than this are one candidate
 MOST_MEASURED = 24  # of all candidates, in the order of their prices
-
-LEAST_CONTACT_MM2 = 4.0
-# [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
-# its side. What a support carries is made to be peeled off.
-STICKS_N_MM2 = 0.05
-PROPPED = 0.1  # share of that for the area that supports carry
-BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing; the rest is too thin
-PULL_N = 0.5
-WEIGHT_N_MM3 = 1.25e-5
 DEGREES: Floats = np.radians(np.arange(90.0))
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
+
+# [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top, and its weight at
+# its side. What a support carries is made to be peeled off; the outer half of a brim is too thin to hold.
+LEAST_CONTACT_MM2 = 4.0
+STICKS_N_MM2 = 0.05
+PROPPED = 0.1  # share of that for the area that supports carry
+BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing
+PULL_N = 0.5
+WEIGHT_N_MM3 = 1.25e-5
 
 
 @dataclass(frozen=True, slots=True)
