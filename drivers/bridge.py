@@ -30,7 +30,7 @@ SSH = (
     "-o ControlMaster=no -o ControlPath=none"
 )
 _CONNECT_S = 30.0
-_STOP_S = 60.0
+_STOP_S = 200.0
 _LOOK_S = 0.5
 _BYTES = 65536
 

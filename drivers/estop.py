@@ -3,8 +3,8 @@
 1. The agent is killed: a stopped or hung process asks for nothing, and its death gives the port free.
 2. Its lock is taken, so that no other agent comes up in between.
 3. The board is reset, by DTR, which switches heaters, motors and fan off at once.
-4. M105 is asked until a report shows both targets 0: only that is called off. A board that did not start
-   again is told M104 S0 and M140 S0 as well.
+4. M105 is asked until a report shows both targets 0, and then until both heaters cool (`Watch`): only that
+   is called off. A board that did not start again is told M104 S0 and M140 S0 as well.
 5. The agent's journal says that a person has to look: nothing is printed there before `farm cleared`.
 6. What could not be shown off is taken from the mains, where the fleet has a `power_off_cmd`.
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,16 +23,26 @@ from drivers.agent.journal import Journal
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
+from drivers.gcode import HeaterName
 from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.marlin import Link, Report, Up
 from drivers.ports import NET, NetPort, Port
 from drivers.serialport import SerialPort
 from drivers.talk import talk
+from drivers.watch import Watch
 
 EMULATOR = "emulator"
 LOOK = "stopped by `farm estop`"
 _SHOW_S = 20.0  # for `start`, the banner and a report
 _ASK_S = 0.5
+_COOL_S = 120.0  # `Watch` finds before that what does not cool
+
+
+Tell = Callable[[str], None]
+
+
+def _say_nothing(text: str) -> None:
+    """For whoever only wants to know how it ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +64,7 @@ class Stopped:
     cut_s
         Wall seconds (time.time) at which the board had been reset; None where that could not be done.
     seen_off
-        The printer itself has shown both targets 0 since, or it is a simulated one without power.
+        The printer itself has shown both targets 0 and cooled since, or it is a simulated one without power.
     text
         One sentence for a person.
     """
@@ -74,15 +85,17 @@ def known(agents: Path) -> dict[str, Target]:
     return found
 
 
-def stop(target: Target, show_s: float = _SHOW_S) -> Stopped:
-    """Stop one printer. Never raises; takes at most about `show_s` and the time of `power_off_cmd`.
+def stop(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> Stopped:
+    """Stop one printer. Never raises; takes as long as it takes to see that it cools, 140 s at most.
 
     Parameters
     ----------
     target
         The printer.
     show_s
-        Wall seconds in which it has to show its heaters off.
+        Wall seconds in which it has to show both targets 0.
+    tell
+        Hears in the meantime what a person wants to know.
     """
     kill_holder(target.folder / AGENT_LOCK)
     lock = None
@@ -90,7 +103,7 @@ def stop(target: Target, show_s: float = _SHOW_S) -> Stopped:
         target.folder.mkdir(parents=True, exist_ok=True)
         lock = hold(target.folder / AGENT_LOCK)
     try:
-        stopped = _cut(target, show_s)
+        stopped = _cut(target, show_s, tell)
         if not stopped.seen_off and target.power_off_cmd:
             text = f"{stopped.text}; {mains.cut(target.power_off_cmd, target.printer)}"
             stopped = Stopped(stopped.printer, stopped.cut_s, False, text)
@@ -105,7 +118,7 @@ def stop(target: Target, show_s: float = _SHOW_S) -> Stopped:
     return stopped
 
 
-def _cut(target: Target, show_s: float) -> Stopped:
+def _cut(target: Target, show_s: float, tell: Tell) -> Stopped:
     """Reset the board and see its heaters off."""
     name = target.printer
     try:
@@ -119,7 +132,7 @@ def _cut(target: Target, show_s: float) -> Stopped:
         if not target.port.startswith("sim://"):  # else opening was the reset
             port.reset()
         cut_s = time.time()
-        text, seen = _show(port, show_s)
+        text, seen = _show(port, show_s, tell)
     except PortError as error:
         text, seen = f"{error}; switch it off", False
     finally:
@@ -142,9 +155,9 @@ def _open(target: Target) -> Port | None:
         return SerialPort(path, shared=True)  # whoever has it: this comes first
 
 
-def _show(port: Port, show_s: float) -> tuple[str, bool]:
+def _show(port: Port, show_s: float, tell: Tell) -> tuple[str, bool]:
     """Whether the heaters were seen off, and what is to be said of it."""
-    link, up, report = Link(), None, None
+    link, up, report, watch = Link(), None, None, Watch(0.0)
     link.only_ask = True
     link.poll_every_s = _ASK_S
     for now_s, event in talk(port, link, show_s):
@@ -156,10 +169,22 @@ def _show(port: Port, show_s: float) -> tuple[str, bool]:
         elif isinstance(event, Report):
             report = event
             if up is not None and event.off:
-                how = "its board was reset" if up.restarted else "by command: its board was not reset"
-                now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
-                return f"heaters seen off ({how}; {now})", True
-    if report is None:
+                break
+    if report is None or up is None:
         return "was reset, but shows no temperatures: switch it off", False
-    heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
-    return f"still shows targets ({heats}): switch it off", False
+    if not report.off:
+        heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
+        return f"still shows targets ({heats}): switch it off", False
+    how = "its board was reset" if up.restarted else "by command: its board was not reset"
+    tell(f"shows both targets 0 ({how}); it is watched until it cools")
+    for now_s, event in talk(port, link, _COOL_S, anew=False):
+        if isinstance(event, Report):
+            report = event
+            finding = watch.look(event, dict.fromkeys(HeaterName, 0.0), now_s)
+            if finding is not None or not event.off:
+                break
+            if watch.cools:
+                now = f"nozzle {event.nozzle_c:g} C, bed {event.bed_c:g} C"
+                return f"heaters seen off and cooling ({how}; {now})", True
+    now = f"nozzle {report.nozzle_c:g} C, bed {report.bed_c:g} C"
+    return f"shows targets 0, but was not seen to cool ({now}): switch it off", False

@@ -42,14 +42,14 @@ def hold(path: Path) -> int | None:
         except BlockingIOError:
             time.sleep(_WAIT_S)
         else:
+            os.ftruncate(descriptor, 0)  # who held it before is no process to kill
             return descriptor
     os.close(descriptor)
     return None
 
 
 def sign(descriptor: int) -> None:
-    """Write down which process holds the lock."""
-    os.ftruncate(descriptor, 0)
+    """Write down which process holds the lock, and may be killed for it."""
     os.pwrite(descriptor, b"%d" % os.getpid(), 0)
 
 

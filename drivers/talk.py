@@ -10,8 +10,8 @@ from drivers.marlin import Event, Link, Phase
 from drivers.ports import Port
 
 
-def talk(port: Port, link: Link, patience_s: float) -> Iterator[tuple[float, Event]]:
-    """Move bytes between a port that was just opened or reset and a link.
+def talk(port: Port, link: Link, patience_s: float, *, anew: bool = True) -> Iterator[tuple[float, Event]]:
+    """Move bytes between a port and a link.
 
     Parameters
     ----------
@@ -19,6 +19,8 @@ def talk(port: Port, link: Link, patience_s: float) -> Iterator[tuple[float, Eve
         The two; the caller may `send` and `poll` on the link between two events.
     patience_s
         Wall seconds after which it ends.
+    anew
+        The port was just opened or reset; else the conversation goes on.
 
     Yields
     ------
@@ -32,7 +34,8 @@ def talk(port: Port, link: Link, patience_s: float) -> Iterator[tuple[float, Eve
     """
     now_s = time.monotonic()
     until_s = now_s + patience_s
-    link.opened(now_s)
+    if anew:
+        link.opened(now_s)
     while now_s < until_s and link.phase is not Phase.DEAD:
         port.write(link.take())
         wait_s = min(until_s, link.deadline_s) - now_s

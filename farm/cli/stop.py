@@ -20,7 +20,7 @@ from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.paths import Places, find_places
 
-Stop = Callable[[], drv.Stopped]
+Stop = Callable[[drv.Tell], drv.Stopped]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 
 
@@ -40,11 +40,12 @@ def estop(
     wanted = {name: targets[name] for name in printers or targets if name in targets}
     results = []
     with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as hands:
-        for done in as_completed([hands.submit(stop) for stop in wanted.values()]):
+        tells = {name: _say_nothing if json else partial(_say, name) for name in wanted}
+        for done in as_completed([hands.submit(stop, tells[name]) for name, stop in wanted.items()]):
             result = done.result()
             results.append(result)
             if not json:
-                print(f"{result.printer}: {result.text}")
+                _say(result.printer, result.text)
     if json:
         rows = [
             {
@@ -67,7 +68,7 @@ def estop(
 def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
     """How to stop every printer of the state folder and of `fleet.yaml`; a bad file hides no agent's."""
     known = drv.known(places.state.root / "agents")
-    targets: dict[str, Stop] = {name: partial(drv.stop, target) for name, target in known.items()}
+    targets: dict[str, Stop] = {name: _here(target) for name, target in known.items()}
     try:
         fleet = load_fleet(places.fleet, frozenset(PROFILES))
     except FleetFileError as error:
@@ -77,8 +78,24 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
         if section.host is not None:
             start = Start(name, section.model, section.port, power_off_cmd=relay)
             way = (section.host, section.host_command, fleet.fleet.name)
-            targets[name] = partial(bridge.stop_there, *way, start)
+            targets[name] = _there(*way, start)
         elif section.enabled and name not in targets:
             target = drv.Target(name, section.port, places.state.agent(name), relay)
-            targets[name] = partial(drv.stop, target)
+            targets[name] = _here(target)
     return targets, None
+
+
+def _here(target: drv.Target) -> Stop:
+    return lambda tell: drv.stop(target, tell=tell)
+
+
+def _there(host: str, command: str, farm: str, start: Start) -> Stop:
+    return lambda _: bridge.stop_there(host, command, farm, start)
+
+
+def _say(printer: str, text: str) -> None:
+    print(f"{printer}: {text}", flush=True)
+
+
+def _say_nothing(text: str) -> None:
+    """For --json: one object at the end."""
