@@ -31,7 +31,7 @@ DEGREES: Floats = np.radians(np.arange(90.0))
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 
-# [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top, and its weight at
+# [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
 # its side. What a support carries is made to be peeled off; the outer half of a brim is too thin to hold.
 LEAST_CONTACT_MM2 = 4.0
 STICKS_N_MM2 = 0.05
