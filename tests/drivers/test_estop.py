@@ -8,13 +8,16 @@ import pty
 import signal
 import subprocess
 import sys
+import threading
 import time
 import tty
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from drivers import estop
+from drivers import estop, watch
 from drivers import messages as m
 from drivers.agent.journal import Journal
 from drivers.client import AgentClient, alive, spawn
@@ -106,6 +109,33 @@ def test_a_board_that_does_not_show_its_heaters_off_loses_its_mains(tmp_path: Pa
         assert "shows no temperatures" in stopped.text and said in stopped.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"
     finally:
+        os.close(master)
+
+
+def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for name, rule in tuple(watch.RULES.items()):
+        monkeypatch.setitem(watch.RULES, name, replace(rule, falls_s=1.0))
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+
+    def board() -> None:
+        os.write(master, b"start\necho:   M301 P10.03\n")
+        with suppress(OSError):
+            while data := os.read(master, 4096):
+                for line in data.split(b"\n")[:-1]:
+                    os.write(master, b"ok T:200.0 /0.0 B:60.0 /0.0\n" if b"M105" in line else b"ok\n")
+
+    heard: list[str] = []
+    threading.Timer(0.2, board).start()
+    try:
+        stopped = estop.stop(estop.Target("a", os.ttyname(slave), tmp_path / "a"), tell=heard.append)
+        assert not stopped.seen_off and "not seen to cool" in stopped.text
+        assert len(heard) == 1 and "both targets 0" in heard[0]
+        assert Journal(tmp_path / "a" / "journal.jsonl").memory.hot
+    finally:
+        os.close(slave)
         os.close(master)
 
 
