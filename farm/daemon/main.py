@@ -151,6 +151,8 @@ def run(fleet: Fleet, places: Places) -> None:
     with _only_one(places.state):
         shutil.rmtree(places.state.work, ignore_errors=True)
         places.state.make()
+        for partial in places.state.slices.glob(".*"):  # of a worker that was killed while it wrote
+            partial.unlink()
         asyncio.run(Daemon(fleet, places).run())
 
 

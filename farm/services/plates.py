@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,8 +39,8 @@ class SliceTask:
     layer_0_expansion_mm: float | None = None
 
 
-def slice_part(task: SliceTask) -> PlateResult:
-    """Place a part on its bed and slice it.
+def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
+    """Place a part on its bed and slice it; `progress` is told how far the engine is, from 0 to 1.
 
     Raises
     ------
@@ -68,7 +69,7 @@ def slice_part(task: SliceTask) -> PlateResult:
         request = PlateRequest(
             stl=placed, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
         )
-        return slice_plate(request)
+        return slice_plate(request, progress)
 
 
 def settings_of(task: SliceTask, height_mm: float) -> Settings:

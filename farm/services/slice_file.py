@@ -103,7 +103,7 @@ def slice_to_file(
             cache=cache,
         )
         tell(f"slicing {path.name}")
-        result = slice_part(task)
+        result = slice_part(task, lambda share: tell(f"slicing {path.name}, {share:.0%}"))
         with in_farm_words():
             settings = settings_of(task, size[2])
         _put(result.gcode, out)

@@ -45,7 +45,7 @@ def workers(daemon):
     return {pid for pid, words in marks.items() if b"spawn_main" in words}
 
 
-def test_a_job_cancelled_while_it_is_planned_is_ended_at_once_and_down_leaves_nothing(
+def test_planning_ends_at_once_with_its_job_and_with_the_daemon_however_that_ends(
     make_farm, bar, hanging_engine, tmp_path
 ):
     farm = make_farm({"one": (MODEL, f"sim://{MODEL}"), "two": (MODEL, f"sim://{MODEL}")})
@@ -60,10 +60,22 @@ def test_a_job_cancelled_while_it_is_planned_is_ended_at_once_and_down_leaves_no
         farm.ok("cancel", 1)
         fifo.read()  # to its end: no engine has it open any more
     assert (farm.job()["state"], farm.job()["progress"]) == ("cancelled", None)
-    wait_for("fresh workers", lambda: len(workers(daemon) - busy) == len(busy))
+    wait_for("fresh workers", lambda: len(busy) == len(now := workers(daemon)) and now - busy)
     assert not list((farm.state / "work").glob("job-*"))
-    # The next job is planned by the fresh ones; the farm goes down in the middle of it.
+    # The next job is planned by the fresh ones; the daemon is killed in the middle of it.
     farm.ok("submit", bar)
+    with (tmp_path / "fifo").open() as fifo:
+        assert fifo.readline() == "slicing\n"
+        busy = workers(daemon)
+        farm.kill_daemon()
+        fifo.read()
+    wait_for("its workers to end", lambda: not any(Path(f"/proc/{pid}").exists() for pid in busy))
+    partial = farm.state / "slices" / ".some.gcode.x"  # as a worker leaves it that is killed while it writes
+    partial.touch()
+    # It is planned again by the next daemon, which goes down in the middle of it.
+    farm.up(FARM_CURA_ENGINE=str(hanging_engine))
+    assert not partial.exists()
+    daemon = farm.status()["daemon"]["pid"]
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
         busy = workers(daemon)
