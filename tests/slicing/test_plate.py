@@ -139,6 +139,20 @@ def test_a_damaged_cache_is_sliced_anew(request_for, cube_20, tmp_path):
     assert not slice_plate(request).cached
 
 
+def test_a_kept_slice_needs_no_engine_and_half_a_one_does(request_for, cube_20, tmp_path, script, engine):
+    passing = script(f'exec {engine} "$@"')
+    cache = tmp_path / "cache"
+    request = replace(request_for(cube_20, cache=cache), engine=passing)
+    first = slice_plate(request)
+    assert not first.cached
+    script("echo '[ERROR] was asked to slice'; exit 1")  # the same program, now without the will
+    assert slice_plate(request) == replace(first, cached=True)
+    (entry,) = cache.glob("*.json")
+    entry.unlink()  # as a worker leaves it that was killed between the two files
+    with pytest.raises(EngineFailed, match="was asked to slice"):
+        slice_plate(request)
+
+
 def test_it_runs_in_worker_processes(request_for, cube_20):
     request = request_for(cube_20)
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
