@@ -1,5 +1,7 @@
 """Settings out of Cura's real files."""
 
+import math
+
 import pytest
 
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing
@@ -7,8 +9,18 @@ from slicing.qualities import OURS
 from slicing.resources import find_engine, find_resources
 from slicing.settings import PartSettings, SettingsRequest, resolve_settings
 
+CURA_4_13 = 19
 
-def test_the_papers_settings(settings_of):
+
+def lines_mm(settings, width_mm):
+    """Whole lines of brim that are as wide at least."""
+    line_mm = float(settings.extruder["skirt_brim_line_width"])
+    return math.ceil(round(width_mm / line_mm, 6)) * line_mm
+
+
+def test_the_papers_settings(resources, settings_of):
+    if resources.setting_version != CURA_4_13:
+        pytest.skip("the figures are those of Cura 4.13")
     s = settings_of("paper")
     assert (len(s.global_), len(s.extruder)) == (575, 458)  # the extruder's 457, and support_enable
     assert (s.layer_height_mm, s.layer_height_0_mm, s.line_width_mm) == (0.25, 0.27, 0.35)
@@ -41,8 +53,9 @@ def test_glue_closes_its_tops_at_any_layer_height(settings_of):
 
 def test_an_override_reaches_what_depends_on_it(settings_of):
     s = settings_of("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
-    assert float(s.extruder["infill_line_distance"]) == pytest.approx(1.75)
-    assert s.brim_width_mm == pytest.approx(12 * 0.35)
+    line_mm = float(s.extruder["infill_line_width"])
+    assert float(s.extruder["infill_line_distance"]) == pytest.approx(line_mm * 100 / 20)
+    assert s.brim_width_mm == pytest.approx(lines_mm(s, 4.0))
     assert (s.support_line_distance_mm, s.extruder["support_enable"], s.global_["support_enable"]) == (
         0.0,
         "False",
@@ -51,7 +64,9 @@ def test_an_override_reaches_what_depends_on_it(settings_of):
 
 
 def test_crossing_patterns_count_all_their_lines(settings_of):
-    assert settings_of("paper", infill_pattern="grid").infill_line_distance_mm == pytest.approx(7.0)
+    one, two = (settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid"))
+    assert float(two.extruder["infill_line_distance"]) == 2 * float(one.extruder["infill_line_distance"])
+    assert two.infill_line_distance_mm == one.infill_line_distance_mm
 
 
 def test_temperatures_reach_the_start_code(settings_of):
@@ -111,32 +126,34 @@ def test_what_does_not_exist_is_refused_in_one_line(resources, change, message):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "part", "brim_mm", "adhesion"),
+    ("overrides", "chosen_mm", "brim_mm", "adhesion"),
     [
-        ({}, PartSettings(brim_width_mm=3.0), 9 * 0.35, "brim"),
-        ({}, PartSettings(brim_width_mm=0.0), 0.0, "none"),
-        ({}, PartSettings(brim_width_mm=20.0), 23 * 0.35, "brim"),
-        ({"brim_width": "4"}, PartSettings(brim_width_mm=1.0), 12 * 0.35, "brim"),
-        ({"adhesion_type": "none"}, PartSettings(brim_width_mm=3.0), 0.0, "none"),
-        ({"adhesion_type": "brim"}, PartSettings(brim_width_mm=3.0), 9 * 0.35, "brim"),
+        ({}, 3.0, 3.0, "brim"),
+        ({}, 0.0, 0.0, "none"),
+        ({}, 20.0, 8.0, "brim"),
+        ({"brim_width": "4"}, 1.0, 4.0, "brim"),
+        ({"adhesion_type": "none"}, 3.0, 0.0, "none"),
+        ({"adhesion_type": "brim"}, 3.0, 3.0, "brim"),
     ],
 )
-def test_a_part_has_its_own_brim_within_the_qualitys(resources, overrides, part, brim_mm, adhesion):
-    s = resolve_settings(SettingsRequest("ultimaker2_plus", overrides=overrides), resources, part)
-    assert s.brim_width_mm == pytest.approx(brim_mm)
+def test_a_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
+    request = SettingsRequest("ultimaker2_plus", overrides=overrides)
+    s = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
+    assert s.brim_width_mm == pytest.approx(lines_mm(s, brim_mm))
     assert s.global_["adhesion_type"] == adhesion
 
 
 def test_the_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resources):
     part = PartSettings(layer_0_expansion_mm=-0.2)
 
-    def offset_mm(**overrides):
-        request = SettingsRequest("ultimaker2_plus", overrides=overrides)
-        return float(resolve_settings(request, resources, part).extruder["xy_offset_layer_0"])
+    def offsets_mm(**overrides):
+        settings = resolve_settings(SettingsRequest("ultimaker2_plus", overrides=overrides), resources, part)
+        return float(settings.extruder["xy_offset_layer_0"]), float(settings.extruder["xy_offset"])
 
-    assert offset_mm() == pytest.approx(-0.2)
-    assert offset_mm(xy_offset="0.1") == pytest.approx(-0.1)
-    assert offset_mm(xy_offset_layer_0="0.3") == pytest.approx(0.3)
+    for overrides in ({}, {"xy_offset": "0.1"}):
+        first_mm, others_mm = offsets_mm(**overrides)
+        assert first_mm - others_mm == pytest.approx(-0.2)
+    assert offsets_mm(xy_offset="0.1", xy_offset_layer_0="0.3") == pytest.approx((0.3, 0.1))
 
 
 def test_files_that_are_not_there(tmp_path):
@@ -146,3 +163,31 @@ def test_files_that_are_not_there(tmp_path):
         find_engine({"FARM_CURA_ENGINE": str(tmp_path / "no")})
     with pytest.raises(EngineMissing, match="PATH"):
         find_engine({"PATH": str(tmp_path)})
+
+
+@pytest.mark.parametrize("height_mm", [2.5, 9.99, 40.93, 123.45])
+def test_skins_stay_as_thick_as_promised_where_layers_are_fitted(resources, height_mm):
+    request = SettingsRequest("ultimaker2_plus")
+    every = resolve_settings(request, resources)
+    part = resolve_settings(request, resources, PartSettings(height_mm=height_mm))
+    assert abs(part.layer_height_mm / every.layer_height_mm - 1) <= 0.04
+    assert part.top_layers >= 4
+    for end, layers in (("top", part.top_layers), ("bottom", part.bottom_layers)):
+        thickness_mm = float(part.extruder[f"{end}_thickness"])
+        assert layers * part.layer_height_mm >= thickness_mm - 1e-3
+
+
+@pytest.mark.parametrize(
+    ("quality", "overrides"),
+    [
+        ("paper", {}),
+        ("fast", {}),
+        ("glue", {"layer_height": "0.15"}),
+        ("glue", {"slicing_tolerance": "inclusive"}),
+    ],
+)
+def test_only_glue_fits_its_layers_and_not_where_a_person_has_chosen_them(resources, quality, overrides):
+    request = SettingsRequest("ultimaker2_plus", quality, overrides=overrides)
+    part = resolve_settings(request, resources, PartSettings(height_mm=40.93))
+    every = resolve_settings(request, resources)
+    assert (part.layer_height_mm, part.layer_height_0_mm) == (every.layer_height_mm, every.layer_height_0_mm)
