@@ -8,7 +8,7 @@ bytes):
 2. That holds for M105 too: a bare one with one flipped bit may be an M1, which never comes back.
 3. A plain ``ok`` is the answer to a line, ``ok T:`` that to M105; they are never taken for each other. A
    lost or doubled ok makes the link at most a few lines early or late; the firmware's next refusal names
-   the right number, and the last `HISTORY_LINES` lines are kept to go back to.
+   the right number, and the last lines are kept to go back to (`outbox`).
 4. ``Resend`` comes with an ``ok`` of its own, and is obeyed after that. ``No Line Number`` comes with
    neither, and is obeyed at once.
 5. On silence the line is sent again. Where it was only late, as behind a long move, its double is refused
@@ -22,11 +22,11 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from enum import StrEnum
 
 from drivers import replies
 from drivers.errors import Fault
+from drivers.outbox import Outbox, Source
 from drivers.replies import Event, Events, Report, Said, Trouble, Up, checksum, frame
 
 __all__ = [
@@ -43,24 +43,14 @@ __all__ = [
     "frame",
 ]
 
-HISTORY_LINES = 32
 NOISE_RESENDS, NOISE_LINES = 10, 200  # 10 repeats in 200 lines: 5 %
 TRIES = 4
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 LINE_S = 10.0  # doubled each time that a line was only late: one ok a move, and a slow one takes longer
 LONGEST_LINE_S = 80.0
-POLL_S = 30.0  # it waits its turn behind up to 8 slow moves
 HINT_S = 1.0  # after something that could not be read and may have been an ok
-_BLOCK_LINES = 256
 _LONGEST_ANSWER = 512
-
-_PATIENCE_S = {  # those that wait for all moves before them
-    b"G28": 300.0, b"G4": 600.0, b"M400": 600.0, b"M401": 60.0, b"M84": 600.0, b"M18": 600.0,
-}  # fmt: skip
-
-Source = Callable[[int, int], list[bytes]]
-"""Lines `start` to `stop` of a program."""
 
 
 class Phase(StrEnum):
@@ -108,19 +98,7 @@ class Link:
         self._line_s = LINE_S
         self._repeats: deque[int] = deque(maxlen=NOISE_RESENDS)
         self.repeated = 0
-        # frames[i] is line number base + i; up to the cursor they were sent, those after it are encoded
-        # ahead.
-        self._frames: list[bytes] = []
-        self._base = 1
-        self._cursor = -1
-        self._patience: dict[int, float] = {}  # of lines that may take long
-        self._polls: set[int] = set()  # lines that are M105
-        self._careful = 0  # up to this number lines may be special, or were sent before
-        self._queue: deque[bytes] = deque()
-        self._source: Source | None = None
-        self._source_at = self._source_stop = 0  # next line of the program to encode
-        self._source_number = 1  # the line number of the program's first line of this run,
-        self._source_start = 0  # and its place there
+        self._outbox = Outbox()
 
     # --- what the caller wants ---
 
@@ -143,26 +121,19 @@ class Link:
 
     def send(self, now_s: float, *commands: bytes) -> None:
         """Queue commands behind those that wait; not while a program is streamed (`halt` it first)."""
-        if self._source is not None and self._source_at < self._source_stop:
+        if self._outbox.streaming:
             raise ValueError("a program is under way: halt it first")
-        self._queue.extend(commands)
+        self._outbox.queue(commands)
         self._go(now_s)
 
     def stream(self, now_s: float, source: Source, start: int, stop: int) -> None:
         """Send lines `start` to `stop` of a program, after all that was queued."""
-        self._source, self._source_start, self._source_at, self._source_stop = source, start, start, stop
-        self._source_number = self._base + len(self._frames) + len(self._queue)
+        self._outbox.stream(source, start, stop)
         self._go(now_s)
 
     def halt(self) -> None:
         """Forget what was not sent yet; the line in flight stays."""
-        sent = self._cursor + 1
-        done = self._source_start + self._base + sent - self._source_number
-        self._source_stop = min(max(done, self._source_start), self._source_stop)
-        self._source = None
-        self._queue.clear()
-        del self._frames[sent:]
-        self._patience = {n: s for n, s in self._patience.items() if n < self._base + sent}
+        self._outbox.halt()
 
     def poll(self, now_s: float) -> None:
         """Ask for a report as soon as the wire is free."""
@@ -181,15 +152,12 @@ class Link:
     @property
     def drained(self) -> bool:
         """Every line was acknowledged; a poll may be under way."""
-        return not (self._waiting or self._ahead)
+        return not (self._waiting or self._outbox.ahead)
 
     @property
     def streamed(self) -> int:
         """Lines of the program that were acknowledged, counted from its first line."""
-        number = self._base + self._cursor  # in flight, or the last acknowledged
-        number -= self._waiting and number not in self._polls  # an M105 is no line of a program
-        done = self._source_start + number - self._source_number + 1
-        return min(max(done, self._source_start), self._source_stop)
+        return self._outbox.streamed(self._waiting)
 
     @property
     def deadline_s(self) -> float:
@@ -207,20 +175,25 @@ class Link:
         """
         # The one path that has to be cheap: the ok to a line of a program, and the next line is encoded
         # already.
-        if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s:
-            ahead = self._cursor + 1
-            if ahead < len(self._frames) and self._wanted < 0 and self._base + self._cursor > self._careful:
-                self._cursor = ahead
+        if (
+            data == b"ok\n"
+            and self._waiting
+            and not self._partial
+            and now_s < self._poll_s
+            and self._wanted < 0
+        ):
+            line = self._outbox.quick()
+            if line is not None:
                 self._tries = 0
-                self._out = self._frames[ahead]
+                self._out = line
                 self._due_s = now_s + max(self._line_s, self._floor_s)
                 return None
-        *lines, self._partial = (self._partial + data).split(b"\n")
+        *heard, self._partial = (self._partial + data).split(b"\n")
         if len(self._partial) > _LONGEST_ANSWER:
             self._partial = b""
         events: list[Event] = []
-        for line in lines:
-            self._hear(line, now_s, events)
+        for words in heard:
+            self._hear(words, now_s, events)
         return events
 
     def _hear(self, line: bytes, now_s: float, events: list[Event]) -> None:
@@ -267,8 +240,7 @@ class Link:
         self.phase = Phase.LIVE
         self._tries = 0
         self._poll_s = now_s + self.poll_every_s
-        self._base, self._cursor, self._frames = 0, -1, []
-        self._queue.appendleft(b"M110")  # goes out as N0, so that the next is 1
+        self._outbox.begin()
         events.append(Up(self._restarted, self._banner))
         self._go(now_s)
 
@@ -281,18 +253,19 @@ class Link:
     @property
     def _asked(self) -> bool:
         """Whether an M105 is in flight."""
-        return self._waiting and self._base + self._cursor in self._polls
+        return self._waiting and self._outbox.polls
 
     def _hear_ok(self, now_s: float, events: list[Event]) -> None:
         if self._wanted >= 0:
-            at, self._wanted = self._wanted - self._base, -1
-            if at == self._cursor + 1:  # the line had arrived: this is its ok
+            wanted, self._wanted = self._wanted, -1
+            number = self._outbox.number
+            if wanted == number + 1:  # the line had arrived: this is its ok
                 self._landed(now_s)
-            elif at == self._cursor and 0 < self._base + at - self._doubled <= 2 and self._doubled >= 0:
+            elif wanted == number and 0 < number - self._doubled <= 2 and self._doubled >= 0:
                 self._line_s = min(2 * self._line_s, LONGEST_LINE_S)
                 self._due_s = now_s + self._patience_s()
             else:
-                self._repeat(at, now_s, events)
+                self._repeat(wanted, now_s, events)
         elif self._waiting:
             self._landed(now_s)
 
@@ -302,12 +275,12 @@ class Link:
         self._go(now_s)
 
     def _hear_resend(self, number: int, now_s: float, events: list[Event]) -> None:
-        at = number - self._base
-        if at > self._cursor + 1 or self._cursor < 0:
+        sent = self._outbox.number
+        if number > sent + 1 or sent < 0:
             return  # garbled: the time-out brings the right one
-        if number == 0 and self._base + self._cursor > 0:
+        if number == 0 and sent > 0:
             return  # garbled as well, and N0 M110 would have the board count from 1 again
-        if at < 0 or self._cursor - at >= HISTORY_LINES:
+        if not self._outbox.holds(number):
             if self._far == number:
                 self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
             self._far = number
@@ -332,8 +305,8 @@ class Link:
             if self._tries > TRIES:
                 self._give_up(Fault.NO_ANSWER, "the board does not answer", events)
             elif self._waiting:
-                self._doubled = self._base + self._cursor
-                self._repeat(self._cursor, now_s, events)
+                self._doubled = self._outbox.number
+                self._repeat(self._doubled, now_s, events)
             else:  # it did not restart, and nobody knows its line number
                 self._out += b"M105\n"
                 self._due_s = now_s + max(START_S / 2, self._floor_s)
@@ -343,89 +316,32 @@ class Link:
 
     # --- sending ---
 
-    @property
-    def _ahead(self) -> bool:
-        return (
-            self._cursor + 1 < len(self._frames)
-            or bool(self._queue)
-            or (self._source is not None and self._source_at < self._source_stop)
-        )
-
     def _go(self, now_s: float) -> None:
         """Send the next thing, where nothing is in flight."""
         if self._waiting or self.phase is not Phase.LIVE:
             return
         if now_s >= self._poll_s:
-            self._insert_poll()
+            self._outbox.insert_poll()
             self._poll_s = now_s + self.poll_every_s
-        if self._cursor + 1 >= len(self._frames):
-            self._encode_ahead()
-        if self._cursor + 1 < len(self._frames):
-            self._cursor += 1
-            self._launch(now_s)
+        line = self._outbox.step()
+        if line is not None:
+            self._launch(line, now_s)
 
-    def _launch(self, now_s: float) -> None:
+    def _launch(self, line: bytes, now_s: float) -> None:
         self._waiting = True
-        self._out += self._frames[self._cursor]
+        self._out += line
         self._due_s = now_s + self._patience_s()
 
     def _patience_s(self) -> float:
-        number = self._base + self._cursor
-        patience_s = POLL_S if number in self._polls else self._patience.get(number, self._line_s)
-        return max(patience_s, self._line_s, self._floor_s)
+        return max(self._outbox.patience_s(self._line_s), self._line_s, self._floor_s)
 
-    def _insert_poll(self) -> None:
-        """Put an M105 before all that is encoded ahead, which gets new numbers."""
-        sent = self._cursor + 1
-        number = self._base + sent
-        ahead = self._frames[sent:]
-        del self._frames[sent:]
-        self._frames.append(frame(number, b"M105"))
-        self._polls = {n for n in self._polls if n >= self._base}
-        self._polls = {n + (n >= number) for n in self._polls} | {number}
-        self._patience = {n + (n >= number): s for n, s in self._patience.items()}
-        if self._source_number + self._source_stop - self._source_start > number:
-            self._source_number += 1  # the program, or the rest of it, comes behind
-        for at, old in enumerate(ahead, number + 1):
-            self._frames.append(frame(at, old[old.index(b" ") + 1 : old.rindex(b"*")]))
-        self._careful = max(self._careful + 1, self._base + sent)
-
-    def _repeat(self, at: int, now_s: float, events: list[Event]) -> None:
+    def _repeat(self, number: int, now_s: float, events: list[Event]) -> None:
         self.repeated += 1
-        number = self._base + at
-        self._repeats.append(self._base + self._cursor)
+        self._repeats.append(self._outbox.number)
         if len(self._repeats) == NOISE_RESENDS and number - self._repeats[0] < NOISE_LINES:
             self._give_up(Fault.NOISY_LINE, f"{NOISE_RESENDS} lines of {NOISE_LINES} sent again", events)
             return
-        self._careful = max(self._careful, self._base + self._cursor)
-        self._cursor = at
-        self._launch(now_s)
-
-    def _encode_ahead(self) -> None:
-        """Encode a block of lines; called where all that was encoded is sent."""
-        spare = len(self._frames) - HISTORY_LINES
-        if spare > 0:
-            del self._frames[:spare]
-            self._base += spare
-            self._cursor -= spare
-            self._patience = {n: s for n, s in self._patience.items() if n >= self._base}
-        number = self._base + len(self._frames)
-        commands: list[bytes] = []
-        if self._queue:
-            commands = [*self._queue]
-            self._queue.clear()
-        elif self._source is not None:
-            stop = min(self._source_at + _BLOCK_LINES, self._source_stop)
-            commands = self._source(self._source_at, stop)
-            self._source_at = stop
-        for command in commands:
-            if not command.startswith((b"G1 ", b"G0 ")):
-                patience_s = _PATIENCE_S.get(command.split(b" ", 1)[0])
-                if patience_s is not None:
-                    self._patience[number] = patience_s
-                    self._careful = number
-            self._frames.append(frame(number, command))
-            number += 1
+        self._launch(self._outbox.back_to(number), now_s)
 
     def _give_up(self, fault: Fault, text: str, events: list[Event]) -> None:
         if self.phase is Phase.DEAD:
