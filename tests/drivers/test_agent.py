@@ -46,6 +46,8 @@ G1 F2400 Z20
 G92 E0
 G1 F47 E7.8
 G92 E0
+;LAYER:0
+;TYPE:FILL
 """
 TAIL = (
     ";TIME_ELAPSED:60\nG92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
@@ -154,6 +156,7 @@ def test_a_print_is_printed_once_and_the_bed_is_not_clear_after_it(tmp_path: Pat
             assert (await one.start(text)).error is None  # told again: nothing changes
             done = await one.phase(m.PrintPhase.DONE)
             assert (done.line, done.progress_s, done.fault) == (done.lines, 60.0, None)
+            assert (done.layer, done.layers, done.feature) == (1, 1, "FILL")
             assert done.extruded and done.started_s is not None and done.ended_s is not None
             last = await one.until(lambda s: s.bed_clear is False)
             assert last.heaters_off and last.filament is m.Filament.PARKED
