@@ -16,6 +16,8 @@ PLAUSIBLE = (0.2, 2.5)
 """What may be extruded in the mean, as a multiple of a line's section (a nozzle wide, a layer high). Slicers
 reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
 1.75 mm instead of 2.85 mm about 2.7."""
+HIGHEST_LAYER = 0.8
+"""Of the nozzle's diameter: higher lines do not hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ def accept(
     extent = walk.extent
     if not extent.path_mm:
         raise GcodeRefused(walk.objection or "it prints nothing: no move after its start extrudes")
-    _check_section(extent, filament_mm2, found.nozzle_mm or nozzle_mm)
+    _check_section(extent, writer.layers, filament_mm2, found.nozzle_mm or nozzle_mm)
     seconds = writer.finish()
     head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"
     return ForeignGcode(
@@ -118,13 +120,15 @@ def accept(
     )
 
 
-def _check_section(extent: Extent, filament_mm2: float, nozzle_mm: float) -> None:
+def _check_section(extent: Extent, layers: int, filament_mm2: float, nozzle_mm: float) -> None:
     """Refuse a file whose E means something else than mm of this filament."""
     section_mm2 = extent.filament_mm * filament_mm2 / extent.path_mm
-    usual_mm2 = nozzle_mm * extent.layer_mm
-    if usual_mm2 and not PLAUSIBLE[0] < section_mm2 / usual_mm2 < PLAUSIBLE[1]:
+    # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be
+    layer_mm = extent.layer_mm or min(extent.high[2] / max(1, layers), HIGHEST_LAYER * nozzle_mm)
+    usual_mm2 = nozzle_mm * layer_mm
+    if not PLAUSIBLE[0] < section_mm2 / usual_mm2 < PLAUSIBLE[1]:
         raise GcodeRefused(
-            f"its lines have {section_mm2:.3f} mm2 in the mean, and layers of {extent.layer_mm:g} mm with a "
+            f"its lines have {section_mm2:.3f} mm2 in the mean, and layers of {layer_mm:.3g} mm with a "
             f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to 2.85 mm in "
             "your slicer, and let it count E in mm, not in mm3"
         )

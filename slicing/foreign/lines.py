@@ -15,6 +15,9 @@ MOST_OTHER = 1e6
 
 _CODE = re.compile(r"([GMT])0*(\d{1,5}(?:\.\d+)?)(?![\d.])")
 _NUMBERED = re.compile(rb"\s*[Nn](\d+)\s*(.*)\Z", re.DOTALL)
+_TEXT = re.compile(rb"\s*[Mm](11[78])\s")
+"""Texts for a display or a host may be in any language."""
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _ASIDE = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))")
 _RUN_TOGETHER = re.compile(r"[\d.]E")
@@ -36,13 +39,15 @@ def split(raw: bytes, number: int) -> Line:
     """
     if len(raw) >= LONGEST:
         raise GcodeRefused(f"line {number} is longer than {LONGEST} characters: is this a G-code file?")
-    command, _, comment = raw.partition(b";")
+    command, _, comment = raw.removeprefix(_BYTE_ORDER_MARK).partition(b";")
     if b"\0" in raw:
         raise GcodeRefused(f"line {number}: not plain text: is this a G-code file?")
     if not command or command.isspace():
         return "", "", comment.strip()
     if command.lstrip()[:1] in (b"N", b"n"):
         command = _without_number(command, number)
+    if (shown_text := _TEXT.match(command)) is not None:
+        return f"M{shown_text[1].decode()}", "", comment.strip()
     try:
         text = command.decode("ascii").strip().replace("\t", " ").upper()
     except UnicodeDecodeError:

@@ -84,8 +84,8 @@ def survey(lines: Iterable[bytes]) -> Survey:
     ulticode = _is_ulticode(facts)
     if not layer and (ulticode or not (waited and homed)):
         raise GcodeRefused(
-            "it cannot be told where its print begins: let your slicer write comments for layers "
-            "(Slic3r: verbose G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
+            "it cannot be told where its print begins: let your slicer write ;LAYER:0 where a layer begins "
+            "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
         )
     return Survey(
         ulticode=ulticode,

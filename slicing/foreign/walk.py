@@ -27,6 +27,7 @@ LEAST_MM_S = 0.1
 MOST_DWELL_S = 60.0  # the nozzle is hot, and a cancelled print has to wait for its end
 MOST_ARC_MM = 700.0  # round the whole bed
 ARC_TOLERANCE_MM = 0.2  # of its radius, between start and end
+MOST_DROP_MM = 10.0  # how far up the head goes before it parks in a pause, or homes when cancelled
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
 _FIRMWARE_MM_S = 25.0  # what it moves with before the first F
 _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
@@ -172,9 +173,10 @@ class Walk:
             self._speed_mm_s = speed_mm_s
 
     def _count(self, given: Words) -> None:
-        if given.keys() - {"E"} or not given:
-            self._refuse("G92 may count E anew, and nothing else: take it out of your slicer's scripts")
-        self._e = given["E"]
+        if given.keys() == {"E"}:
+            self._e = given["E"]
+        else:
+            self._reject("G92 may count E anew, and nothing else: take it out of your slicer's scripts")
 
     def _heat(self, code: str, given: Words) -> None:
         if not given.keys() & {"S", "R"}:
@@ -183,11 +185,11 @@ class Walk:
         nozzle = code in ("M104", "M109")
         most_c = MOST_NOZZLE_C if nozzle else MOST_BED_C
         if given.get("T"):
-            self._refuse(f"{code} is for another extruder, and there is one: slice for a single extruder")
-        if not 0 <= target_c <= most_c:
+            self._reject(f"{code} is for another extruder, and there is one: slice for a single extruder")
+        elif not 0 <= target_c <= most_c:
             what = "nozzle" if nozzle else "bed"
             self._refuse(f"{code} sets {target_c:g} C, and the {what} may have at most {most_c:g}")
-        if not self._printing:
+        elif not self._printing:
             self.nozzle_c, self.bed_c = (target_c, self.bed_c) if nozzle else (self.nozzle_c, target_c)
         elif nozzle and target_c < MIN_EXTRUSION_C:
             self._object(f"{code} lets the nozzle get cold ({target_c:g} C) and the print goes on")
@@ -226,6 +228,11 @@ class Walk:
                 "the print begins here, and no M104 or M109 before it has set the nozzle's temperature: "
                 "add it to your slicer's start script"
             )
+        if self._back_mm > MOST_RETRACTED_MM:
+            self._refuse(
+                f"the print begins here, with the filament drawn {self._back_mm:.1f} mm back, out of the hot "
+                "end: take that out of your slicer's start script"
+            )
         if self._back_mm:
             self._writer.move((*READY_MM, -self._back_mm, RETRACTION_MM_S))
         if self._fan != b"M107":
@@ -250,8 +257,7 @@ class Walk:
         if not self._arrive(old, target, pushed_mm):
             return
         x, y, z = target
-        if z < 0:
-            self._object(f"moves to Z {z:g}, into the bed")
+        self._keep_above(z)
         self._writer.move((x, y, z, pushed_mm, speed_mm_s))
         fed_mm = pushed_mm - back_mm
         self.extent.go(target, fed_mm)
@@ -259,29 +265,43 @@ class Walk:
             self._print(old, target)
 
     def _arrive(self, old: list[float], target: list[float], pushed_mm: float) -> bool:
-        """Come to where the file believes the head to be, from above. False where it has not said."""
+        """Come from above to where the file first pushes filament: its ways there do not matter.
+
+        False where it has not come to that.
+        """
         if self._arrived:
             return True
-        moves = not all(a == b or (math.isnan(a) and math.isnan(b)) for a, b in zip(old, target, strict=True))
-        if pushed_mm and not moves:
-            self._writer.move((*READY_MM, pushed_mm, self._speed_mm_s))
-            return False
-        first = old if pushed_mm else target
-        if any(map(math.isnan, first)):
-            if pushed_mm:
+        x, y, z = old
+        if pushed_mm <= 0 or math.isnan(x + y + z):
+            moves = any(
+                a != b and not (math.isnan(a) and math.isnan(b)) for a, b in zip(old, target, strict=True)
+            )
+            if pushed_mm > 0 and moves:
                 self._object("extrudes before the file has said where: X, Y and Z")
+            elif pushed_mm:
+                self._writer.move((*READY_MM, pushed_mm, self._speed_mm_s))
             return False
-        x, y, z = first
+        self._keep_above(z)
         self._writer.move((x, y, READY_MM[2], 0.0, TRAVEL_MM_S))
         self._writer.move((x, y, z, 0.0, LOWER_MM_S))
         self._arrived = True
         return True
 
+    def _keep_above(self, z: float) -> None:
+        if z < 0:
+            self._object(f"moves to Z {z:g}, into the bed")
+
     def _print(self, old: list[float], target: list[float]) -> None:
         if self.objection is not None:
             raise GcodeRefused(self.objection)
-        if target[2] <= 0:
-            self._refuse(f"prints at Z {target[2]:g}: it has to be above the bed")
+        z, highest = min(old[2], target[2]), self.extent.high[2]
+        if z <= 0:
+            self._refuse(f"prints at Z {z:g}: it has to be above the bed")
+        if highest - z > MOST_DROP_MM:
+            self._refuse(
+                f"prints at Z {z:g} beside what is {highest:g} mm high, which the head would hit in a pause: "
+                "print all objects at once (Cura: Print Sequence; PrusaSlicer: Complete individual objects)"
+            )
         if not self._survey.marks_layers and self.extent.rises(old, target):
             self._writer.layer(target[2])
         self.extent.print(old, target)
@@ -293,6 +313,12 @@ class Walk:
         """Refuse the file as soon as something is printed after this line; a start script is not printed."""
         if self._printing:
             self.objection = self.objection or f"line {self._number}: {why}"
+
+    def _reject(self, why: str) -> None:
+        """Refuse what changes all that comes after it: in a start script too, but not in an end script."""
+        if not self._printing:
+            self._refuse(why)
+        self._object(why)
 
     def _refuse(self, why: str) -> NoReturn:
         raise GcodeRefused(f"line {self._number}: {why}")

@@ -2,6 +2,7 @@
 
 import gzip
 import itertools
+import math
 import re
 from pathlib import Path
 
@@ -96,6 +97,23 @@ def test_the_head_comes_to_the_first_point_from_above():
     moves = followed(body(take(marlin())))
     assert [move[2] for move in moves[:2]] == [20.0, pytest.approx(0.2)]
     assert moves[0][:2] == moves[1][:2] == (100.0, 100.0)
+
+
+def test_where_the_start_left_the_head_does_not_matter():
+    """PrusaSlicer raises it, then draws back, before it goes to the first point."""
+    lines = marlin(start=["G28", "M109 S200", "G1 X5 Y5 Z0.3 F3000"], relative=True)
+    at = lines.index(";LAYER:0") + 1
+    lines[at:at] = ["G1 Z0.2", "G1 E-2 F2400"]
+    lines.insert(at + 3, "G1 E2")
+    accepted = take(lines)
+    safe(accepted)
+    assert accepted.min_mm == accepted.reach_min_mm == pytest.approx((100, 100, 0.2))
+    assert followed(body(accepted))[:4] == [
+        (5.0, 50.0, 20.0, -2.0),
+        (100.0, 100.0, 20.0, 0.0),
+        (100.0, 100.0, 0.2, 0.0),
+        (100.0, 100.0, 0.2, 2.0),
+    ]
 
 
 def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
@@ -220,6 +238,49 @@ def test_what_a_start_has_drawn_back_is_drawn_back_before_the_first_layer():
     assert [m[3] for m in moves if m[3]][1] == pytest.approx(4.0)
 
 
+@pytest.mark.parametrize("tail", [[], ["G1 E0 F1500"]])
+def test_a_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
+    start = [";FLAVOR:Marlin", "G28", "M109 S200", "G92 E0", "G1 E-60 F1500", "M82", "G92 E-60"]
+    lines = marlin(start=start)
+    at = lines.index(";LAYER:0")
+    refused([*lines[: at - 2], ";LAYER:0", *tail, *lines[at + 1 :]], "60.0 mm back, out of the hot end")
+
+
+@pytest.mark.parametrize(("z", "said"), [("-3", "to Z -3, into the bed"), ("0", "at Z 0: .* above the bed")])
+def test_a_start_that_leaves_the_head_in_the_bed_is_refused(z, said):
+    lines = marlin([[(120.0, 100.0, 0.2, 0.25)]], tail=["G1 F1800 X140 Z0.2 E0.5", "M104 S0"])
+    at = lines.index(";LAYER:0")
+    refused([*lines[:at], f"G1 X100 Y100 Z{z}", *lines[at:]], said)
+
+
+def spiral(section_mm, turns=20, layer_mm=0.2):
+    """A vase without a floor: `section_mm` of E on each mm of its wall."""
+    points, radius_mm = 60, 20.0
+    moves = [(130.0, 110.0, layer_mm, 0.0)]
+    for n in range(turns * points):
+        angle = math.tau * (n + 1) / points
+        x, y = 110 + radius_mm * math.cos(angle), 110 + radius_mm * math.sin(angle)
+        moves.append((x, y, layer_mm * (1 + (n + 1) / points), math.tau * radius_mm / points * section_mm))
+    lines = [";FLAVOR:Marlin", "G28", "M109 S200", "M83", ";LAYER:0", "G0 X130 Y110 Z0.2 F9000"]
+    return lines + [f"G1 F1800 X{x:.3f} Y{y:.3f} Z{z:.4f} E{e:.5f}" for x, y, z, e in moves[1:]]
+
+
+def test_a_spiral_is_printed_and_its_e_is_held_to_a_lines_width_too():
+    accepted = take(spiral(0.4 * 0.2 / FILAMENT_MM2))
+    assert accepted.max_mm[2] == pytest.approx(4.2)
+    safe(accepted)
+    refused(spiral(0.4 * 0.2), "mm3")
+
+
+def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears_them():
+    def two(layers):
+        more = square(at_mm=140.0, layers=2)
+        return marlin([*square(layers=layers), *more])
+
+    safe(take(two(layers=50)))
+    refused(two(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
+
+
 def test_fan_and_temperatures_of_the_print_are_kept():
     start = [";FLAVOR:Marlin", "G28", "M109 R200", "M106 S100"]
     lines = body(take(marlin(start=start, body=["M104 S195", "M140 S55", "M106 S255", "G4 P500"])))
@@ -265,6 +326,8 @@ def test_an_end_script_may_do_what_a_print_must_not():
         "G29",
         "G1 E-30 F1500",
         "M82",
+        "M104 S0 T1",
+        "G92 X0 Y0 E0",
         "G1 X-50 Z400 F0.1",
     ]
     accepted = take(marlin(tail=tail))
@@ -292,6 +355,7 @@ def test_what_is_left_out_is_said():
         ("M42 P3", "not on the list"),
         ("G5 X1", "not on the list"),
         ("G92 X0", "E anew"),
+        ("G92 X0 E0", "E anew"),
         ("G92", "E anew"),
         ("M104 S0", "cold .0 C. and the print goes on"),
         ("M109 S150", "cold"),
@@ -337,7 +401,16 @@ def test_what_a_print_must_not_hold_is_refused_by_line(line, said):
     refused(marlin(body=[line]), said)
 
 
-@pytest.mark.parametrize("line", ["M500", "M92 E400", "M302 P1", "M0", "T1", "G20", "M206 X5", "M200 D2.85"])
+def test_a_text_for_the_display_and_a_byte_order_mark_mean_nothing():
+    plain, lines = marlin(), marlin(body=["M117 Größe (50 %: N5*7", "m118 née"])
+    lines[0] = "\ufeff" + lines[0]
+    assert body(take(lines)) == body(take(plain))
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["M500", "M92 E400", "M302 P1", "M0", "T1", "G20", "M206 X5", "M200 D2.85", "G92 Z0", "M104 S200 T1"],
+)
 def test_what_gives_a_file_another_meaning_is_refused_in_its_start_too(line):
     refused([";FLAVOR:Marlin", line, *marlin()[1:]], f"line 2: {line.split()[0]} ")
 
