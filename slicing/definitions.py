@@ -31,6 +31,7 @@ class SettingType(StrEnum):
 _NUMBERS = (SettingType.INT, SettingType.FLOAT)
 _LISTS = (SettingType.INTS, SettingType.POLYGON, SettingType.POLYGONS)
 _EXTRUDERS = (SettingType.EXTRUDER, SettingType.OPTIONAL_EXTRUDER)
+_MOST_SHOWN = 60
 _EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or "none in particular"
 
 
@@ -126,7 +127,9 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 return int(number) if whole else number
             case SettingType.ENUM if text not in setting.options:
                 hint = nearest(text, setting.options) or f"; one of {', '.join(setting.options)}"
-                raise BadSetting(f"{setting.key}={raw}: there is no such choice{hint}")
+                raise BadSetting(f"{setting.key}={_shown(text)}: there is no such choice{hint}")
+            case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
+                raise ValueError
             case kind if kind in _EXTRUDERS:
                 if text not in _EXTRUDER_NUMBERS:
                     raise ValueError
@@ -137,9 +140,15 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                 return ast.literal_eval(text)
     except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
         raise BadSetting(
-            f"{setting.key}={raw}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
+            f"{setting.key}={_shown(text)}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
         ) from None
     return str(raw)
+
+
+def _shown(text: str) -> str:
+    """What a person wrote, in one short line."""
+    line = "".join(letter if letter.isprintable() else " " for letter in text)
+    return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]}..."
 
 
 def as_cura_reads(text: str) -> Any:
@@ -154,6 +163,7 @@ _ALLOWED: Mapping[SettingType, str] = {
     SettingType.BOOL: "true or false",
     SettingType.INT: "a whole number",
     SettingType.FLOAT: "a number like 0.2",
+    SettingType.STR: "text without control characters",
     SettingType.EXTRUDER: "0",
     SettingType.OPTIONAL_EXTRUDER: "0 or -1",
     SettingType.INTS: "a list like [0, 90]",

@@ -1,6 +1,8 @@
 """What a person must not set, what is out of range, and what is said then."""
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from slicing.definitions import SettingType
 from slicing.errors import BadSetting
@@ -122,3 +124,29 @@ def test_limits_hold_for_every_key_that_heats(resources):
     for key in commanded:
         greatest = BED_MAX_C if "bed" in key else NOZZLE_MAX_C
         assert f"at most {greatest:g}" in refused(resources, {key: f"{greatest + 1:g}"})
+
+
+ANY_TEXT = st.one_of(
+    st.text(max_size=80),
+    st.floats().map(str),
+    st.integers().map(str),
+    st.sampled_from(["true", "[1, 2]", "[" * 300, "9" * 400, "=1+1", "a\nb", "\0", "grid", "0x10"]),
+)
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data):
+    machine = resources.machine("ultimaker2_plus")
+    key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
+    request = SettingsRequest("ultimaker2_plus", overrides={key: data.draw(ANY_TEXT)})
+    try:
+        told = resolve_settings(request, resources)
+    except BadSetting as refused:
+        assert str(refused).isprintable()
+        assert len(str(refused)) < 400
+    else:
+        assert 0 <= told.nozzle_c <= NOZZLE_MAX_C
+        assert 0 <= told.bed_c <= BED_MAX_C
+        assert 0 < told.layer_height_mm <= 0.32
+        assert told.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
