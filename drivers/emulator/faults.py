@@ -29,6 +29,7 @@ class Faults:
     doubled: float = 0.0
     bytewise: bool = False  # answers leave in pieces, each a few bytes
     wire: bool = False  # not a fault: bytes take the time that 250000 baud cost
+    slowdown: bool = False  # not a fault: short moves are stretched while few are queued
     # in the firmware's ears and mouth; each a probability of a line
     checksum: float = 0.0  # a byte of a received line is flipped
     drop_ok: float = 0.0  # an ok is lost on its way to the host

@@ -61,7 +61,7 @@ class Machine:
         self.board = board
         self.limits = Limits.of(board.profile)
         x, y, z = board.head_mm
-        self.planner = Planner(self.limits, (x, y, z, board.filament_mm), board.fed)
+        self.planner = Planner(self.limits, (x, y, z, board.filament_mm), board.fed, board.faults.slowdown)
         self.waiting: deque[tuple[Point, float]] = deque()  # moves for which the planner has no room yet
         self.at = [0.0, 0.0, 0.0, 0.0]  # target of the last move, as the host counts
         self.homed = False

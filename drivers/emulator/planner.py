@@ -3,8 +3,9 @@
 Follows ``planner.cpp`` of the 2+ firmware (Marlin 1.0): blocks are trapezoids of constant acceleration; the
 speed at a junction is bounded by the jerk of XY, Z and E; a reverse and a forward pass over the queue bound
 each entry speed by what its neighbours can reach; the queue may always have to end at a stand. A block's
-speeds are fixed when it starts. Left out: the rounding to whole steps, and ``SLOWDOWN`` (short moves
-stretched while the queue runs dry).
+speeds are fixed when it starts. Left out: the rounding to whole steps. ``SLOWDOWN`` (short moves are
+stretched while the queue runs low) only where it is asked for: it answers a late host, and where the clock is
+accelerated the host is late by no fault of its own.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ CAPACITY = (
     16  # moves that are queued before the next one waits (um2-serial section 2: 17 moves are acknowledged)
 )
 STAND_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: what the firmware takes for a stand
+SHORT_S = 0.020  # M205 B: moves that take less are stretched while the queue is less than half full
 DROP_STEPS = 5  # shorter moves are not made, but added to the next one
 
 Point = tuple[float, float, float, float]  # x, y, z, e in mm
@@ -81,8 +83,15 @@ class Planner:
         Called with (e_mm, z_mm) for every move that ended and turned the feeder.
     """
 
-    def __init__(self, limits: Limits, start: Point, moved: Callable[[float, float], None]) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        start: Point,
+        moved: Callable[[float, float], None],
+        slowdown: bool = False,
+    ) -> None:
         self.limits = limits
+        self._slowdown = slowdown
         self.target = start  # of the last move queued
         self.moves = 0  # queued since the start
         self.busy_s = 0.0  # sum of the times of the moves that ended
@@ -144,6 +153,10 @@ class Planner:
             if max(abs(dx) * steps[0], abs(dy) * steps[1], abs(dz) * steps[2]) <= DROP_STEPS:
                 mm = abs(de) or mm
         per_s = feedrate_mm_s / mm
+        queued = len(self._blocks)
+        if self._slowdown and 1 < queued < CAPACITY // 2 and per_s > 1.0 / SHORT_S:
+            took_s = 1.0 / per_s
+            per_s = 1.0 / (took_s + 2.0 * (SHORT_S - took_s) / queued)
         if dz or feedrate_mm_s > 200.0 or abs(de) > mm * 0.1:
             for d, most in zip((dx, dy, dz, de), limits.feedrate_mm_s, strict=True):
                 if abs(d) * per_s > most:
