@@ -53,6 +53,22 @@ def first_to_go():
     return int(Path("/proc/self/oom_score_adj").read_text())
 
 
+def slice_rod(folder):
+    """The layers of a rod."""
+    from farm.services.slice_file import slice_to_file  # here: the other work does without it
+
+    report = slice_to_file(
+        folder / "rod.stl",
+        folder / "rod.gcode",
+        printer_model="ultimaker2_plus",
+        quality="glue",
+        material="generic_pla",
+        nozzle_mm=0.4,
+        overrides={"layer_height": "0.2"},
+    )
+    return report["layers"]
+
+
 def temporary_folder():
     return Path(tempfile.gettempdir())
 

@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
+import trimesh
 
 import dying_work as work
 from farm.daemon.worker import Worker
@@ -177,6 +178,16 @@ def test_a_worker_that_cannot_be_started_now_is_started_later(pool, monkeypatch)
 
     assert pool.run(use) > 0
     assert FullDisk.left < 0
+
+
+def test_the_engine_is_not_under_the_workers_own_limit(pool, tmp_path):
+    """It reserves 9 MB for each of the 300 layers, of which it uses next to nothing."""
+    trimesh.creation.box((8.0, 8.0, 60.0)).export(tmp_path / "rod.stl")
+
+    async def use(workers):
+        return await workers.run(work.slice_rod, tmp_path)
+
+    assert pool.run(use, memory_gb=1.0) == 300
 
 
 def test_each_worker_has_its_share_of_the_machine_but_enough_for_a_model():
