@@ -83,13 +83,6 @@ class Resources:
 
     root: Path
 
-    @property
-    def setting_version(self) -> int:
-        """Which Cura the files are of, as it counts them: 19 is 4.13, 20 is 5.0."""
-        return int(
-            _read_json(self.root / "definitions" / "fdmprinter.def.json")["metadata"]["setting_version"]
-        )
-
     def machine(self, model: str) -> Machine:
         """A printer model by Cura's definition id. Raises BadSetting where there is none."""
         return _machine(self.root, model)

@@ -29,7 +29,8 @@ def resources_of(version):
         found = Resources(Path(named)) if named else find_resources()
     except EngineMissing as missing:
         pytest.skip(str(missing))
-    if found.setting_version != SETTING_VERSIONS[version]:
+    root = json.loads((found.root / "definitions" / "fdmprinter.def.json").read_text())
+    if root["metadata"]["setting_version"] != SETTING_VERSIONS[version]:
         pytest.skip(f"the settings in {found.root} are not Cura {version}'s")
     return found
 
