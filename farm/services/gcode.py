@@ -37,6 +37,7 @@ _PACKED = {
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _REACH_MM = 10.0  # above its build height the bed still goes down: what a last hop may use
 _SLACK_MM = 0.05
+_APART_C = 30.0  # brands of one material are not so far apart
 
 
 def is_gcode(name: str) -> bool:
@@ -72,10 +73,11 @@ def inspect_gcode(
     _check_options(options)
     matching = matching_printers(printers, options)
     accepted = _accept(path, matching[0], name)
-    own = _own(accepted, _first_that_fits(matching, accepted, name))
+    section = _first_that_fits(matching, accepted, name)
+    own = _own(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
     stored.hardlink_to(path)  # where its worker dies now, another one reads the upload again
-    return Inspected(store_file(files, stored), accepted.notices, 1.0, own)
+    return Inspected(store_file(files, stored), _notices(accepted, section), 1.0, own)
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
@@ -137,7 +139,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         printer=section.name,
         time_factor=factor,
     )
-    return Plan((part,), (plate,), accepted.notices, 1.0, estimated_s, estimated_s, None)
+    return Plan((part,), (plate,), _notices(accepted, section), 1.0, estimated_s, estimated_s, None)
 
 
 def _accept(path: Path, section: PrinterSection, name: str) -> ForeignGcode:
@@ -162,6 +164,18 @@ def _settings(section: PrinterSection) -> Settings:
     """For what its material says: temperatures, density and the filament's section."""
     with in_farm_words():
         return printer_settings(section, JobOptions().quality, find_resources())
+
+
+def _notices(accepted: ForeignGcode, section: PrinterSection) -> tuple[str, ...]:
+    """What was changed, and whether the file looks like one for another material."""
+    usual_c = _settings(section).nozzle_c
+    if abs(accepted.nozzle_c - usual_c) <= _APART_C:
+        return accepted.notices
+    return (
+        *accepted.notices,
+        f"It heats the nozzle to {accepted.nozzle_c:g} C, and {section.material} on {section.name} usually "
+        f"has {usual_c:g} C: was it sliced for another material?",
+    )
 
 
 def _own(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:

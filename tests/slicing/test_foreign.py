@@ -462,6 +462,9 @@ LINES = st.one_of(
     st.sampled_from(
         as_bytes([*marlin(), *ultigcode(), "G91", "G90", "M83", "G10", "G11", "M221 S95", "G4 P9"])
     ),
+    st.sampled_from(
+        as_bytes(["G1 Z-3", "G1 Z0", "G1 E-60", "G1 E-6", "G1 X5 Y5 Z0.3", "G92 E0", "G1 E30", ";LAYER:0"])
+    ),
     st.from_regex(rb"[GMTN][0-9]{1,3}( [XYZEFSPIJRT]-?[0-9]{1,5}(\.[0-9]{0,3})?){0,4}\n", fullmatch=True),
     st.binary(max_size=30),
 )
@@ -481,3 +484,12 @@ def test_whatever_a_file_holds_it_is_refused_or_safe(before, inside, dialect):
     else:
         safe(accepted)
         assert accepted.min_mm[2] > 0
+        back_mm = 0.0
+        for x, y, z, e in followed(body(accepted)):
+            assert z >= 0
+            back_mm = max(0.0, back_mm - e)
+            assert back_mm <= 20.5 + 1e-4
+            if z < 10:
+                inside = zip(accepted.min_mm[:2], (x, y), accepted.max_mm[:2], strict=True)
+                assert all(low - 1e-3 <= value <= high + 1e-3 for low, value, high in inside)
+        assert back_mm == pytest.approx(0.0, abs=1e-4)

@@ -164,6 +164,13 @@ def test_temperatures_of_ultigcode_are_those_of_the_printers_material(plan, file
     assert not abs_c & {"M109 S200", "M190 S60"}
 
 
+@pytest.mark.parametrize(("nozzle_c", "asked"), [(250, True), (215, False)])
+def test_a_file_for_another_material_is_asked_about(plan, inspect, nozzle_c, asked):
+    lines = [line.replace("S205", f"S{nozzle_c}") for line in marlin()]
+    for notices in (inspect(lines).repairs, plan(lines).repairs):
+        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is asked
+
+
 def test_the_time_is_that_of_the_firmwares_planner():
     clock = FirmwareTime(PROFILES[LOW])
     clock.move(105.0, 50.0, 20.0, 0.0, 50.0)
