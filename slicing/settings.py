@@ -115,7 +115,7 @@ class _Words:
         return cls(request.printer_model, request.quality, request.material, request.nozzle_mm, overrides)
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=64)
 def _resolve(
     resources: Resources, words: _Words, part: PartSettings, heights: LayerHeights | None
 ) -> Settings:

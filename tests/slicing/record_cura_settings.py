@@ -10,7 +10,7 @@ window, is stood in for. It needs Debian's packages unpacked beside each other, 
     LD_LIBRARY_PATH=ROOT/usr/lib/x86_64-linux-gnu /usr/bin/python3 tests/slicing/record_cura_settings.py \
         ROOT tests/slicing/fixtures/cura-4.13.json.gz
 
-For Cura 5 the same with PyQt6, from Debian 13's packages.
+For Cura 5.0 the same with Debian 13's cura, fdm-materials and python3-uranium, and PyQt6 with its libraries.
 """
 
 import gzip
