@@ -14,8 +14,8 @@ EXACT_MM = 0.02
 """How near the printed height comes to the part's, for every part of `CERTAIN_LAYERS` layers or more."""
 CERTAIN_LAYERS = 6
 _SPREAD = 0.04  # of the layer height
-# The first layer alone may differ by more: it evens out the bed anyway, and without it about one height in a
-# hundred cannot be reached in whole micrometres.
+# The first layer alone may differ by more: it evens out the bed anyway, and without it some heights cannot be
+# reached in whole micrometres.
 _SPREAD_0 = 0.25
 _WEIGHT_0 = 0.1  # of its change: it is one layer of many
 _SLACK_UM = 1  # for rounding

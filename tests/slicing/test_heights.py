@@ -41,16 +41,22 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
 
 
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
-def test_no_height_is_left_out(nozzle_mm, heights):
+def test_no_height_is_left_out_and_some_are_without_the_first_layer(nozzle_mm, heights):
     """Every whole micrometre from some layers up to the highest printer, not a sample of them."""
-    first, other = round(1000 * heights.first_mm), round(1000 * heights.other_mm)
+    first = round(1000 * heights.first_mm)
     low, high = round(0.75 * first), min(round(1.25 * first), round(800 * nozzle_mm))
-    count = int(1000 * HIGHEST_MM)
-    reached = np.zeros(count + 1, dtype=bool)
+    assert reached(heights, low, high).all()
+    assert not reached(heights, first, first).all()
+
+
+def reached(heights, low, high):
+    """For every height from some layers on: whether first layers between these bring it to its 20 um."""
+    other, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
+    near = np.zeros(count + 1, dtype=bool)
     for layer in range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1):
         for top in range(0, count, layer):
-            reached[max(0, top + low - 20) : top + high + 21] = True
-    assert reached[CERTAIN_LAYERS * other :].all()
+            near[max(0, top + low - 20) : top + high + 21] = True
+    return near[CERTAIN_LAYERS * other :]
 
 
 @given(st.floats(0.01, HIGHEST_MM), cases)
