@@ -175,7 +175,7 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
     for index, printer in enumerate(raw["printers"]):
         model = printer.get("model") if isinstance(printer, dict) else None
         if isinstance(model, str) and model not in models:
-            known = f"{model!r} is not one of {', '.join(sorted(models))}"
+            known = f"{model!r} is not one of the printers that can be driven: {', '.join(sorted(models))}"
             raise FleetFileError(_mistake(path, node, ("printers", index, "model"), known))
     try:
         fleet = Fleet.model_validate(raw)
