@@ -32,6 +32,7 @@ from drivers.profiles import PROFILES
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
+BOOT_S = 0.3  # no bytes of a host are heard meanwhile
 TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
 PLACE = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
 
@@ -47,18 +48,20 @@ class Peer:
         self._period_s = period_s
         self._partial = b""
         self._nozzle_c = self._bed_c = b"0"
-        self._free_s = 0.0
-        self._said_s = 0.0
+        self._free_s = self._said_s = self.boots_s = 0.0
 
     def reset(self) -> None:
         """The host opened the port."""
         self.port.discard()
         self._partial, self._nozzle_c, self._bed_c = b"", b"0", b"0"
-        self.port.write(self._banner)
+        self.boots_s = time.monotonic() + BOOT_S
 
     def hear(self, now_s: float) -> float | None:
         """Take what came; when the ok to a move is due, if one is."""
-        *lines, self._partial = (self._partial + self.port.read()).split(b"\n")
+        data = self.port.read()
+        if self.boots_s:
+            return None
+        *lines, self._partial = (self._partial + data).split(b"\n")
         for line in lines:
             command = line.partition(b" ")[2].partition(b"*")[0] if line.startswith(b"N") else line
             if command.startswith(b"G1 X"):
@@ -84,9 +87,11 @@ class Peer:
         answers = {b"M115": wording.IDENTITY, b"M114": PLACE, b"M27": b"Not SD printing\n"}
         self.port.write(answers.get(name, b"") + wording.OK)
 
-    def acknowledge(self) -> None:
-        self.port.write(wording.OK)
-        self._said_s = time.monotonic()
+    def due(self) -> None:
+        """Say what is due: the banner after a reset, else an ok."""
+        booted, self.boots_s = self.boots_s, 0.0
+        self.port.write(self._banner if booted else wording.OK)
+        self._said_s = 0.0 if booted else time.monotonic()
 
 
 class Peers(threading.Thread):
@@ -109,12 +114,15 @@ class Peers(threading.Thread):
             ready = poll.poll(wait_s)
             now_s = time.monotonic()
             while due and due[0][0] <= now_s:
-                heapq.heappop(due)[2].acknowledge()
+                heapq.heappop(due)[2].due()
             for fd, _ in ready:
                 if fd in by_watch:
                     peer = by_watch[fd]
                     if peer.port.opened():
                         peer.reset()
+                        due = [entry for entry in due if entry[2] is not peer]
+                        heapq.heapify(due)
+                        heapq.heappush(due, (peer.boots_s, fd, peer))
                     master = peer.port.master
                     if peer.port.is_open != (master in opened):
                         if peer.port.is_open:

@@ -64,8 +64,7 @@ class SerialPort:
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
             if self._exclusive and not os.ttyname(fd).startswith(_PTY):
                 fcntl.ioctl(fd, termios.TIOCEXCL)  # also against programs that ask for no lock
-            os.set_blocking(fd, False)
-            termios.tcflush(fd, termios.TCIFLUSH)
+            os.set_blocking(fd, False)  # pyserial has discarded what was there before
         except (termios.error, OSError) as error:
             port.close()
             raise PortError(f"{self.path}: is no serial port ({error}); name the printer's device") from error

@@ -20,6 +20,7 @@ from drivers.session import Pace, Session
 log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
+PULSES = 2
 UNWATCHED = "nobody watched it before its agent was started"
 NOT_IDLE = "its port is opened when somebody has said that it does not print: opening it may reset it"
 NO_RESET = "its board did not start again at a pulse of DTR, so it could not be stopped: see to its cable"
@@ -71,7 +72,7 @@ class Board:
         self._port: Port | None = None
         self._retry_wall_s = 0.0
         self._said_idle = False  # by a person: its port may be opened
-        self.proving = False  # whether DTR resets the board
+        self.proving = 0  # pulses of DTR that are left to show that it resets the board
 
     # --- what the loop does ---
 
@@ -184,7 +185,7 @@ class Board:
             self.open()
         if self._port is not None:
             self._reset()
-            self.proving = self._port is not None
+            self.proving = PULSES if self._port is not None else 0
         self.stirred = True
 
     def cut(self) -> None:
@@ -270,9 +271,13 @@ class Board:
         self.idle.anew()
         if up.restarted and (self.proving or self.session is not None):
             self.reset_verified = self._url
+        elif self.proving > 1:
+            self.proving -= 1
+            self._reset()  # its `start` may have been lost on the way
+            return
         elif self.proving:
             self.look = NO_RESET
-        self.proving = False
+        self.proving = 0
 
     def _idle_report(self, report: Report, now_s: float) -> None:
         self.hot = self.hot and not report.off
@@ -332,7 +337,7 @@ class Board:
         self.close()
         self.absent = str(error)
         self.report = None
-        self._said_idle = self.proving = False
+        self._said_idle, self.proving = False, 0
         self.link.closed()
         self._retry_wall_s = time.time() + RETRY_S
         session = self.session

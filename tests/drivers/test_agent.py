@@ -3,13 +3,16 @@
 import asyncio
 import hashlib
 import os
+import pty
 import select
 import signal
 import stat
 import subprocess
+import threading
 import time
+import tty
 from collections.abc import AsyncIterator, Callable, Coroutine, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -454,6 +457,39 @@ def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_
                 control(tmp_path / "emulator", "power_off")
 
     run(story())
+
+
+@pytest.mark.system
+def test_a_board_that_no_pulse_of_dtr_resets_is_not_printed_on(tmp_path: Path):
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    one = Printer(tmp_path / "agent", os.ttyname(slave))
+
+    def board() -> None:
+        with suppress(OSError):
+            while data := os.read(master, 4096):
+                for line in data.split(b"\n")[:-1]:
+                    os.write(master, b"ok T:21.0 /0.0 B:21.0 /0.0\n" if b"M105" in line else b"ok\n")
+
+    threading.Thread(target=board, daemon=True).start()
+
+    async def story() -> None:
+        one.spawn()
+        try:
+            await one.connect()
+            await one.until(lambda s: s.link is m.LinkState.FAULT)
+            assert (await one.client.request(m.BedCleared(id=0))).error is None
+            said = await one.until(lambda s: s.link is m.LinkState.FAULT and "DTR" in str(s.reason))
+            assert not said.reset_verified
+            assert (await one.start(gcode(10))).error is not None
+        finally:
+            await one.close()
+
+    try:
+        run(story())
+    finally:
+        os.close(slave)
+        os.close(master)
 
 
 @pytest.mark.system
