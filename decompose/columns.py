@@ -19,6 +19,7 @@ Bools = npt.NDArray[np.bool_]
 COLUMNS = 12_000  # about how many: support volumes then err by 1 to 2 %
 LEAST_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is looked at
+LEVEL_MM = 0.01  # heights that are the same
 LEAST_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no support
 
 
@@ -32,6 +33,8 @@ class Columns:
         Volume below faces that lean out too far, down to the bed or to the part.
     support_side_mm2
         Upright sides of this support, counted along the columns' grid.
+    towers_mm
+        Height of all towers under tips in mid-air, whose sides need no support.
     propped_mm2, props_mm
         Area, as seen from above, that this support carries from the bed, and (p, 2) where it stands there.
     touched_mm2
@@ -43,6 +46,7 @@ class Columns:
 
     support_mm3: float
     support_side_mm2: float
+    towers_mm: float
     propped_mm2: float
     props_mm: Floats
     touched_mm2: float
@@ -68,7 +72,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float) -> Columns:
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    touched, levels, propped, supports = _sweep(
+    touched, levels, propped, supports, towers_mm = _sweep(
         np.ascontiguousarray(triangles),
         marked.astype(np.float64),
         origin,
@@ -83,6 +87,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float) -> Columns:
     return Columns(
         support_mm3=float(supports.sum() * area),
         support_side_mm2=_side_mm2(supports, step),
+        towers_mm=towers_mm,
         propped_mm2=float(len(props) * area),
         props_mm=props,
         touched_mm2=float(touched * area),
@@ -108,8 +113,8 @@ def _sweep(
     ny: int,
     height: float,
     overhang_cos: float,
-) -> tuple[float, Floats, Bools, Floats]:
-    """Touched columns; (LEVELS, 4) moments and mass; which are propped, and how much of each is support."""
+) -> tuple[float, Floats, Bools, Floats, float]:
+    """Touched columns; (LEVELS, 4) moments and mass; which are propped, what of each is support; towers."""
     start = np.zeros(nx * ny + 1, np.int64)
     where = np.zeros(0, np.float64)
     which = np.zeros(0, np.int64)
@@ -150,6 +155,10 @@ def _sweep(
                         at -= 1
                     where[at], which[at] = z, t
     touched = 0.0
+    runs = np.zeros(
+        (len(where), 3)
+    )  # of solid in a column: its ends, and the air below it that no support fills
+    counts = np.zeros(nx * ny, np.int64)
     supports = np.zeros((nx, ny))
     propped = np.zeros((nx, ny), np.bool_)
     levels = np.zeros((LEVELS, 4))
@@ -157,7 +166,7 @@ def _sweep(
         x = origin[0] + (column // ny) * step
         y = origin[1] + (column % ny) * step
         below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
-        depth, bottom = 0, 0.0
+        depth, bottom, air = 0, 0.0, 0.0
         for k in range(start[column], start[column + 1]):
             z, t = where[k], which[k]
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -166,12 +175,13 @@ def _sweep(
                 depth += 1
                 if depth != 1:
                     continue
-                bottom = z
+                bottom, air = z, z - below
                 across_x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
                 across_y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
                 length = np.sqrt(across_x**2 + across_y**2 + up**2)
-                if -up > overhang_cos * length and z - below > LEAST_GAP_MM:
-                    supports[column // ny, column % ny] += z - below
+                if -up > overhang_cos * length and air > LEAST_GAP_MM:
+                    supports[column // ny, column % ny] += air
+                    air = 0.0
                     touched += marked[t] + on_marked
                     if below == 0.0:
                         propped[column // ny, column % ny] = True
@@ -180,6 +190,8 @@ def _sweep(
                 if depth != 0:
                     continue
                 below, on_marked = z, marked[t]
+                runs[start[column] + counts[column]] = bottom, z, air
+                counts[column] += 1
                 for level in range(LEVELS):
                     top = min(z, height * (level + 1) / LEVELS)
                     if top > bottom:
@@ -187,4 +199,31 @@ def _sweep(
                         levels[level, 1] += y * (top - bottom)
                         levels[level, 2] += (top * top - bottom * bottom) / 2.0
                         levels[level, 3] += top - bottom
-    return touched, levels, propped, supports
+    return touched, levels, propped, supports, _towers_mm(start, counts, runs, nx, ny)
+
+
+@jit
+def _towers_mm(
+    start: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], runs: Floats, nx: int, ny: int
+) -> float:
+    """Height of air under runs of solid that no run beside them has begun to carry."""
+    total = 0.0
+    for column in range(nx * ny):
+        for k in range(start[column], start[column] + counts[column]):
+            bottom, air = runs[k, 0], runs[k, 2]
+            if air <= LEAST_GAP_MM:
+                continue
+            begins = True
+            for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
+                for j in range(max(0, column % ny - 1), min(ny, column % ny + 2)):
+                    beside = i * ny + j
+                    for m in range(start[beside], start[beside] + counts[beside]):
+                        lower = runs[m, 0] - bottom
+                        # Of those that begin together, one counts.
+                        if runs[m, 1] >= bottom and (
+                            lower < -LEVEL_MM or (lower < LEVEL_MM and beside < column)
+                        ):
+                            begins = False
+            if begins:
+                total += air
+    return total

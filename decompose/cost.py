@@ -55,6 +55,8 @@ FACTORS: Mapping[str, float] = {
 
 ``columns`` stands for ``support`` and ``support sides`` where only tables are at hand.
 """
+TOWER_LAYER_S = 2.2
+"""What a tower under a tip takes in a layer: half of it goes there and back, with a retraction each way."""
 WALLED_PER_MM = 0.09
 """Share of flat faces that a mm of wall covers at their edges, instead of skin."""
 
@@ -174,6 +176,7 @@ class CostModel:
     skin_cos: float = 0.7  # faces with a larger |n| get skin
     support_s_mm3: float = 0.0
     support_side_s_mm2: float = 0.0
+    tower_s_mm: float = 0.0
 
     @property
     def overhang_cos(self) -> float:
@@ -201,11 +204,15 @@ class CostModel:
             skin_cos=recipe.skin_cos,
             support_s_mm3=seconds["support_mm3"],
             support_side_s_mm2=seconds["support_side_mm2"],
+            tower_s_mm=TOWER_LAYER_S / recipe.layer_height_mm
+            if recipe.support_line_distance_mm > 0.0
+            else 0.0,
         )
 
-    def support_seconds(self, support_mm3: float, side_mm2: float) -> float:
-        """The time of a support of this volume and these upright sides."""
-        return self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
+    def support_seconds(self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0) -> float:
+        """The time of a support of this volume, these upright sides and towers of this height."""
+        support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
+        return support + self.tower_s_mm * towers_mm
 
     def coefficients(self) -> Floats:
         """The coefficients in the order of the fields, for compiled code."""

@@ -184,7 +184,7 @@ def _measured(
         to_model=to_model,
         size_mm=(width, depth, height),
         seconds=priced.seconds([*features[:COLUMN], 0.0], hi - lo)
-        + cost.support_seconds(inside.support_mm3, inside.support_side_mm2),
+        + cost.support_seconds(inside.support_mm3, inside.support_side_mm2, inside.towers_mm),
         footing=footing,
         strain=_strain(footing, inside, height, leans),
         lean_mm=leans[-1],

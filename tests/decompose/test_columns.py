@@ -69,3 +69,23 @@ def test_a_ball_needs_a_cone_of_support() -> None:
     radii = np.linspace(0.0, 20.0 / np.sqrt(2.0), 1000)
     heights = 20.0 - np.sqrt(400.0 - radii**2)
     assert found.support_mm3 == pytest.approx(np.trapezoid(2 * np.pi * radii * heights, radii), rel=0.05)
+
+
+def test_a_tip_in_mid_air_gets_a_tower() -> None:
+    """An arm that begins in a point 20 mm above the bed, too steep for support, and grows into its post."""
+    corners = [(0, 0, 20), (-4, -4, 40), (4, -4, 40), (4, 4, 40), (-4, 4, 40)]
+    hull = trimesh.convex.convex_hull(np.array(corners, float))
+    tip = Solid.from_arrays(hull.vertices, hull.faces)
+    post = [Solid.box((20, -4, 0), (30, 4, 50)), Solid.box((-4, -4, 40), (30, 4, 50))]
+    assert seen(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert seen(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert seen(Solid.union(post)).towers_mm == 0.0  # all of it is carried by support
+    cup = Solid.box((-10, -10, 0), (10, 10, 60)).subtract(tip)
+    assert seen(cup).towers_mm == 0.0  # what looks up is no tip
+
+
+def test_a_slope_from_its_wall_needs_no_tower() -> None:
+    """It leans out by 40 degrees all the way, and has a level edge below: it hangs on its wall."""
+    corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
+    hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
+    assert seen(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
