@@ -72,7 +72,7 @@ def inspect_gcode(
     """
     _check_options(options)
     matching = matching_printers(printers, options)
-    accepted = _accept(path, matching[0], name)
+    accepted = _accept(path, matching[0], _nozzle(matching), name)
     section = _first_that_fits(matching, accepted, name)
     own = _own(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
@@ -96,10 +96,11 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
             section.name,
         ),
     )
-    accepted = _accept(task.model, order[0], "the file")
+    nozzle_mm = _nozzle(order)
+    accepted = _accept(task.model, order[0], nozzle_mm, "the file")
     section = _first_that_fits(order, accepted, "the file")
     if section is not order[0]:  # its material may be another
-        accepted = _accept(task.model, section, "the file")
+        accepted = _accept(task.model, section, nozzle_mm, "the file")
     own = _own(accepted, section)
     out = task.folder / "plate.gcode"
     out.write_bytes(accepted.gcode)
@@ -142,7 +143,13 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     return Plan((part,), (plate,), _notices(accepted, section), 1.0, estimated_s, estimated_s, None)
 
 
-def _accept(path: Path, section: PrinterSection, name: str) -> ForeignGcode:
+def _nozzle(printers: Sequence[PrinterSection]) -> float | None:
+    """The one that all of them have."""
+    found = {section.nozzle_mm for section in printers}
+    return found.pop() if len(found) == 1 else None
+
+
+def _accept(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> ForeignGcode:
     """What the slicing room makes of the file, and once more whether it can be sent."""
     settings = _settings(section)
     try:
@@ -150,7 +157,7 @@ def _accept(path: Path, section: PrinterSection, name: str) -> ForeignGcode:
             _Lines(path),
             stopwatch=FirmwareTime(PROFILES[section.model]),
             filament_mm2=settings.filament_mm2,
-            nozzle_mm=section.nozzle_mm,
+            nozzle_mm=nozzle_mm,
             nozzle_c=settings.nozzle_c,
             bed_c=settings.bed_c,
         )

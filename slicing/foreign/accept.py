@@ -65,7 +65,7 @@ def accept(
     *,
     stopwatch: Stopwatch,
     filament_mm2: float,
-    nozzle_mm: float,
+    nozzle_mm: float | None,
     nozzle_c: float,
     bed_c: float,
 ) -> ForeignGcode:
@@ -84,7 +84,7 @@ def accept(
     filament_mm2
         The filament's cross-section.
     nozzle_mm
-        The nozzle in use, for files that do not say theirs.
+        The nozzle in use, for files that do not say theirs; None where several are in use.
     nozzle_c, bed_c
         The material's temperatures, for UltiGCode, which leaves them to the printer.
 
@@ -94,6 +94,12 @@ def accept(
         With the line, the reason, and what to do.
     """
     found = survey(lines)
+    line_mm = found.nozzle_mm or nozzle_mm
+    if line_mm is None:
+        raise GcodeRefused(
+            "it does not say for which nozzle it was sliced, and the printers have several: write a comment "
+            "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
+        )
     writer = Writer(stopwatch)
     walk = Walk(found, writer, filament_mm2, nozzle_c, bed_c)
     for number, raw in enumerate(lines, 1):
@@ -101,7 +107,7 @@ def accept(
     extent = walk.extent
     if not extent.path_mm:
         raise GcodeRefused(walk.objection or "it prints nothing: no move after its start extrudes")
-    _check_section(extent, writer.layers, filament_mm2, found.nozzle_mm or nozzle_mm)
+    _check_section(extent, writer.layers, filament_mm2, line_mm)
     seconds = writer.finish()
     head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"
     return ForeignGcode(

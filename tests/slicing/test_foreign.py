@@ -26,12 +26,12 @@ ON_THE_LIST = re.compile(
 MOVE = re.compile(rb"G[01] ")
 
 
-def take(lines, stopwatch=None, end=b"\n"):
+def take(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
     return accept(
         [line if isinstance(line, bytes) else line.encode() + end for line in lines],
         stopwatch=stopwatch or Summed(),
         filament_mm2=FILAMENT_MM2,
-        nozzle_mm=0.4,
+        nozzle_mm=nozzle_mm,
         nozzle_c=210.0,
         bed_c=65.0,
     )
@@ -248,9 +248,15 @@ def test_a_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
 
 @pytest.mark.parametrize(("z", "said"), [("-3", "to Z -3, into the bed"), ("0", "at Z 0: .* above the bed")])
 def test_a_start_that_leaves_the_head_in_the_bed_is_refused(z, said):
-    lines = marlin([[(120.0, 100.0, 0.2, 0.25)]], tail=["G1 F1800 X140 Z0.2 E0.5", "M104 S0"])
-    at = lines.index(";LAYER:0")
-    refused([*lines[:at], f"G1 X100 Y100 Z{z}", *lines[at:]], said)
+    tail = [f"G1 X100 Y100 Z{z}", ";LAYER:0", "G1 F1800 X120 Z0.2 E0.25", "G1 X140 E0.5"]
+    refused(marlin([], tail=tail), said)
+
+
+def test_a_file_says_its_nozzle_where_there_are_several():
+    with pytest.raises(GcodeRefused, match=r"nozzle_diameter = 0\.4"):
+        take(marlin(), nozzle_mm=None)
+    assert take(["; nozzle_diameter = 0.4", *marlin()], nozzle_mm=None).nozzle_mm == 0.4
+    safe(take(ultigcode(), nozzle_mm=None))
 
 
 def spiral(section_mm, turns=20, layer_mm=0.2):

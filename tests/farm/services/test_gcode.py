@@ -133,6 +133,17 @@ def test_what_fits_no_printer_is_refused_at_once(inspect, lines, said):
     assert caught.value.code is ErrorCode.NO_FIT
 
 
+def test_a_file_that_does_not_say_its_nozzle_needs_printers_of_one(inspect):
+    fleet = [printer("a"), printer("b", nozzle_mm=0.8, colour="red")]
+    with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as caught:
+        inspect(marlin(), fleet)
+    assert caught.value.code is ErrorCode.GCODE
+    assert (
+        inspect(marlin(square(e_per_mm=0.8 * 0.2 / 6.379)), fleet, colour="red").own_gcode.nozzle_mm is None
+    )
+    assert inspect(ultigcode(), fleet).own_gcode.nozzle_mm == 0.4
+
+
 def test_a_refusal_names_the_line(inspect):
     with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes what") as caught:
         inspect(marlin(body=["M500"]))
