@@ -10,16 +10,15 @@ import socket
 import time
 from pathlib import Path
 
-from drivers import mains
-from drivers.agent.board import UNWATCHED, Board
+from drivers.agent.board import Board
 from drivers.agent.idle import CARD
 from drivers.agent.inhibit import Inhibitor
 from drivers.agent.journal import Journal
+from drivers.agent.record import Record
 from drivers.agent.server import Server
 from drivers.agent.spool import Spool
 from drivers.clock import Clock
-from drivers.errors import AgentError, BadGcode, DriverError, Fault, JournalError
-from drivers.gcode import Program
+from drivers.errors import AgentError, BadGcode, DriverError, Fault
 from drivers.marlin import Phase
 from drivers.messages import (
     BedCleared,
@@ -42,7 +41,7 @@ from drivers.messages import (
     Upload,
 )
 from drivers.profiles import Profile
-from drivers.session import PARKED_MM, Session
+from drivers.session import PARKED_MM
 
 log = logging.getLogger(__name__)
 
@@ -52,13 +51,6 @@ IDLE_PUSH_S = 5.0
 WARM_C = 40.0
 _PARKED_SLACK_MM = 1.0
 UNPROVEN = "nobody has seen that DTR resets its board: that is tried when somebody says that it is idle"
-_KEPT = ("look", "doubt", "hot", "opened", "reset_verified")  # of the board, in the journal
-_NEEDS_A_LOOK = frozenset(
-    (
-        Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
-        Fault.THERMAL_RUNAWAY, Fault.HEATER_STUCK_ON, Fault.TARGET_CHANGED, Fault.WRONG_PRINTER,
-    )
-)  # fmt: skip
 
 
 class Agent:
@@ -93,7 +85,6 @@ class Agent:
         inhibitor: Inhibitor | None = None,
     ) -> None:
         self._inhibitor = inhibitor or Inhibitor(printer, simulated=True)
-        self._power_off_cmd = power_off_cmd
         self._printer = printer
         self._profile = profile
         self._clock = clock
@@ -104,18 +95,12 @@ class Agent:
         self._journal = Journal(folder / "journal.jsonl")
         self._spool = Spool(folder / "spool")
         self._board = Board(url, folder / EMULATOR, clock, self._remember, self._port_moved)
-        for name in _KEPT:
-            setattr(self._board, name, getattr(self._journal.memory, name))
-        if self._board.doubt is None and not self._board.simulated:
-            self._board.doubt = UNWATCHED
+        self._record = Record(printer, profile, self._board, self._journal, clock, power_off_cmd)
         self._url = url
-        self._program: Program | None = None
-        self._starved_before_s = 0.0
         self._pushed: tuple[object, ...] = ()
         self._push_wall_s = 0.0
         self._folder = folder
         self._server: Server | None = None
-        self._unsaid: str | None = None  # why the journal is behind
         self._signals = self._listen_to_signals()
 
     def run(self) -> None:
@@ -140,7 +125,7 @@ class Agent:
         left = self._journal.memory.print
         if left is not None and not left.phase.ended:
             log.warning("print %s was open when the last agent died: resetting the board", left.print_id)
-            self._begin(None, self._journal.memory.filament, left.extruded)
+            self._record.begin(None, self._journal.memory.filament, left.extruded)
         self._board.open()
         self._board.tick()
         self._server = Server(self._folder, self._selector, self._answer, self._snapshot)
@@ -157,97 +142,10 @@ class Agent:
                 self._push()
                 wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s)
 
-    # --- the open print ---
-
-    def _begin(self, program: Program | None, filament: Filament, extruded: bool) -> None:
-        now_s = self._clock.now()
-        known = self._journal.memory.identity
-        session = Session(self._board.link, program, self._profile, filament, self._board.pace, now_s, known)
-        session.extruded = extruded
-        self._program = program
-        status = self._board.status()
-        self._starved_before_s = status.starved_s if status is not None else 0.0
-        self._board.begin(session)
-
     def _remember(self) -> None:
-        """Write down what changed, before the board is told to go on.
-
-        A full disk stops no print: it is tried again at every step, and until then no print is over.
-        """
-        try:
-            self._write_down()
-        except JournalError as error:
-            if self._unsaid is None:
-                log.error("%s", error)
-            self._unsaid = str(error)
-        else:
-            self._unsaid = None
-
-    def _write_down(self) -> None:
-        session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
-        if self._board.wants_power_off:
-            self._cut_mains()
-        kept = {name: getattr(self._board, name) for name in _KEPT}
-        if any(getattr(memory, name) != value for name, value in kept.items()):
-            self._journal.write(now_s, **kept)
-        if session is None or memory.print is None:
-            return
-        if session.wants_power_off:
-            session.wants_power_off = False
-            session.reason = f"{session.reason or 'heaters were not shown off'}; {self._cut_mains()}"
-        told = memory.print
-        changed = (session.phase, session.extruded) != (told.phase, told.extruded)
-        if not changed and session.filament is memory.filament:
-            return
-        if session.ended and (session.fault in _NEEDS_A_LOOK or not session.heaters_off):
-            self._board.look = session.reason
-        if session.ended:
-            self._board.hot = not session.heaters_off
-        shot = self._shot(told, session)
-        self._journal.write(
-            now_s,
-            print=shot.model_dump(mode="json"),
-            filament=session.filament.value,
-            look=self._board.look,
-            identity=session.identity,
-        )
-        log.info("print %s: %s%s", shot.print_id, shot.phase, f" ({shot.reason})" if shot.reason else "")
-        if session.ended:
-            self._board.session = None
-            self._program = None
-            self._over = self._over or self._ending
-
-    def _cut_mains(self) -> str:
-        """Switch the printer off by its relay, if it has one; nothing else goes on meanwhile."""
-        self._board.wants_power_off = False
-        if self._power_off_cmd is None:
-            return "it has no power_off_cmd: switch it off by hand"
-        said = mains.cut(self._power_off_cmd, self._printer)
-        if self._board.look is not None:
-            self._board.look = f"{self._board.look}; {said}"
-        return said
-
-    def _shot(self, told: PrintSnapshot, session: Session) -> PrintSnapshot:
-        """The open print as it is now."""
-        status = self._board.status()
-        starved_s = told.starved_s if status is None else status.starved_s - self._starved_before_s
-        known: dict[str, object] = {
-            "phase": session.phase,
-            "fault": session.fault,
-            "reason": session.reason,
-            "extruded": session.extruded,
-            "ended_s": session.ended_s,
-            "starved_s": max(0.0, starved_s),
-        }
-        if self._program is not None:
-            known["line"] = session.streamed
-            mark = self._program.at(session.streamed)
-            known["progress_s"] = mark.seconds
-            known["layers"] = self._program.layers
-            if mark.layer is not None:
-                known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
-            known["started_s"] = session.started_s
-        return told.model_copy(update=known)
+        self._record.remember()
+        if self._ending and self._board.session is None:
+            self._over = True
 
     # --- what is told ---
 
@@ -256,7 +154,7 @@ class Agent:
         if board.untouched:
             return LinkState.FAULT, board.absent
         if board.session is not None:
-            return LinkState.BUSY, board.absent or self._unsaid
+            return LinkState.BUSY, board.absent or self._record.unsaid
         if board.absent is not None:
             return LinkState.ABSENT, board.absent
         if board.proving:
@@ -278,7 +176,7 @@ class Agent:
             filament = _filament(status.filament_end_mm)
         told = memory.print
         if session is not None and told is not None:
-            told = self._shot(told, session)
+            told = self._record.shot(told, session)
         off = report is not None and report.nozzle_target_c == 0 and report.bed_target_c == 0
         return Snapshot(
             printer=self._printer,
@@ -393,7 +291,7 @@ class Agent:
             return
         shot = shot.model_copy(update={"lines": program.count, "started_s": now_s})
         self._journal.write(now_s, print=shot.model_dump(mode="json"), filament=request.filament.value)
-        self._begin(program, request.filament, extruded=False)
+        self._record.begin(program, request.filament, extruded=False)
 
     def _cleared(self, request: BedCleared) -> None:
         if self._board.session is not None:

@@ -1,0 +1,157 @@
+"""The journal's view of the board: what is written down before the board is told to go on."""
+
+from __future__ import annotations
+
+import logging
+
+from drivers import mains
+from drivers.agent.board import UNWATCHED, Board
+from drivers.agent.journal import Journal
+from drivers.clock import Clock
+from drivers.errors import Fault, JournalError
+from drivers.gcode import Program
+from drivers.messages import Filament, PrintSnapshot
+from drivers.profiles import Profile
+from drivers.session import Session
+
+log = logging.getLogger(__name__)
+
+_KEPT = ("look", "doubt", "hot", "opened", "reset_verified")  # of the board
+_NEEDS_A_LOOK = frozenset(
+    (
+        Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
+        Fault.THERMAL_RUNAWAY, Fault.HEATER_STUCK_ON, Fault.TARGET_CHANGED, Fault.WRONG_PRINTER,
+    )
+)  # fmt: skip
+
+
+class Record:
+    """Keeps board and journal in step, and the open print with both.
+
+    Parameters
+    ----------
+    printer, profile
+        Its name in the fleet, and its model.
+    board
+        Gets what the journal knows of it.
+    journal
+        Of this agent.
+    clock
+        The farm's clock.
+    power_off_cmd
+        See `mains.cut`.
+
+    Attributes
+    ----------
+    unsaid
+        Why the journal is behind, where it is.
+    """
+
+    def __init__(
+        self,
+        printer: str,
+        profile: Profile,
+        board: Board,
+        journal: Journal,
+        clock: Clock,
+        power_off_cmd: str | None,
+    ) -> None:
+        self.unsaid: str | None = None
+        self._printer, self._profile, self._power_off_cmd = printer, profile, power_off_cmd
+        self._board, self._journal, self._clock = board, journal, clock
+        self._program: Program | None = None
+        self._starved_before_s = 0.0
+        for name in _KEPT:
+            setattr(board, name, getattr(journal.memory, name))
+        if board.doubt is None and not board.simulated:
+            board.doubt = UNWATCHED
+
+    def begin(self, program: Program | None, filament: Filament, extruded: bool) -> None:
+        """Open a print; without a program, recover from one that an agent left behind."""
+        now_s = self._clock.now()
+        known = self._journal.memory.identity
+        session = Session(self._board.link, program, self._profile, filament, self._board.pace, now_s, known)
+        session.extruded = extruded
+        self._program = program
+        status = self._board.status()
+        self._starved_before_s = status.starved_s if status is not None else 0.0
+        self._board.begin(session)
+
+    def remember(self) -> None:
+        """Write down what changed, before the board is told to go on.
+
+        A full disk stops no print: it is tried again at every step, and until then no print is over.
+        """
+        try:
+            self._write_down()
+        except JournalError as error:
+            if self.unsaid is None:
+                log.error("%s", error)
+            self.unsaid = str(error)
+        else:
+            self.unsaid = None
+
+    def _write_down(self) -> None:
+        session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
+        if self._board.wants_power_off:
+            self._cut_mains()
+        kept = {name: getattr(self._board, name) for name in _KEPT}
+        if any(getattr(memory, name) != value for name, value in kept.items()):
+            self._journal.write(now_s, **kept)
+        if session is None or memory.print is None:
+            return
+        if session.wants_power_off:
+            session.wants_power_off = False
+            session.reason = f"{session.reason or 'heaters were not shown off'}; {self._cut_mains()}"
+        told = memory.print
+        changed = (session.phase, session.extruded) != (told.phase, told.extruded)
+        if not changed and session.filament is memory.filament:
+            return
+        if session.ended and (session.fault in _NEEDS_A_LOOK or not session.heaters_off):
+            self._board.look = session.reason
+        if session.ended:
+            self._board.hot = not session.heaters_off
+        shot = self.shot(told, session)
+        self._journal.write(
+            now_s,
+            print=shot.model_dump(mode="json"),
+            filament=session.filament.value,
+            look=self._board.look,
+            identity=session.identity,
+        )
+        log.info("print %s: %s%s", shot.print_id, shot.phase, f" ({shot.reason})" if shot.reason else "")
+        if session.ended:
+            self._board.session = None
+            self._program = None
+
+    def _cut_mains(self) -> str:
+        """Switch the printer off by its relay, if it has one; nothing else goes on meanwhile."""
+        self._board.wants_power_off = False
+        if self._power_off_cmd is None:
+            return "it has no power_off_cmd: switch it off by hand"
+        said = mains.cut(self._power_off_cmd, self._printer)
+        if self._board.look is not None:
+            self._board.look = f"{self._board.look}; {said}"
+        return said
+
+    def shot(self, told: PrintSnapshot, session: Session) -> PrintSnapshot:
+        """The open print as it is now."""
+        status = self._board.status()
+        starved_s = told.starved_s if status is None else status.starved_s - self._starved_before_s
+        known: dict[str, object] = {
+            "phase": session.phase,
+            "fault": session.fault,
+            "reason": session.reason,
+            "extruded": session.extruded,
+            "ended_s": session.ended_s,
+            "starved_s": max(0.0, starved_s),
+        }
+        if self._program is not None:
+            known["line"] = session.streamed
+            mark = self._program.at(session.streamed)
+            known["progress_s"] = mark.seconds
+            known["layers"] = self._program.layers
+            if mark.layer is not None:
+                known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
+            known["started_s"] = session.started_s
+        return told.model_copy(update=known)
