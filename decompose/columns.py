@@ -199,15 +199,16 @@ def _sweep(
                         levels[level, 1] += y * (top - bottom)
                         levels[level, 2] += (top * top - bottom * bottom) / 2.0
                         levels[level, 3] += top - bottom
-    return touched, levels, propped, supports, _towers_mm(start, counts, runs, nx, ny)
+    return touched, levels, propped, supports, _towers_mm(start, counts, runs, supports)
 
 
 @jit
 def _towers_mm(
-    start: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], runs: Floats, nx: int, ny: int
+    start: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], runs: Floats, supports: Floats
 ) -> float:
-    """Height of air under runs of solid that no run beside them has begun to carry."""
+    """Height of air under runs of solid that neither a run nor a support beside them carries."""
     total = 0.0
+    nx, ny = supports.shape
     for column in range(nx * ny):
         for k in range(start[column], start[column] + counts[column]):
             bottom, air = runs[k, 0], runs[k, 2]
@@ -217,6 +218,8 @@ def _towers_mm(
             for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
                 for j in range(max(0, column % ny - 1), min(ny, column % ny + 2)):
                     beside = i * ny + j
+                    if supports[i, j] > 0.0:
+                        begins = False
                     for m in range(start[beside], start[beside] + counts[beside]):
                         lower = runs[m, 0] - bottom
                         # Of those that begin together, one counts.
