@@ -35,11 +35,11 @@ KINDS = {
     "walls_s": ("walls",),
     "fill_s": ("infill", "connections"),
     "skin_s": ("skin",),
-    "support_s": ("support", "support sides"),
+    "support_s": ("support", "support sides", "towers"),
     "brim_s": ("brim",),
 }
-REST = ("slope ends", "infill ends", "travel", "support", "support sides")
-TABLES = "columns"  # the term of the tables, in place of these two
+REST = ("slope ends", "infill ends", "travel", "support", "support sides", "towers")
+TABLES = "columns"  # the term of the tables, in place of those of supports
 
 
 class Table:
@@ -100,7 +100,7 @@ def _features(row: Row, brim_mm: float) -> Floats:
     """In the order of `decompose.cost.FEATURES`."""
     ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE]
-    return np.array([*additive, ring, row.support_mm3, row.support_side_mm2])
+    return np.array([*additive, ring, row.support_mm3, row.support_side_mm2, row.towers_mm])
 
 
 def summary(errors: Floats) -> dict[str, float]:

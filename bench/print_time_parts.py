@@ -94,6 +94,7 @@ class Row:
     height_mm: float
     support_mm3: float
     support_side_mm2: float
+    towers_mm: float
     sliced_s: float
     walls_s: float
     fill_s: float
@@ -177,9 +178,7 @@ def parts(folder: Path | None, each: int) -> Iterator[Posed]:
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
-            draw = np.random.default_rng(
-                count
-            )  # the same for every model: more models change none of the rest
+            draw = np.random.default_rng(count)  # anew, so that a model more changes none of the rest
             draw.shuffle(found)  # type: ignore[arg-type]
             for part in found[:each]:
                 label = f"{count}-{part.id}"
@@ -214,7 +213,8 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     (features,), (extents,) = pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
     unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
     support = columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)
-    figures = [*map(float, features), *map(float, extents), support.support_mm3, support.support_side_mm2]
+    figures = [*map(float, features), *map(float, extents)]
+    figures += [support.support_mm3, support.support_side_mm2, support.towers_mm]
     return Row(posed.model, posed.part, posed.printed, setting, *figures, sliced_s, **kinds)
 
 

@@ -34,7 +34,7 @@ column_mm3
     Sum of A |n| z over the faces that lean out further than the support angle, z being their height above the
     bed: the support's volume, where it reaches the bed.
 """
-FEATURES = (*ADDITIVE, "brim_mm2", "support_mm3", "support_side_mm2")
+FEATURES = (*ADDITIVE, "brim_mm2", "support_mm3", "support_side_mm2", "towers_mm")
 """And those that do not add up: the ring of the brim about the part's rectangle and, in place of `column_mm3`
 where a part is looked at closely, the support that it really has (`decompose.columns`)."""
 
@@ -47,16 +47,16 @@ FACTORS: Mapping[str, float] = {
     "columns": 1.25,
     "support": 1.01,
     "support sides": 1.11,
+    "towers": 2.2,
     "brim": 0.92,
     "infill ends": 0.52,
     "travel": 0.99,
 }
 """What the seconds of each term of `terms` are multiplied by: one set for all settings.
 
-``columns`` stands for ``support`` and ``support sides`` where only tables are at hand.
+``columns`` stands for ``support``, ``support sides`` and ``towers`` where only tables are at hand. That of
+``towers`` is seconds a layer: half of them go there and back, with a retraction each way.
 """
-TOWER_LAYER_S = 2.2
-"""What a tower under a tip takes in a layer: half of it goes there and back, with a retraction each way."""
 WALLED_PER_MM = 0.09
 """Share of flat faces that a mm of wall covers at their edges, instead of skin."""
 
@@ -117,7 +117,7 @@ class Recipe:
 
 
 def terms(recipe: Recipe) -> dict[str, Floats]:
-    """Seconds of each term for one unit of each of `FEATURES`: (8,) vectors, under the names of `FACTORS`.
+    """Seconds of each term for one unit of each of `FEATURES`: (9,) vectors, under the names of `FACTORS`.
 
     An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
     """
@@ -145,6 +145,7 @@ def terms(recipe: Recipe) -> dict[str, Floats]:
         "columns": vector(column_mm3=supports / (layer * r.support_mm_s)),
         "support": vector(support_mm3=supports / (layer * r.support_mm_s)),
         "support sides": vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
+        "towers": vector(towers_mm=1.0 / layer if supports else 0.0),
         "brim": vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
         "infill ends": vector(lateral_mm2=lines * r.infill_mm_s / r.acceleration_mm_s2 / layer),
         "travel": vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
@@ -204,9 +205,7 @@ class CostModel:
             skin_cos=recipe.skin_cos,
             support_s_mm3=seconds["support_mm3"],
             support_side_s_mm2=seconds["support_side_mm2"],
-            tower_s_mm=TOWER_LAYER_S / recipe.layer_height_mm
-            if recipe.support_line_distance_mm > 0.0
-            else 0.0,
+            tower_s_mm=seconds["towers_mm"],
         )
 
     def support_seconds(self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0) -> float:
