@@ -1,0 +1,94 @@
+"""What an agent keeps on its disk."""
+
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+
+from drivers import messages as m
+from drivers.agent.journal import Journal
+from drivers.agent.spool import Spool
+from drivers.errors import AgentError, BadGcode, JournalError
+
+
+def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
+    path = tmp_path / "journal.jsonl"
+    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    opened = m.PrintSnapshot(print_id="p-2", phase=m.PrintPhase.HEATING)
+    journal = Journal(path)
+    journal.write(1.0, print=ended.model_dump(mode="json"), filament="parked")
+    journal.write(2.0, print=opened.model_dump(mode="json"), look="smoke")
+    with path.open("ab") as end:
+        end.write(b'{"at_s": 3.0, "print": nu')
+    memory = Journal(path).memory
+    assert memory.print == opened
+    assert (memory.ended, memory.filament, memory.look) == ({"p-1"}, m.Filament.PARKED, "smoke")
+    Journal(path).write(4.0, look=None)
+    assert Journal(path).memory.look is None
+
+
+def test_a_journal_on_a_full_disk_says_so_and_keeps_its_lines_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path)
+    journal.write(1.0, filament="parked")
+    write = os.write
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as the last free bytes take it
+        with pytest.raises(JournalError, match="disk"):
+            journal.write(2.0, filament="at_nozzle")
+    assert journal.memory.filament is m.Filament.PARKED
+    journal.write(3.0, look="smoke")
+    memory = Journal(path).memory
+    assert (memory.filament, memory.look) == (m.Filament.PARKED, "smoke")
+
+
+def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tmp_path: Path):
+    path = tmp_path / "journal.jsonl"
+    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    Journal(path).write(1.0, filament="parked")
+    with path.open("ab") as end:
+        end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n')
+    Journal(path).write(4.0, print=ended.model_dump(mode="json"))
+    memory = Journal(path).memory
+    assert memory.ended == {"p-1"}
+    assert memory.look is not None and "journal" in memory.look
+    Journal(path).write(5.0, look=None)  # a person did
+    assert Journal(path).memory.look is None
+
+
+def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    spool = Spool(tmp_path / "spool")
+    program = spool.take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
+    assert program.count == 1
+    assert (tmp_path / "spool" / "p-1.gcode").read_bytes() == b"G28\n"
+    spool.drop("p-1")
+    spool.drop("p-1")
+    assert os.listdir(tmp_path / "spool") == []  # noqa: PTH208
+    with pytest.raises(BadGcode, match="sha256"):
+        spool.take("p-1", source, "0" * 64)
+    with pytest.raises(BadGcode, match="cannot be read"):
+        spool.take("p-1", tmp_path / "none", "0" * 64)
+    with pytest.raises(AgentError):
+        spool.check("../p-1")
+
+
+def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
+    spool = Spool(tmp_path)
+    text = b"G28\n" * 100
+    for at in (0, 64, 0, 64, 128):  # begun anew after a break
+        spool.put("p-1", at, text[at : at + 64])
+    with pytest.raises(AgentError, match="follow"):
+        spool.put("p-1", 128, b"G28\n")
+    spool.put("p-1", 192, text[192:])
+    program = spool.take("p-1", spool.part("p-1"), hashlib.sha256(text).hexdigest())
+    assert program.count == 100
+    spool.put("p-2", 0, b"left")
+    Spool(tmp_path)
+    assert not spool.part("p-2").exists()
+    with pytest.raises(AgentError):
+        spool.put("../p", 0, b"")
