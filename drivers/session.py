@@ -236,7 +236,7 @@ class Session(Parking):
             yield from self._stream(program, at, stop)
             at = stop
             if stop == program.homes + 1:
-                yield from self._check_height()
+                yield from self._check_height(program.lines(program.homes, stop)[0])
             heat = stops[stop]
             if heat is not None:
                 self._carried_out = at = stop + 1
@@ -287,8 +287,10 @@ class Session(Parking):
                 wrong = "M115 tells of another firmware than the Ultimaker 2's"
         raise Ended(Fault.WRONG_PRINTER, wrong)
 
-    def _check_height(self) -> Script:
-        """An Extended is 100 mm higher, whatever its firmware calls itself."""
+    def _check_height(self, home: bytes) -> Script:
+        """An Extended is 100 mm higher, whatever its firmware says; `home` is the file's first G28."""
+        if home != b"G28" and b"Z" not in home:
+            return
         self._place = None
         yield from self._commands(b"M114")
         home_mm = self.profile.home_mm[2]

@@ -377,6 +377,11 @@ def test_an_extended_that_calls_itself_a_plain_one_is_found_by_its_height():
     assert "315" in str(rig.session.reason) and b"M104 S210" not in rig.sent
 
 
+def test_a_file_that_homes_its_axes_one_by_one_is_no_other_printer():
+    text = gcode().replace("\nG28\nG1", "\nG28 X0 Y0\nG28 Z0\nG1")
+    assert_ended_off(Rig(text=text).run(), PrintPhase.DONE, None)
+
+
 # --- dead-man ---
 
 
