@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import json
 import logging
 import subprocess
 import time
@@ -47,6 +48,7 @@ _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach another host
 _PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 64 KiB
+_WAY = "way.json"  # in the folder of an agent on another host
 _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
@@ -97,6 +99,26 @@ def _way(section: PrinterSection, farm: str, clock: Clock) -> tuple[list[str], b
     )
     errand = bridge.Errand(bridge.Do.SERVE, farm, start)
     return bridge.words(section.host, section.host_command), errand.line()
+
+
+def _kept_way(
+    folder: Path, section: PrinterSection | None, farm: str, clock: Clock
+) -> tuple[list[str], bytes] | None:
+    """The way of a printer of the fleet; of one that was taken out while it prints, the one it had."""
+    kept = folder / _WAY
+    if section is None:
+        try:
+            words, errand = json.loads(kept.read_text())
+        except (OSError, ValueError):
+            return None
+        return words, errand.encode()
+    way = _way(section, farm, clock)
+    if way is None:
+        kept.unlink(missing_ok=True)
+    else:
+        folder.mkdir(parents=True, exist_ok=True)
+        kept.write_text(json.dumps((way[0], way[1].decode())))
+    return way
 
 
 class Ears(Protocol):
@@ -188,8 +210,9 @@ class AgentLink:
         self._folder = state.agent(name)
         self._clock = clock
         self._ears = ears
-        self._remote = section is not None and section.host is not None
-        self._client = AgentClient(self._folder, _way(section, farm, clock) if section else None)
+        way = _kept_way(self._folder, section, farm, clock)
+        self._remote = way is not None
+        self._client = AgentClient(self._folder, way)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time

@@ -213,6 +213,11 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(tmp_pat
             ended = await until(lambda s: s.print is not None and s.print.state.ended)
             assert ended.print is not None and ended.print.state is PrintState.DONE, ended
             assert pid(there) == first
+            await link.close()
+            ears.last = AgentSnapshot(printer="a", link=Link.STARTING)
+            link = AgentLink("a", None, state, clock, ears)  # taken out of the fleet meanwhile
+            link.start()
+            await until(lambda s: s.print is not None and s.print.state.ended)
             assert read_status(there / "emulator").starved_s < 60.0
             await link.shut_down()
             async with asyncio.timeout(DEADLINE_S):
