@@ -31,6 +31,7 @@ from drivers.steps import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, TRIES, Ended, Pace,
 __all__ = ["PARKED_MM", "Pace", "Session"]
 
 HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
+BLIND_S = 700.0  # printing without a report: longer than any command may take
 STOP_S = 30.0  # M401 waits for the move under way
 HOME_SLACK_MM = 30.0  # M206 shifts what a printer calls the height of its home
 _BARRIERS = (b"M400",) * 3  # the ok of a garbled last line may be believed; that of three is not
@@ -83,6 +84,8 @@ class Session(Parking):
         self.started_s = now_s
         self.ended_s: float | None = None
         self._said = b""  # by the board, since the last question
+        self._heard_s = now_s  # when it reported temperatures
+        self._blind_s = max(BLIND_S, 5 * pace.floor_s)
         self._strange = 0  # reports in a row with targets that nobody here set
         self._carried_out = 0  # lines of the file up to the last heating line that was carried out here
         self._streamed: int | None = None  # once the stream is over
@@ -152,6 +155,7 @@ class Session(Parking):
     def _notice(self, event: Event) -> Ended | None:
         if isinstance(event, Report):
             self.report = event
+            self._heard_s = self._now_s
             return self._watch_heaters(event)
         if isinstance(event, Up):
             self._up = event
@@ -304,13 +308,19 @@ class Session(Parking):
         while start < stop:
             self.link.poll_every_s = self._pace.printing_s
             self.link.stream(self._now_s, program.lines, start, stop)
-            yield Wait(lambda: self.link.drained or (self._pause_wanted and self._pausable()))
+            self._heard_s = self._now_s
+            while not (yield Wait(self._sent_or_paused, self._heard_s + self._blind_s)):
+                if self._now_s - self._heard_s >= self._blind_s:
+                    raise Ended(Fault.NO_ANSWER, "the board prints, but tells no temperatures")
             if self.link.drained:
                 return
             self.link.halt()
             yield Wait(lambda: self.link.drained)
             start = self.link.streamed
             yield from self._pause(program, start)
+
+    def _sent_or_paused(self) -> bool:
+        return self.link.drained or (self._pause_wanted and self._pausable())
 
     # --- ways out ---
 

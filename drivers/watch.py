@@ -51,7 +51,7 @@ class Rule:
 
 RULES = {
     HeaterName.NOZZLE: Rule(3.0, 60.0, 10.0, 30.0, 50.0, 2.0, 90.0),
-    HeaterName.BED: Rule(2.0, 150.0, 6.0, 120.0, 40.0, 0.5, 90.0),
+    HeaterName.BED: Rule(2.0, 150.0, 6.0, 120.0, 45.0, 0.5, 90.0),
 }
 
 

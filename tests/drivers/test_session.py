@@ -247,6 +247,17 @@ def test_a_board_whose_reports_cannot_be_read_is_not_heated_for_ever():
     assert not rig.session.heaters_off  # nobody could read that they are
 
 
+def test_a_board_whose_reports_cannot_be_read_any_more_does_not_print_for_ever():
+    rig = Rig(text=gcode(3000)).printing(100)
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
+    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.fault is Fault.NO_ANSWER
+    rig.run()
+    assert rig.targets() == (0.0, 0.0)
+    assert rig.session.wants_power_off  # nobody could read that it cools
+
+
 def test_a_first_stage_too_cold_to_extrude_leaves_the_filament_parked():
     text = gcode().replace("M109 S210", "M109 S150\nM109 S210")
     rig = Rig(text=text).run()
