@@ -185,7 +185,10 @@ class Board:
             self.open()
         if self._port is not None:
             self._reset()
-            self.proving = PULSES if self._port is not None else 0
+        if self._port is not None:
+            self.proving = PULSES
+        else:
+            self._said_idle = False  # that was said of a printer that is not there
         self.stirred = True
 
     def cut(self) -> None:
