@@ -2,7 +2,8 @@
 
 `launch` starts one or finds the one that is alive, `status` is what may be read of it from outside,
 `__main__` is the process and `port` its pseudo-terminal. The rest is pure: `firmware` (bytes in, bytes
-out), `machine` and `commands` (what a command does), `planner` (how long a move takes), `thermal` and
-`board` (what is there physically), `wire` (what bytes take), `faults` (what goes wrong on request),
-`wording` (the firmware's own words).
+out) with its `receiver`, `machine` and `commands` (what a command does), `planner` (how long a move takes),
+`thermal` and `board` (what is there physically), `wire` (what bytes take), `wording` (the firmware's own
+words); and what goes wrong on request: `faults` (their names), `noise` (a bad cable), `mishaps` (once, at a
+line of its own), `person` (somebody at the display).
 """
