@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+from drivers.client import kill
 from drivers.emulator.launch import Command, alive, control
 from drivers.emulator.status import read_status
 
@@ -92,8 +93,8 @@ class RealFarm:
     def end(self):
         """Leave nothing running, whatever the test did."""
         if self.state.exists() and self.run("down", "--now").returncode != 0:
-            for agent in self.state.glob("agents/*/agent.pid"):
-                os.kill(int(agent.read_text()), signal.SIGKILL)
+            for agent in self.state.glob("agents/*/"):
+                kill(agent)
         for name in self.printers:
             if alive(self.emulator(name)):
                 control(self.emulator(name), Command.POWER_OFF)
