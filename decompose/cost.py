@@ -160,9 +160,9 @@ class CostModel:
     `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in mm2, H the height
     in mm. Where a part's columns are known, `support_seconds` takes the place of O.
 
-    Held out by model, over parts that the decomposition makes, a part with its own supports errs by 3.2 %
+    Held out by model, over parts that the decomposition makes, a part with its own supports errs by 3.1 %
     on average, and in each of five settings by less than 5 %; the tables, with supports down to the bed, by
-    4.9 % (bench/print_time_model.py).
+    5.0 % (bench/print_time_model.py, table bench/print_time.csv).
     """
 
     fixed_s: float
