@@ -33,6 +33,7 @@ from farm.services.planning import warm
 from farm.services.rooms import bed_boxes
 from farm.tracking import events as ev
 from farm.tracking.store import Store
+from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
@@ -153,6 +154,7 @@ def run(fleet: Fleet, places: Places) -> None:
         places.state.make()
         for partial in places.state.slices.glob(".*"):  # of a worker that was killed while it wrote
             partial.unlink()
+        trim_cache(places.state.slices)
         asyncio.run(Daemon(fleet, places).run())
 
 

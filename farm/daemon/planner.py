@@ -16,6 +16,7 @@ from farm.paths import StateFolder
 from farm.services.gcode import plan_gcode
 from farm.services.planning import DecomposeTask, Plan, decompose_job, make_plan, slice_tasks
 from farm.services.plates import SliceTask, slice_part
+from slicing.cache import trim_cache
 from slicing.plate import PlateResult
 
 log = logging.getLogger(__name__)
@@ -97,7 +98,9 @@ class Planner:
         order = sorted(range(len(tasks)), key=lambda i: -decomposed.parts[i].estimated_s)
         sliced = await self._slice(job.id, [tasks[i] for i in order])
         slices = [plate for _, plate in sorted(zip(order, sliced, strict=True), key=itemgetter(0))]
-        return await asyncio.to_thread(make_plan, task, decomposed, tasks, slices, self._state.files)
+        plan = await asyncio.to_thread(make_plan, task, decomposed, tasks, slices, self._state.files)
+        await asyncio.to_thread(trim_cache, self._state.slices)
+        return plan
 
     async def _slice(self, job: int, tasks: list[SliceTask]) -> list[PlateResult]:
         """All workers slice; where one slice fails, or the job is cancelled, the others are ended."""

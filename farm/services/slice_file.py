@@ -16,6 +16,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.services.estimate import plate_seconds
 from farm.services.plates import SliceTask, settings_of, slice_part
 from farm.services.trouble import in_farm_words
+from slicing.cache import trim_cache
 from slicing.errors import nearest
 from slicing.resources import find_engine, find_resources
 from slicing.settings import SettingsRequest, resolve_settings
@@ -107,6 +108,8 @@ def slice_to_file(
         with in_farm_words():
             settings = settings_of(task, size[2])
         _put(result.gcode, out)
+    if cache is not None:
+        trim_cache(cache)
     expected_s = plate_seconds(profile, result.print_time_s, settings.nozzle_c, settings.bed_c)
     return {
         "schema": 1,
@@ -150,15 +153,16 @@ def _by(size_mm: tuple[float, float, float]) -> str:
 
 
 def _check_writable(out: Path) -> None:
-    """Say so before minutes of work, where the file cannot be written."""
+    """Say so before minutes of work, where the file cannot be written; nothing is made yet."""
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+        if out.is_dir():
+            raise _unwritable(out, "it is a folder")
+        there = next(place for place in (out, *out.absolute().parents) if place.exists())
+        if there is not out and not there.is_dir():
+            raise _unwritable(out, f"{there} is no folder")
     except OSError as error:
         raise _unwritable(out, error.strerror) from error
-    if out.is_dir():
-        raise _unwritable(out, "it is a folder")
-    place_of = out if out.exists() else out.parent
-    if not os.access(place_of, os.W_OK):
+    if not os.access(there, os.W_OK):
         raise _unwritable(out, "no permission")
 
 
@@ -169,6 +173,7 @@ def _put(gcode: Path, out: Path) -> None:
             shutil.copyfile(gcode, out)
             return
         target = out.resolve()
+        target.parent.mkdir(parents=True, exist_ok=True)
         temporary = target.with_name(f".{target.name}.{os.getpid()}")
         try:
             shutil.copyfile(gcode, temporary)

@@ -67,6 +67,24 @@ def test_tips_that_are_too_thin_to_print_are_no_fault(request_for, mesh):
     assert result.height_mm < mesh.extents[2]
 
 
+def prism(bottom_mm, top_mm, height_mm):
+    """A box 51.142 mm deep that is not as wide at its top as at its bottom."""
+    ends = ((0.0, bottom_mm / 2), (height_mm, top_mm / 2))
+    corners = [(x * half, y * 25.571, z) for z, half in ends for x in (-1, 1) for y in (-1, 1)]
+    return trimesh.convex.convex_hull(np.array(corners))
+
+
+@pytest.mark.parametrize(
+    "mesh", [prism(85.042, 85.042, 2), prism(84.98, 85.1, 6)], ids=["all layers", "one layer"]
+)
+def test_a_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_for, settings_of, mesh):
+    """The outer wall's middle is 84.642 x 50.742 mm: as many square micrometres as 2**32."""
+    result = slice_plate(request_for(mesh, settings=settings_of(infill_sparse_density="0")))
+    assert result.unprinted == ()
+    assert result.height_mm == pytest.approx(mesh.extents[2], abs=0.11)
+    assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # with the brim
+
+
 BALL = trimesh.creation.icosphere(3, 20)
 
 
@@ -124,6 +142,15 @@ def test_the_same_again_runs_no_engine(request_for, cube_20, tmp_path, settings_
     assert not slice_plate(replace(request, settings=settings_of("paper"))).cached
     with pytest.raises(SliceRejected, match="room"):
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
+
+
+def test_what_is_read_from_the_cache_counts_as_used(request_for, cube_20, tmp_path):
+    request = request_for(cube_20, cache=tmp_path / "cache")
+    slice_plate(request)
+    (entry,) = (tmp_path / "cache").glob("*.json")
+    os.utime(entry, (1000, 1000))
+    assert slice_plate(request).cached
+    assert entry.stat().st_mtime > 1000
 
 
 def test_a_damaged_cache_is_sliced_anew(request_for, cube_20, tmp_path):

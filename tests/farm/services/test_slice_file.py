@@ -69,11 +69,15 @@ REFUSED = {
 @pytest.mark.parametrize("mistake", REFUSED)
 def test_a_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
     options, code, said = REFUSED[mistake]
-    out = tmp_path if mistake == "folder" else tmp_path / "out.gcode"
+    out = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
     error = refused(box, out, **options)
     assert error.code is code
     assert said in str(error)
     assert [path.name for path in tmp_path.iterdir()] == ["box.stl"]
+
+
+def test_a_file_is_no_folder_for_the_file(box):
+    assert "is no folder" in str(refused(box, box / "deep" / "out.gcode"))
 
 
 def test_a_model_in_inches_or_metres_is_asked_about(tmp_path):

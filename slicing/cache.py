@@ -1,0 +1,68 @@
+"""How much a folder of slices keeps (see `slicing.plate`): what was used last stays."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+CACHE_BYTES = 4 * 2**30
+"""What a cache may hold; a part that fills a bed has 0.07 GB of G-code."""
+# KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while it wrote. Nothing else is ours.
+_OURS = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One slice that is kept: its name, its size, and when it was used last (s, of any clock)."""
+
+    name: str
+    size_bytes: int
+    used_s: float
+
+
+def least_used(entries: Iterable[Entry], most_bytes: int) -> list[str]:
+    """The names of those to remove so that the others hold `most_bytes` at most, the longest unused first."""
+    kept = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
+    over = sum(entry.size_bytes for entry in kept) - most_bytes
+    names = []
+    for entry in kept:
+        if over <= 0:
+            break
+        names.append(entry.name)
+        over -= entry.size_bytes
+    return names
+
+
+def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
+    """Remove the slices that were not used for longest, until the rest fits; what cannot be removed stays.
+
+    Who reads an entry that goes meanwhile slices anew. Files that are not a cache's are left alone.
+    """
+    files: dict[str, list[Path]] = {}
+    entries: dict[str, Entry] = {}
+    for path in _listed(folder):
+        ours = _OURS.fullmatch(path.name)
+        if ours is None:
+            continue
+        with contextlib.suppress(OSError):
+            facts = path.stat()
+            name = ours[1]
+            files.setdefault(name, []).append(path)
+            entry = entries.get(name, Entry(name, 0, 0.0))
+            used_s = max(entry.used_s, facts.st_mtime)
+            entries[name] = Entry(name, entry.size_bytes + facts.st_size, used_s)
+    for name in least_used(entries.values(), most_bytes):
+        for path in files[name]:
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def _listed(folder: Path) -> list[Path]:
+    """What is in it, the files that make an entry valid (.json) first; nothing where it cannot be read."""
+    try:
+        return sorted(folder.iterdir(), key=lambda path: path.suffix != ".json")
+    except OSError:
+        return []

@@ -1,0 +1,52 @@
+"""What a cache of slices keeps where it holds too much."""
+
+import os
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slicing.cache import Entry, least_used, trim_cache
+
+ENTRIES = st.lists(
+    st.builds(Entry, st.text(min_size=1), st.integers(0, 1000), st.floats(0, 1e9)), unique_by=lambda e: e.name
+)
+
+
+@given(ENTRIES, st.integers(0, 5000))
+def test_what_is_kept_fits_and_was_used_last(entries, most_bytes):
+    removed = set(least_used(entries, most_bytes))
+    kept = [entry for entry in entries if entry.name not in removed]
+    gone = [entry for entry in entries if entry.name in removed]
+    assert sum(entry.size_bytes for entry in kept) <= most_bytes
+    assert max((e.used_s for e in gone), default=0.0) <= min((e.used_s for e in kept), default=1e9)
+    # None too many: with the last that went, it would not fit.
+    if gone:
+        last = max(gone, key=lambda entry: (entry.used_s, entry.name))
+        assert sum(entry.size_bytes for entry in (*kept, last)) > most_bytes
+
+
+def put(folder, letter, used_s, ends=("json", "gcode")):
+    for end in ends:
+        path = folder / f"{letter * 64}.{end}"
+        path.write_bytes(b"x" * 50)
+        os.utime(path, (used_s, used_s))
+
+
+def test_the_longest_unused_go_whole_and_other_files_stay(tmp_path):
+    put(tmp_path, "a", 1000)
+    put(tmp_path, "b", 2000)
+    put(tmp_path, "c", 3000)
+    half_written = tmp_path / f".{'d' * 64}.gcode.k3j_x"
+    half_written.write_bytes(b"x" * 50)
+    os.utime(half_written, (500, 500))
+    os.utime(tmp_path / f"{'a' * 64}.json", (2500, 2500))  # read again
+    thesis = tmp_path / "thesis.gcode"
+    thesis.write_bytes(b"x" * 1000)
+    os.utime(thesis, (1, 1))
+    trim_cache(tmp_path, 200)
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {thesis.name, *(f"{letter * 64}.{end}" for letter in "ac" for end in ("json", "gcode"))}
+
+
+def test_a_folder_that_is_not_there_is_no_trouble(tmp_path):
+    trim_cache(tmp_path / "nowhere", 0)
