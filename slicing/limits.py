@@ -16,6 +16,8 @@ BED_MAX_C = 115.0
 LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
 _LINE_SHARE = 2.0  # of the nozzle, where Cura warns
 _MOST_HOP_MM = 10.0
+_MOST_FLOW_PERCENT = 150.0  # where Cura warns: more than that has nowhere to go
+_MOST_EXTRA_MM3 = 5.0  # at each retraction, where Cura warns
 
 _PRINTER = "it describes the printer; choose another printer model or nozzle"
 _STREAM = "set by this program, for streaming; leave it out"
@@ -25,6 +27,7 @@ _ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out
 _ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
 _ALONE = "a plate has one part; leave it out"
 _SHAPE = "it does not print the part as it is; leave it out"
+_HEAT = "its temperatures are not looked at; leave it out, and set material_print_temperature"
 _MOTION = "accelerations are the printer's and the material's matter; leave it out"
 
 _RESERVED: Mapping[str, str] = {
@@ -47,6 +50,8 @@ _RESERVED: Mapping[str, str] = {
         ),
         _STREAM,
     ),
+    "material_flow_dependent_temperature": _HEAT,
+    "material_flow_temp_graph": _HEAT,
     "center_object": _PLACE,
     "cross_infill_density_image": _FILE,
     "cross_support_density_image": _FILE,
@@ -136,10 +141,18 @@ def _our_bounds(resolver: Resolver, key: str) -> tuple[float | None, float | Non
             return None, LAYER_SHARE * nozzle_mm
         case "retraction_amount":
             return 0.0, PARKED_MM
+        case "retraction_extra_prime_amount" | "wipe_retraction_extra_prime_amount":
+            return -_MOST_EXTRA_MM3, _MOST_EXTRA_MM3
         case "retraction_hop" | "wipe_hop_amount":
             return 0.0, _MOST_HOP_MM
         case _ if "line_width" in key and not key.endswith("_factor"):
             return None, _LINE_SHARE * nozzle_mm
+        case "infill_overlap_mm" | "skin_overlap_mm" | "magic_fuzzy_skin_thickness":
+            return None, _LINE_SHARE * nozzle_mm  # more of it lies outside the part
+        case _ if key.endswith("_line_distance") and resolver.value(Scope.EXTRUDER, key) > 0:
+            return nozzle_mm / 2, None  # lines on top of each other
+        case _ if "material_flow" in key or key == "ironing_flow":
+            return None, _MOST_FLOW_PERCENT
         case _ if "bed_temperature" in key:
             return 0.0, BED_MAX_C
         case _ if "print_temperature" in key or key == "material_standby_temperature":

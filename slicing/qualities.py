@@ -9,7 +9,14 @@ from typing import Any
 from slicing.formula import Formula
 
 _SUPPORTED = {"support_enable": True, "support_type": "everywhere"}
-_BRIMMED = {"adhesion_type": "brim", "brim_width": 8.0}
+_BRIMMED = {
+    "adhesion_type": "brim",
+    "brim_width": 8.0,
+    # Cura's own formula: its profiles for nylon, TPU and others name a count, which would win over the width.
+    "brim_line_count": Formula(
+        "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0))"
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)

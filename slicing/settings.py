@@ -150,7 +150,10 @@ def _refusal(found: Violation, words: _Words) -> str:
     if chosen:
         return f"{found.key}={value}{cause} is out of range; {found.allowed}"
     where = f"{words.quality} with {words.material}"
-    return f"{found.key}={value}, from {where}, is out of range; {found.allowed}: take another, or set it"
+    return (
+        f"{found.key}={value}, from {where}, is out of range; {found.allowed}: take another material or "
+        f"quality (only `farm slice` can set it otherwise, with --set {found.key}=VALUE)"
+    )
 
 
 def _resolver(stacks: Stacks, words: _Words, part: PartSettings, heights: LayerHeights | None) -> Resolver:

@@ -26,6 +26,8 @@ def refused(resources, overrides, **rest):
         ("machine_end_gcode", "M104 S250", "for streaming"),
         ("relative_extrusion", "true", "for streaming"),
         ("material_print_temp_wait", "false", "for streaming"),
+        ("material_flow_dependent_temperature", "true", "not looked at"),
+        ("material_flow_temp_graph", "[[0.1, 300], [10, 350]]", "not looked at"),
         ("machine_width", "500", "describes the printer"),
         ("machine_nozzle_size", "0.8", "describes the printer"),
         ("machine_extruder_count", "2", "describes the printer"),
@@ -75,6 +77,16 @@ def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
         ({"wall_line_width_0": "0.9"}, "at most 0.8"),
         ({"retraction_amount": "25"}, "at most 20"),
         ({"retraction_hop": "100"}, "at most 10"),
+        ({"material_flow": "1000"}, "material_flow=1000 is out of range; at most 150"),
+        ({"material_flow_layer_0": "500"}, "at most 150"),
+        ({"retraction_extra_prime_amount": "100"}, "at least -5, at most 5"),
+        ({"infill_line_distance": "0.05"}, "infill_line_distance=0.05 is out of range; at least 0.2"),
+        (
+            {"infill_overlap": "5000"},
+            "infill_overlap_mm=17.5 follows from infill_overlap and is out of range",
+        ),
+        ({"skin_overlap_mm": "30"}, "at most 0.8"),
+        ({"magic_fuzzy_skin_enabled": "true", "magic_fuzzy_skin_thickness": "30"}, "at most 0.8"),
         ({"brim_width": "200"}, "brim_width=200 is out of range; at least 0, at most 111.5"),
         ({"infill_sparse_density": "-3"}, "at least 0"),
         ({"speed_print": "1000"}, "speed_print=1000 is out of range"),
@@ -98,7 +110,15 @@ def test_a_value_that_only_follows_is_refused_with_its_cause(resources):
     )
     assert said.startswith("material_initial_print_temperature=261 is out of range")
     said = refused(resources, {"infill_sparse_density": "1000"})
-    assert said.startswith("infill_material_flow=-805 follows from infill_sparse_density and is out of range")
+    assert said.startswith(
+        "infill_line_distance=0.035 follows from infill_sparse_density and is out of range"
+    )
+
+
+def test_no_infill_and_whole_infill_are_within_the_limits(resources):
+    for percent in ("0", "100"):
+        request = SettingsRequest("ultimaker2_plus", overrides={"infill_sparse_density": percent})
+        assert resolve_settings(request, resources).extruder["infill_sparse_density"] == f"{percent}.0"
 
 
 def test_what_does_not_count_is_not_held_against_a_person(resources):
@@ -110,6 +130,7 @@ def test_what_does_not_count_is_not_held_against_a_person(resources):
 def test_a_material_that_is_too_hot_for_the_printer_says_so_and_may_be_printed_colder(resources):
     said = refused(resources, {}, material="generic_pc")
     assert "default_material_print_temperature=270, from glue with generic_pc" in said
+    assert "take another material" in said
     colder = {"default_material_print_temperature": "260"}
     request = SettingsRequest("ultimaker2_plus", material="generic_pc", overrides=colder)
     assert resolve_settings(request, resources).nozzle_c == NOZZLE_MAX_C

@@ -74,6 +74,16 @@ def test_temperatures_reach_the_start_code(settings_of):
     assert "{" not in start
 
 
+@pytest.mark.parametrize("material", ["generic_pla", "generic_tpu", "generic_nylon", "generic_pc"])
+def test_glue_has_its_brim_also_where_cura_s_profile_counts_lines(resources, material):
+    cooler = {"default_material_print_temperature": "240"}
+    request = SettingsRequest("ultimaker2_plus", material=material, overrides=cooler)
+    s = resolve_settings(request, resources)
+    assert s.brim_width_mm == pytest.approx(lines_mm(s, 8.0))
+    narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
+    assert narrow.brim_width_mm == pytest.approx(lines_mm(narrow, 3.0))
+
+
 def test_without_a_brim_nothing_is_printed_around(settings_of):
     assert settings_of(adhesion_type="none").brim_width_mm == 0.0
     assert settings_of(adhesion_type="skirt").brim_width_mm > 0.0
