@@ -102,8 +102,9 @@ class Parking(Steps):
         yield from self._dead_man(PAUSE_DEAD_MAN_S)
         yield from self._rest()
         target_c = program.target_c(HeaterName.NOZZLE, done) or 0.0
-        self._nozzle_off = False
         yield from self._dead_man(PRINT_DEAD_MAN_S)
+        yield from self._commands(b"M104 S%g" % target_c)
+        self._nozzle_off = False
         yield from self._heat(Heat(done, HeaterName.NOZZLE, target_c, waits=True))
         self.filament = Filament.UNKNOWN
         push_mm = PARKED_MM - walk.back_mm

@@ -196,6 +196,8 @@ class Session(Parking):
         same = abs(report.nozzle_target_c - nozzle_c) <= 1 and abs(report.bed_target_c - bed_c) <= 1
         self._strange = 0 if same else self._strange + 1
         if self._strange < 3:  # one may be garbled
+            if not same:  # soon, but not before what is on its way to set it
+                self.link.poll_soon(self._now_s + self._pace.heating_s)
             return None
         found = f"nozzle {report.nozzle_target_c:g} and bed {report.bed_target_c:g} C"
         return Ended(Fault.TARGET_CHANGED, f"somebody set {found}, not {nozzle_c:g} and {bed_c:g}")
@@ -235,6 +237,8 @@ class Session(Parking):
         yield from self._dead_man(HEAT_DEAD_MAN_S)
         stops: dict[int, Heat | None] = {program.homes + 1: None, program.extrudes: None, program.count: None}
         stops |= {heat.line: heat for heat in program.heats if heat.waits}
+        cools = next((heat.line for heat in program.heats if _cools(heat, program.extrudes)), program.count)
+        stops.setdefault(cools, None)
         at = 0
         for stop in sorted(stop for stop in stops if stop <= program.count):
             yield from self._stream(program, at, stop)
@@ -252,7 +256,20 @@ class Session(Parking):
                 self.extruded = True
                 self.phase = PrintPhase.PRINTING
                 yield from self._dead_man(PRINT_DEAD_MAN_S)
+            if stop == cools and self.phase is PrintPhase.PRINTING:
+                yield from self._seen_hot()
         yield from self._finish(program)
+
+    def _seen_hot(self) -> Script:
+        """A last look before the file itself cools down: a board that stopped answers all moves at once."""
+        while True:
+            seen = self.report
+            self.link.poll(self._now_s)
+            yield Wait(lambda seen=seen: self.report is not seen, self._now_s + self._deaf_s)  # type: ignore[misc]
+            if self.report is seen:
+                raise Ended(Fault.NO_ANSWER, "the board tells no temperatures at the end of the print")
+            if not self._strange:  # else it is asked again, until it is strange enough
+                return
 
     def _finish(self, program: Program) -> Script:
         self.phase = PrintPhase.ENDING
@@ -378,6 +395,10 @@ class Session(Parking):
             self.reason = f"{self.reason}; heaters were not shown off: switch the printer off"
         finally:
             self.link.only_ask = False
+
+
+def _cools(heat: Heat, after: int) -> bool:
+    return heat.heater is HeaterName.NOZZLE and heat.target_c == 0 and heat.line > after
 
 
 _ENDING = PrintPhase.ENDING

@@ -144,6 +144,19 @@ def test_what_can_be_made_good_prints_the_same_thing(faults: Faults):
     assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
 
 
+def test_a_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_targets():
+    """Its words are lost on the way; every move is answered with ok, and none is made."""
+    rig = Rig(Faults(stop_after=700), text=gcode(1000))
+    listen = rig.link.receive
+
+    def deaf(data: bytes, now_s: float) -> object:
+        heard = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
+        return listen(heard, now_s)
+
+    rig.link.receive = deaf  # type: ignore[method-assign, assignment]
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
+
+
 def test_a_dead_nozzle_fails_by_the_firmware_s_stop_or_by_our_own_watch():
     rig = Rig(Faults(dead_nozzle=True)).run()
     assert rig.session.fault in (Fault.STOPPED, Fault.HEATER_TIMEOUT)
