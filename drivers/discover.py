@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from drivers import messages as m
 from drivers.agent.idle import CARD, IdleWatch
 from drivers.agent.journal import Journal
+from drivers.client import AgentClient
 from drivers.clock import Clock
-from drivers.errors import DriverError, PortError
+from drivers.errors import AgentError, DriverError, PortError
 from drivers.locks import AGENT_LOCK, hold
 from drivers.marlin import Link, Report, Said, Up
 from drivers.ports import Port, open_port, plugged_in
@@ -21,6 +24,7 @@ from drivers.talk import talk
 
 BY_PATH = Path("/dev/serial/by-path")
 _ANSWER_S = 40.0
+_AGENT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +113,42 @@ def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> st
         if lock is not None:
             os.close(lock)
     return model_of(banner)
+
+
+def commission_by_agent(folder: Path) -> None:
+    """The same by the agent of this folder, which has the port.
+
+    Raises
+    ------
+    DriverError
+        It refuses, or the board did not start again.
+    """
+    asyncio.run(_ask_agent(folder))
+
+
+async def _ask_agent(folder: Path) -> None:
+    """Have the agent do it, and wait until it has seen what came of it. Raises DriverError."""
+    client = AgentClient(folder)
+    try:
+        await client.connect()
+        reply = await client.request(m.Commission(id=0))
+        if reply.error is not None or reply.snapshot is None:
+            raise AgentError(reply.error or "its agent is of another version: restart it")
+        if reply.snapshot.link is not m.LinkState.CONNECTING:
+            raise AgentError(reply.snapshot.reason or "its board was not reset")
+        tried = False  # what was said before the reply is old
+        async with asyncio.timeout(_AGENT_S):
+            async for said in client.snapshots():
+                if said.link is m.LinkState.CONNECTING:
+                    tried = True
+                elif tried and said.reset_verified:
+                    return
+                elif tried:
+                    raise AgentError(said.reason or "it does not answer")
+    except TimeoutError as error:
+        raise AgentError(f"its board did not answer in {_AGENT_S:g} s") from error
+    finally:
+        await client.close()
 
 
 def model_of(banner: bytes) -> str:

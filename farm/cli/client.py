@@ -8,7 +8,6 @@ import uuid
 from pathlib import Path
 from typing import Any
 
-import httpx
 from pydantic import BaseModel
 
 from farm import api
@@ -24,7 +23,10 @@ class Client:
     """One daemon. Methods raise DaemonUnreachable, or the FarmError that the daemon answered."""
 
     def __init__(self, socket: Path) -> None:
+        import httpx  # slow to load, and an emergency stop does without it
+
         self._socket = socket
+        self._lost: type[Exception] = httpx.TransportError
         self._http = httpx.Client(
             transport=httpx.HTTPTransport(uds=str(socket)),
             base_url="http://farm",
@@ -73,7 +75,7 @@ class Client:
             if json is not None:
                 more["json"] = json
             answer = self._http.request(method, path, **more)
-        except httpx.TransportError as error:
+        except self._lost as error:
             raise DaemonUnreachable(
                 f"no daemon answers on {self._socket} ({error}); `farm up` starts one"
             ) from error

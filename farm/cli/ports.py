@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import json as jsonlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from drivers import discover as drv
-from drivers import messages as m
-from drivers.client import AgentClient, alive
-from drivers.errors import AgentError, DriverError
+from drivers.errors import DriverError
+from drivers.locks import AGENT_LOCK, held
 from drivers.ports import NET
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection, load_fleet
@@ -20,7 +17,6 @@ from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
 from farm.paths import Places, find_places
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
-_PATIENCE_S = 60.0
 _MODEL = "ultimaker2_plus"
 
 
@@ -40,7 +36,9 @@ def discover(
     if commission is not None:
         _commission(places, sections, commission, yes)
         return
-    rows = drv.plugged((section.name, section.port) for section in sections)
+    from drivers.discover import plugged  # slow to load, and an emergency stop does without it
+
+    rows = plugged((section.name, section.port) for section in sections)
     if json:
         ports = [
             {"port": str(row.port), "device": str(row.device), "what": row.what, "printer": row.printer}
@@ -82,6 +80,8 @@ def _line(name: str, model: str, port: str) -> str:
 
 def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: str, yes: bool) -> None:
     """Reset the board of an idle printer, by its agent where that is running."""
+    from drivers import discover as drv
+
     section = next((one for one in sections if wanted in (one.name, one.port)), None)
     if section is None and not wanted.startswith(("/", NET)):
         names = " ".join(one.name for one in sections)
@@ -93,8 +93,8 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
         print(f"This resets the board of {wanted}, which ends what it prints from its card.")
         typer.confirm("Is it idle, and its bed as you want it?", abort=True)
     try:
-        if section is not None and alive(places.state.agent(section.name)):
-            asyncio.run(_ask_agent(places.state.agent(section.name)))
+        if section is not None and held(places.state.agent(section.name) / AGENT_LOCK):
+            drv.commission_by_agent(places.state.agent(section.name))
             print(f"{section.name}: its board starts again when DTR is pulsed: it can be stopped")
             return
         folder = places.state.agent(section.name) if section is not None else None
@@ -106,34 +106,3 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
         print(_line(_name({one.name for one in sections}), model, wanted))
     elif section.model != model:
         raise FarmError(f"{section.name}: fleet.yaml says {section.model}: change it", ErrorCode.FLEET_FILE)
-
-
-async def _ask_agent(folder: Path) -> None:
-    """Have the agent do it, and wait until it has seen what came of it.
-
-    Raises
-    ------
-    DriverError
-        It refuses, or the board did not start again.
-    """
-    client = AgentClient(folder)
-    try:
-        await client.connect()
-        reply = await client.request(m.Commission(id=0))
-        if reply.error is not None or reply.snapshot is None:
-            raise AgentError(reply.error or "its agent is of another version: restart it")
-        if reply.snapshot.link is not m.LinkState.CONNECTING:
-            raise AgentError(reply.snapshot.reason or "its board was not reset")
-        tried = False  # what was said before the reply is old
-        async with asyncio.timeout(_PATIENCE_S):
-            async for said in client.snapshots():
-                if said.link is m.LinkState.CONNECTING:
-                    tried = True
-                elif tried and said.reset_verified:
-                    return
-                elif tried:
-                    raise AgentError(said.reason or "it does not answer")
-    except TimeoutError as error:
-        raise AgentError(f"its board did not answer in {_PATIENCE_S:g} s") from error
-    finally:
-        await client.close()

@@ -12,7 +12,6 @@ from typing import Annotated
 
 import typer
 
-from drivers import bridge
 from drivers import estop as drv
 from drivers.profiles import PROFILES
 from drivers.start import Start
@@ -90,6 +89,8 @@ def _here(target: drv.Target) -> Stop:
 
 
 def _there(host: str, command: str, farm: str, start: Start) -> Stop:
+    from drivers import bridge  # slow to load, and most printers are on this host
+
     return lambda _: bridge.stop_there(host, command, farm, start)
 
 
