@@ -121,7 +121,9 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
         _check_bed(request, sliced.facts)
         write_whole(request.out, sliced.gcode)
     except OSError as error:
-        raise SlicingError(f"{error.filename or request.out}: {error.strerror}") from error
+        raise SlicingError(
+            f"{error.filename or request.out}: {error.strerror}; make room there, or see to its permissions"
+        ) from error
     return _result(request, sliced, kept is not None)
 
 
@@ -276,6 +278,8 @@ def write_whole(path: Path, content: bytes) -> None:
         with os.fdopen(handle, "wb") as sink:
             sink.write(content)
         Path(name).replace(path)
-    except BaseException:
+    except BaseException as error:
         Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = str(path)  # a full disk names none
         raise

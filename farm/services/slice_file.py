@@ -74,7 +74,7 @@ def slice_to_file(
         raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
     profile = BEDS[printer_model]
     request = SettingsRequest(printer_model, quality, material, nozzle_mm, overrides)
-    _check_writable(out)
+    _check_writable(out, path)
     with in_farm_words():
         resources, engine = find_resources(), find_engine()
         settings = resolve_settings(request, resources)
@@ -152,11 +152,13 @@ def _by(size_mm: tuple[float, float, float]) -> str:
     return " x ".join(f"{side:.1f}" for side in size_mm)
 
 
-def _check_writable(out: Path) -> None:
+def _check_writable(out: Path, model: Path) -> None:
     """Say so before minutes of work, where the file cannot be written; nothing is made yet."""
     try:
         if out.is_dir():
             raise _unwritable(out, "it is a folder")
+        if out.exists() and model.exists() and out.samefile(model):
+            raise _unwritable(out, "it is the model")
         there = next(place for place in (out, *out.absolute().parents) if place.exists())
         if there is not out and not there.is_dir():
             raise _unwritable(out, f"{there} is no folder")

@@ -1,5 +1,6 @@
 """Real slices by the real CuraEngine."""
 
+import errno
 import multiprocessing
 import os
 import select
@@ -12,7 +13,7 @@ import trimesh
 
 from make_stl import stl_bytes
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
-from slicing.plate import slice_plate
+from slicing.plate import slice_plate, write_whole
 
 
 def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
@@ -142,6 +143,17 @@ def test_the_same_again_runs_no_engine(request_for, cube_20, tmp_path, settings_
     assert not slice_plate(replace(request, settings=settings_of("paper"))).cached
     with pytest.raises(SliceRejected, match="room"):
         slice_plate(replace(request, bed=((-5.0, -5.0, 5.0, 5.0, 205.0),)))
+
+
+def test_a_full_disk_is_named_with_the_file_that_has_no_room(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("slicing.plate.os.fdopen", full)
+    with pytest.raises(OSError, match="No space left") as error:
+        write_whole(tmp_path / "part.gcode", b"G28")
+    assert error.value.filename == str(tmp_path / "part.gcode")
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_read_from_the_cache_counts_as_used(request_for, cube_20, tmp_path):

@@ -76,6 +76,15 @@ def test_a_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
     assert [path.name for path in tmp_path.iterdir()] == ["box.stl"]
 
 
+def test_the_model_is_not_written_over(box, tmp_path):
+    content = box.read_bytes()
+    link = tmp_path / "link.stl"
+    link.symlink_to(box)
+    for out in (box, link):
+        assert "it is the model" in str(refused(box, out))
+    assert box.read_bytes() == content
+
+
 def test_a_file_is_no_folder_for_the_file(box):
     assert "is no folder" in str(refused(box, box / "deep" / "out.gcode"))
 
