@@ -17,14 +17,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator
 
-from drivers import replies
 from drivers.errors import Fault
 from drivers.filament import place, retracted_mm
 from drivers.gcode import Heat, HeaterName, Program
+from drivers.identify import Identifying
 from drivers.marlin import Event, Events, Link, Report, Said, Trouble, Up
 from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
-from drivers.parking import PARKED_MM, Parking
+from drivers.parking import PARKED_MM
 from drivers.profiles import Profile
 from drivers.steps import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, TRIES, Ended, Pace, Script, Wait
 
@@ -33,7 +33,6 @@ __all__ = ["PARKED_MM", "Pace", "Session"]
 HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
 BLIND_S = 700.0  # printing without a report: longer than any command may take
 STOP_S = 30.0  # M401 waits for the move under way
-HOME_SLACK_MM = 30.0  # M206 shifts what a printer calls the height of its home
 _BARRIERS = (b"M400",) * 3  # the ok of a garbled last line may be believed; that of three is not
 _OFF = {HeaterName.NOZZLE: 0.0, HeaterName.BED: 0.0}
 
@@ -45,7 +44,7 @@ _RESET_AFTER = frozenset(
 )  # fmt: skip
 
 
-class Session(Parking):
+class Session(Identifying):
     """One print, or the recovery of one that an agent left behind.
 
     Parameters
@@ -76,14 +75,12 @@ class Session(Parking):
         now_s: float,
         identity: str | None = None,
     ) -> None:
-        super().__init__(link, program, profile, filament, pace, now_s)
-        self.identity = identity
+        super().__init__(link, program, profile, filament, pace, now_s, identity)
         self.fault: Fault | None = None
         self.reason: str | None = None
         self.extruded = False
         self.started_s = now_s
         self.ended_s: float | None = None
-        self._said = b""  # by the board, since the last question
         self._heard_s = now_s  # when it reported temperatures
         self._blind_s = max(BLIND_S, 5 * pace.floor_s)
         self._strange = 0  # reports in a row with targets that nobody here set
@@ -283,43 +280,6 @@ class Session(Parking):
                 raise Ended(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
             raise Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
         yield from self._dead_man(0.0)
-
-    def _identify(self) -> Script:
-        """Reset the board and see that it is this printer's; before anything heats.
-
-        A banner carries no checksum: what cannot be read, or is another's, is asked for again.
-        """
-        wrong = ""
-        for _ in range(TRIES):
-            yield from self._connect()
-            found = replies.identity(self._up.banner) if self._up is not None else None
-            if found is None:
-                wrong = "its banner does not tell which printer it is"
-            elif found.suffix != self.profile.banner_suffix:
-                wrong = f"not the board of an {self.profile.title}"
-            elif self.identity is not None and found.offset != self.identity:
-                wrong = f"another printer, or levelled anew: home offset {found.offset}, not {self.identity}"
-            else:
-                self._said = b""
-                yield from self._commands(b"M115")
-                if b"Ultimaker2" in self._said:
-                    self.identity = found.offset
-                    return
-                wrong = "M115 tells of another firmware than the Ultimaker 2's"
-        raise Ended(Fault.WRONG_PRINTER, wrong)
-
-    def _check_height(self, home: bytes) -> Script:
-        """An Extended is 100 mm higher, whatever its firmware says; `home` is the file's first G28."""
-        if home != b"G28" and b"Z" not in home:
-            return
-        self._place = None
-        yield from self._commands(b"M114")
-        home_mm = self.profile.home_mm[2]
-        if self._place is not None and abs(self._place[2] - home_mm) > HOME_SLACK_MM:
-            raise Ended(
-                Fault.WRONG_PRINTER,
-                f"its bed homes at {self._place[2]:g} mm, not near {home_mm:g}: not an {self.profile.title}",
-            )
 
     def _stream(self, program: Program, start: int, stop: int) -> Script:
         while start < stop:
