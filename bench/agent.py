@@ -15,6 +15,7 @@ import heapq
 import json
 import os
 import select
+import subprocess
 import tempfile
 import threading
 import time
@@ -145,6 +146,15 @@ def cost(pid: int) -> tuple[float, float]:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(rss.split()[1]) / 1024
 
 
+def _waits(process: subprocess.Popen[bytes]) -> bool:
+    """Whether it is still there after a while."""
+    try:
+        process.wait(60.0)
+    except subprocess.TimeoutExpired:
+        return True
+    return False
+
+
 async def one(folder: Path, port: Path, gcode: Path, sha256: str) -> dict[str, float]:
     """Print on one printer: its agent's share of a core and its memory while it streamed."""
     process = spawn(folder.name, MODEL, str(port), folder, Clock())
@@ -171,7 +181,7 @@ async def one(folder: Path, port: Path, gcode: Path, sha256: str) -> dict[str, f
                 )
                 reply = await client.request(start)
                 if reply.error:
-                    raise SystemExit(reply.error)
+                    raise RuntimeError(reply.error)
             elif said.print is not None:
                 if said.print.phase is m.PrintPhase.PRINTING:
                     cpu_s, mb = cost(process.pid)
@@ -181,13 +191,14 @@ async def one(folder: Path, port: Path, gcode: Path, sha256: str) -> dict[str, f
                         share = (cpu_s - began[1]) / (time.monotonic() - began[0])
                 elif said.print.phase.ended:
                     if said.print.phase is not m.PrintPhase.DONE:
-                        raise SystemExit(f"the print ended {said.print.phase}: {said.print.reason}")
+                        raise RuntimeError(f"the print ended {said.print.phase}: {said.print.reason}")
                     break
     finally:
         with suppress(DriverError):
             await client.request(m.Shutdown(id=0, now=True))
         await client.close()
-        await asyncio.to_thread(process.wait, 60.0)
+        if await asyncio.to_thread(_waits, process):
+            process.kill()
     return {"cpu_share": share, "memory_mb": memory_mb}
 
 
@@ -205,11 +216,15 @@ async def measure(agents: int, lines: int, rate: float) -> dict[str, float]:
         hands = Peers(peers)
         hands.start()
         sha256 = hashlib.sha256(text).hexdigest()
-        runs = await asyncio.gather(
-            *(one(folder / f"p{number}", folder / f"tty{number}", gcode, sha256) for number in range(agents))
+        ended = await asyncio.gather(
+            *(one(folder / f"p{number}", folder / f"tty{number}", gcode, sha256) for number in range(agents)),
+            return_exceptions=True,  # every agent is ended before one failure is told
         )
         hands.over = True
         hands.join()
+    if failed := [run for run in ended if isinstance(run, BaseException)]:
+        raise SystemExit(str(failed[0]))
+    runs = [run for run in ended if not isinstance(run, BaseException)]
     turnarounds_s = sorted(value for peer in peers for value in peer.turnarounds_s)
     return {
         "agents": agents,
