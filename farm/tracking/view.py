@@ -56,8 +56,10 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
     elapsed_s = _elapsed_s(job, prints, scene.now_s)
     remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(scene, plates)
     ended = job.state is JobState.PRINTED
-    makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
-    makespan_s = makespan_s or job.estimated_s
+    makespan_s = None
+    if ended or not job.state.ended:  # a job that failed or was cancelled was no quicker for it
+        makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
+        makespan_s = makespan_s or job.estimated_s
     busy_s = sum(_busy_s(scene, plate) for plate in plates)
     used = {attempt.printer for attempt in prints} | {p.printer for p in plates if not p.prints}
     exit_code = EXIT_CODES[job.error] if job.error else ExitCode.DONE

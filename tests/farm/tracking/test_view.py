@@ -60,6 +60,16 @@ def test_what_will_not_be_printed_is_shown_with_the_job():
     assert f"plate {name}: {thin}" in console.export_text()
 
 
+def test_a_job_that_is_given_up_was_not_quick():
+    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    going = view(books)
+    assert going.speedup and going.utilisation
+    cancelled, _ = run(books, ev.JobCancelled(at_s=5.0, job=1))
+    seen = view(cancelled)
+    assert (seen.speedup, seen.utilisation) == (None, None)
+    assert seen.estimated_s == going.estimated_s
+
+
 def scene(books, now_s, progress=None, **snapshots):
     return Scene(FLEET, books, snapshots, StateFolder(Path("/state")), now_s, progress=progress or {})
 
