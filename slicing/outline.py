@@ -26,6 +26,9 @@ WALL_MM2 = 5.0
 """The smallest wall that is worth a word."""
 GRAVE_MM2 = 1.0
 """The smallest piece that is worth a refusal."""
+LOST_MM2, LOST_SHARE = 50.0, 0.02
+"""What the inner walls may enclose less than they must: so much, and a share of the layer. A corner that the
+engine loses is 2000 mm2."""
 TIP_MM = 1.0
 """A sharp edge or a tip may end this much early."""
 EXACT_LAYERS = 24
@@ -112,6 +115,15 @@ def check_outline(
             Rule.OUTLINE,
             f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
             "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
+        )
+    lost_mm2 = walls.lost_mm2(lines, count)
+    lacking = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
+    if len(lacking):
+        layer = int(lacking[0])
+        raise SliceRejected(
+            Rule.OUTLINE,
+            f"layer {layer} (Z {lines.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
+            "inner walls; repair the mesh, or scale it by a thousandth",
         )
     slack_mm2 = SLACK_MM2 + (SLACK_MM + lines.slack_mm) * model.length_mm
     away_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)

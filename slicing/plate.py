@@ -26,7 +26,7 @@ from slicing.timeline import with_times
 from slicing.toolpath import read_toolpath
 from slicing.walls import lines_of
 
-_FORMAT = "farm-slice-2"
+_FORMAT = "farm-slice-3"
 """Part of the cache's key: changes where what is stored or checked changes."""
 _ON_BED_MM = 0.02
 _NUDGES_MM = (0.0, 0.005, -0.02)

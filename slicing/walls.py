@@ -41,6 +41,8 @@ class Lines:
     offset_0_mm: float  # how far the model is grown in the first layer
     offset_mm: float
     slack_mm: float
+    step_mm: float = 0.0  # from one wall's middle to the next one's, at most
+    inner_walls: int = 0  # how many whole rings lie within the outer one; 0 where that is not known
 
     def reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
         """(n,) From a ring's middle to the model's outline."""
@@ -75,6 +77,10 @@ def lines_of(settings: Settings) -> Lines | None:
         offset_0_mm=number("xy_offset_layer_0"),
         offset_mm=number("xy_offset"),
         slack_mm=abs(number("hole_xy_offset")),
+        step_mm=max(settings.line_width_0_mm, number("wall_line_width_x"))
+        * max(1.0, number("initial_layer_line_width_factor") / 100),
+        # Cura 5 draws as many as there is room for, of any width.
+        inner_walls=0 if "inset_direction" in settings.extruder else settings.wall_count - 1,
     )
 
 
@@ -90,6 +96,7 @@ class Walls:
     width_mm: Floats  # by the filament that was pushed
     half_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
     others: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
+    inner: Floats  # (k, 5) those of the inner walls: start, end, layer
 
     @classmethod
     def of(cls, path: Toolpath, lines: Lines, centre_mm: tuple[float, float], filament_mm2: float) -> Walls:
@@ -120,7 +127,8 @@ class Walls:
         ends = (path.before[own, :2] - centre_mm, path.after[own, :2] - centre_mm)
         others = np.column_stack((*ends, path.layer[own], half_mm[own])).astype(np.float64)
         reach_mm = np.where(closed, lines.reach_mm(layer), half)
-        return cls(start, end, layer, run, closed, 2 * half, reach_mm, others)
+        inner = others[path.is_feature("WALL-INNER")[own]][:, :5]
+        return cls(start, end, layer, run, closed, 2 * half, reach_mm, others, inner)
 
     def rings(self, count: int) -> Rings:
         """What is inside of the outer edge of the outer wall, to first order, at each layer."""
@@ -136,6 +144,24 @@ class Walls:
             middle = (self.start[:, axis] + self.end[:, axis]) / 2
             moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
         return Rings(area, inside.length_mm, moment)
+
+    def lost_mm2(self, lines: Lines, count: int) -> Floats:
+        """(count,) How much less the inner walls enclose than they must within the outer one, added up.
+
+        What is d further in than a ring encloses less by d times the ring's length at most. 0 where an inner
+        wall is no whole ring.
+        """
+        start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
+        bridges, run, closed = _runs(start, end, layer)
+        broken = np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
+        inner = measure(iter([(layer.astype(np.intp), start, end)]), count)
+        ring = self.closed
+        outer = measure(iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count)
+        must_mm2 = np.zeros(count)
+        for number in range(1, lines.inner_walls + 1):
+            further_mm = number * lines.step_mm
+            must_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - further_mm * outer.length_mm)
+        return np.where(broken, 0.0, must_mm2 - np.abs(inner.area_mm2))
 
     def _corners_mm2(self) -> Floats:
         """(n,) What the band outside of a ring has more at the corner after a move than along the moves."""

@@ -86,6 +86,15 @@ def test_a_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_
     assert result.max_mm[0] < mesh.extents[0] / 2 + 8.1  # with the brim
 
 
+def test_an_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
+    """Its middle is 84.642 x 50.742 mm; without it the part is filled with skin, at four times the time."""
+    result = slice_plate(request_for(trimesh.creation.box((85.692, 51.792, 3))))
+    text = result.gcode.read_text()
+    layer = text[text.index(";LAYER:7\n") : text.index(";LAYER:8\n")]
+    assert ";TYPE:WALL-INNER" in layer
+    assert ";TYPE:SKIN" not in layer
+
+
 BALL = trimesh.creation.icosphere(3, 20)
 
 
