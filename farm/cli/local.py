@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json as jsonlib
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from rich.console import Console
@@ -84,6 +85,7 @@ def slice_model(
         if not equals:
             raise FarmError(f"--set {pair}: write KEY=VALUE", ErrorCode.SETTINGS)
         overrides[key] = value
+    signal.signal(signal.SIGTERM, _end)
     with _working() as tell:
         report = slice_to_file(
             model,
@@ -110,6 +112,11 @@ def slice_model(
         f"{out}: {span(report['print_time_s'])} (with heating {span(report['estimated_s'])}), {amount}, "
         f"{report['layers']} layers{', from the cache' if report['cached'] else ''}"
     )
+
+
+def _end(number: int, _: object) -> NoReturn:
+    """End as with Ctrl-C: the engine and the temporary files go too."""
+    sys.exit(128 + number)
 
 
 @contextlib.contextmanager

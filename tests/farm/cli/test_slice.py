@@ -50,7 +50,8 @@ def test_a_mistake_is_one_line(box, env, tmp_path):
     assert result.stderr == "farm: --set layer_height: write KEY=VALUE\n"
 
 
-def test_ctrl_c_ends_the_engine_and_leaves_no_file(box, env, tmp_path):
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number, code):
     """The engine holds a FIFO open: its end is read when none of it is left."""
     os.mkfifo(tmp_path / "fifo")
     engine = tmp_path / "engine"
@@ -65,10 +66,10 @@ def test_ctrl_c_ends_the_engine_and_leaves_no_file(box, env, tmp_path):
     )
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         fifo.read()
     _, said = process.communicate()
-    assert process.returncode == 130
+    assert process.returncode == code
     assert "Traceback" not in said
     assert not list(tmp_path.glob("*.gcode"))
     assert not list((tmp_path / "tmp").iterdir())
