@@ -34,6 +34,7 @@ TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 # [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
 # its side. What a support carries is made to be peeled off; the outer half of a brim is too thin to hold.
 LEAST_CONTACT_MM2 = 4.0
+LEAST_FOOT_MM = 0.8  # of `Footing.wall_mm`: an edge is narrower than a line, so that its layer is not printed
 STICKS_N_MM2 = 0.05
 PROPPED = 0.1  # share of that for the area that supports carry
 BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing
@@ -80,8 +81,9 @@ class Pose:
     @property
     def stands(self) -> bool:
         """Whether it stays where it is while it is printed, and its weight is on its footing or its brim."""
-        held = self.footing.contact_mm2 >= LEAST_CONTACT_MM2 and self.strain <= 1.0
-        return held and self.lean_mm >= -self.brim_share_mm
+        footing = self.footing
+        touches = footing.contact_mm2 >= LEAST_CONTACT_MM2 and footing.wall_mm >= LEAST_FOOT_MM
+        return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
 
     @property
     def rank(self) -> tuple[int, float, float, float]:

@@ -23,6 +23,7 @@ from decompose.solid import Solid
 COST = CostModel.from_recipe(Recipe())
 ROOM = PrinterRoom("p", ((200.0, 190.0, 200.0),))
 TURNED = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
+EDGEWISE = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
 NOTHING = np.zeros(0, dtype=np.bool_)
 
 
@@ -104,6 +105,13 @@ def test_what_is_thin_is_laid_down_and_gets_a_brim_where_it_cannot_be(size: tupl
     upright = laid(solid, narrow)
     assert upright.size_mm[2] >= 100.0
     assert upright.brim_width_mm == pytest.approx(COST.brim_mm, abs=0.1)
+
+
+def test_an_edge_is_no_footing() -> None:
+    vertices, faces = turned(Solid.box((0, 0, 0), (60, 30, 30)), EDGEWISE).arrays()
+    pose = measure(vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3), COST)
+    assert pose.footing.contact_mm2 > 10.0  # narrower than a line, and as long as the block
+    assert not pose.stands
 
 
 def test_turning_the_model_turns_the_pose() -> None:
