@@ -20,13 +20,14 @@ _NEAR_MM = 1.0  # how far a line may be from a place that it fills
 _GAPS = 8  # in one ring
 _FOLLOWING = {
     "adaptive_layer_height_enabled": "False",
+    "coasting_enable": "False",
     "conical_overhang_enabled": "False",
     "magic_fuzzy_skin_enabled": "False",
     "magic_mesh_surface_mode": "normal",
     "magic_spiralize": "False",
     "mold_enabled": "False",
     "slicing_tolerance": "middle",
-}  # with anything else the outer wall leaves the model's outline
+}  # with anything else the outer wall leaves the model's outline, or has gaps
 
 
 @dataclass(frozen=True, slots=True)

@@ -188,6 +188,7 @@ def test_a_wall_of_one_line_is_printed():
         {"magic_spiralize": "True"},
         {"slicing_tolerance": "exclusive"},
         {"magic_fuzzy_skin_enabled": "True"},
+        {"coasting_enable": "True"},
     ],
 )
 def test_settings_that_leave_the_outline(settings_of, setting):
