@@ -63,6 +63,8 @@ def test_a_signal_ends_the_engine_and_leaves_no_file(box, env, tmp_path, number,
         env={**env, "FARM_CURA_ENGINE": str(engine)},
         stderr=subprocess.PIPE,
         text=True,
+        # Who runs the tests in the background has SIGINT ignored, and hands that down.
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
     )
     with (tmp_path / "fifo").open() as fifo:
         assert fifo.readline() == "slicing\n"
