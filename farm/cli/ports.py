@@ -38,7 +38,7 @@ def discover(
         return
     from drivers.discover import plugged  # slow to load, and an emergency stop does without it
 
-    rows = plugged((section.name, section.port) for section in sections)
+    rows = plugged((section.name, section.port) for section in sections if section.host is None)
     if json:
         ports = [
             {"port": str(row.port), "device": str(row.device), "what": row.what, "printer": row.printer}
@@ -67,6 +67,14 @@ def _printers(places: Places) -> tuple[PrinterSection, ...]:
     return load_fleet(places.fleet, frozenset(PROFILES)).printers
 
 
+def _same_port(wanted: str, section: PrinterSection) -> bool:
+    """Whether that is this host's port of a printer, by any of its names."""
+    if section.host is not None:
+        return False
+    same = wanted.startswith("/") and Path(wanted).resolve() == Path(section.port).resolve()
+    return same or wanted == section.port
+
+
 def _name(taken: set[str]) -> str:
     """A name that no printer has."""
     name = next(name for number in range(1, 1000) if (name := f"um2-{number:02}") not in taken)
@@ -82,10 +90,14 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
     """Reset the board of an idle printer, by its agent where that is running."""
     from drivers import discover as drv
 
-    section = next((one for one in sections if wanted in (one.name, one.port)), None)
+    section = next((one for one in sections if wanted == one.name or _same_port(wanted, one)), None)
     if section is None and not wanted.startswith(("/", NET)):
         names = " ".join(one.name for one in sections)
         raise NoSuchThing(f"there is no printer {wanted}; the fleet has {names or 'none'}; or name a port")
+    if section is not None and section.host is not None:
+        raise Refused(
+            f"{section.name}: is on {section.host}: `farm cleared {section.name}` tries its reset there"
+        )
     if section is not None and section.simulated:
         print(f"{section.name}: is simulated: nothing to see to")
         return

@@ -104,7 +104,8 @@ def test_the_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Pat
     alone = farm(tmp_path, "/dev/null", "--commission", str(printer), "--yes")
     assert alone.returncode == 0, alone.stderr
     assert f"model: {MODEL}" in alone.stdout  # the line for fleet.yaml
-    wrong = farm(tmp_path, printer, "--commission", "a", "--yes")
+    (tmp_path / "by-path").symlink_to(printer)
+    wrong = farm(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")  # by another name
     assert wrong.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong.stderr
     folder = tmp_path / "state" / "agents" / "b"
     process = spawn("b", MODEL, str(printer), folder, Clock(120.0, time.time()))
@@ -122,5 +123,7 @@ def test_the_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Pat
         process.kill()
         process.wait(10.0)
     assert Journal(folder / "journal.jsonl").memory.reset_verified == str(printer)
+    far = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
+    assert far.returncode == 5 and "is on pc-b" in far.stderr  # the port of that name here is another's
     unknown = farm(tmp_path, printer, "--commission", "z", "--yes")
     assert unknown.returncode == 4
