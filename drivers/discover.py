@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivers import messages as m
 from drivers.agent.idle import CARD, IdleWatch
-from drivers.agent.journal import Journal
+from drivers.agent.journal import JOURNAL, Journal
 from drivers.client import AgentClient
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
@@ -107,7 +107,7 @@ def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> st
         finally:
             port.close()
         if folder is not None:
-            journal = Journal(folder / "journal.jsonl")
+            journal = Journal(folder / JOURNAL)
             journal.write(time.time(), reset_verified=url, opened=plugged_in(url))
     finally:
         if lock is not None:

@@ -15,11 +15,11 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers import mains, start
-from drivers.agent.journal import Journal
+from drivers.agent.journal import JOURNAL, Journal
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
@@ -103,22 +103,25 @@ def stop(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> 
         target.folder.mkdir(parents=True, exist_ok=True)
         lock = hold(target.folder / AGENT_LOCK)
     try:
-        stopped = _cut(target, show_s, tell)
-        if not stopped.seen_off and target.power_off_cmd:
-            text = f"{stopped.text}; {mains.cut(target.power_off_cmd, target.printer)}"
-            stopped = Stopped(stopped.printer, stopped.cut_s, False, text)
+        stopped = cut(target, show_s, tell)
         if lock is not None:
             with suppress(DriverError, OSError):  # a full disk: the next agent doubts the bed all the same
-                Journal(target.folder / "journal.jsonl").write(
-                    time.time(), look=LOOK, hot=not stopped.seen_off
-                )
+                Journal(target.folder / JOURNAL).write(time.time(), look=LOOK, hot=not stopped.seen_off)
     finally:
         if lock is not None:
             os.close(lock)
     return stopped
 
 
-def _cut(target: Target, show_s: float, tell: Tell) -> Stopped:
+def cut(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> Stopped:
+    """The same where no agent lives: the board, and where that does not help the mains. Never raises."""
+    stopped = _reset(target, show_s, tell)
+    if stopped.seen_off or not target.power_off_cmd:
+        return stopped
+    return replace(stopped, text=f"{stopped.text}; {mains.cut(target.power_off_cmd, target.printer)}")
+
+
+def _reset(target: Target, show_s: float, tell: Tell) -> Stopped:
     """Reset the board and see its heaters off."""
     name = target.printer
     try:

@@ -13,6 +13,7 @@ from pathlib import Path
 AGENT_LOCK = "lock"  # in an agent's folder
 _TRIES, _WAIT_S = 20, 0.05
 _DEATH_S = 1.0
+_PID_BYTES = 10
 
 
 def held(path: Path) -> bool:
@@ -34,6 +35,11 @@ def hold(path: Path) -> int | None:
     -------
     int | None
         The descriptor; None where somebody else has it.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
     """
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     for _ in range(_TRIES):
@@ -42,15 +48,21 @@ def hold(path: Path) -> int | None:
         except BlockingIOError:
             time.sleep(_WAIT_S)
         else:
-            os.ftruncate(descriptor, 0)  # who held it before is no process to kill
-            return descriptor
-    os.close(descriptor)
-    return None
+            break
+    else:
+        os.close(descriptor)
+        return None
+    try:  # who held it before is no process to kill; in place, as a full disk has no room for more
+        os.pwrite(descriptor, b" " * os.fstat(descriptor).st_size, 0)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
 
 
 def sign(descriptor: int) -> None:
     """Write down which process holds the lock, and may be killed for it."""
-    os.pwrite(descriptor, b"%d" % os.getpid(), 0)
+    os.pwrite(descriptor, b"%-*d" % (_PID_BYTES, os.getpid()), 0)
 
 
 def holder(path: Path) -> int | None:

@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 import logging
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from drivers import start
 from drivers.agent.inhibit import Inhibitor
+from drivers.agent.journal import JOURNAL, recall
 from drivers.agent.loop import Agent
 from drivers.errors import AgentError
-from drivers.locks import AGENT_LOCK, hold, sign
+from drivers.estop import Target, cut
+from drivers.locks import AGENT_LOCK, held, hold, sign
 from drivers.profiles import PROFILES
 
 
@@ -31,14 +34,39 @@ def main() -> int:
     except AgentError as error:
         logging.error("%s", error)
         return 1
-    lock = hold(folder / AGENT_LOCK)
-    if lock is None:
-        logging.error("%s: another agent has this printer: end that first", folder)
-        return 1
-    sign(lock)
     inhibitor = Inhibitor(given.printer, simulated=given.port.startswith("sim://"))
-    Agent(given.printer, profile, given.port, folder, given.clock, given.power_off_cmd, inhibitor).run()
+    try:
+        if not _mine(folder):
+            logging.error("%s: another agent has this printer: end that first", folder)
+            return 1
+        agent = Agent(given.printer, profile, given.port, folder, given.clock, given.power_off_cmd, inhibitor)
+    except OSError as error:
+        logging.error("%s: cannot be written (%s); see to its disk", folder, error)
+        _end_heat(given, folder)
+        return 1
+    agent.run()
     return 0
+
+
+def _mine(folder: Path) -> bool:
+    """Take the folder's lock for as long as this process lives; False where another agent has it."""
+    try:
+        lock = hold(folder / AGENT_LOCK)
+    except OSError:
+        if held(folder / AGENT_LOCK):
+            return False
+        raise
+    if lock is not None:
+        with suppress(OSError):  # a full disk: it prints nothing new, but the heat has to be ended
+            sign(lock)
+    return lock is not None
+
+
+def _end_heat(given: start.Start, folder: Path) -> None:
+    """Where nothing can be written nothing is printed, but what the last agent heated must not stay hot."""
+    if recall(folder / JOURNAL)[0].heat:
+        stopped = cut(Target(given.printer, given.port, folder, given.power_off_cmd))
+        logging.error("%s: its last agent left a print behind: %s", given.printer, stopped.text)
 
 
 if __name__ == "__main__":

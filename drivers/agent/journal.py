@@ -16,6 +16,8 @@ from drivers.messages import Filament, PrintSnapshot
 
 log = logging.getLogger(__name__)
 
+JOURNAL = "journal.jsonl"  # in an agent's folder
+
 
 @dataclass(slots=True)
 class Memory:
@@ -51,6 +53,11 @@ class Memory:
     reset_verified: str | None = None
     ended: set[str] = field(default_factory=set)
 
+    @property
+    def heat(self) -> bool:
+        """Whether the last agent may have left heat behind."""
+        return self.hot or (self.print is not None and not self.print.phase.ended)
+
     def take(self, record: dict[str, Any]) -> None:
         """Learn one record."""
         if "print" in record:
@@ -71,21 +78,26 @@ class Memory:
             self.identity = record["identity"]
 
 
+def recall(path: Path) -> tuple[Memory, int]:
+    """Read a journal, and how many bytes of it are whole records."""
+    memory, good = Memory(), 0
+    if path.exists():
+        for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the rest was cut short
+            good += len(line) + 1
+            try:
+                memory.take(json.loads(line))
+            except (ValueError, TypeError, AttributeError):
+                log.warning("%s:%d: cannot be read: %.80r", path, number, line)
+                memory.look = f"its journal is damaged: see line {number} of {path}"
+    return memory, good
+
+
 class Journal:
     """An append-only file. `write` returns when the record is on the disk."""
 
     def __init__(self, path: Path) -> None:
-        self.memory = Memory()
         self._path = path
-        self._good = 0  # bytes of whole records
-        if path.exists():
-            for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the rest was cut short
-                self._good += len(line) + 1
-                try:
-                    self.memory.take(json.loads(line))
-                except ValueError:
-                    log.warning("%s:%d: cannot be read: %.80r", path, number, line)
-                    self.memory.look = f"its journal is damaged: see line {number} of {path}"
+        self.memory, self._good = recall(path)
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
         os.ftruncate(self._fd, self._good)
         folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)

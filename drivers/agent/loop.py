@@ -13,7 +13,7 @@ from pathlib import Path
 from drivers.agent.board import Board
 from drivers.agent.idle import CARD
 from drivers.agent.inhibit import Inhibitor
-from drivers.agent.journal import Journal
+from drivers.agent.journal import JOURNAL, Journal
 from drivers.agent.record import Record
 from drivers.agent.server import Server
 from drivers.agent.spool import Spool
@@ -92,7 +92,7 @@ class Agent:
         self._port_fd: int | None = None
         self._over = False
         self._ending = False  # shut down when the open print has ended
-        self._journal = Journal(folder / "journal.jsonl")
+        self._journal = Journal(folder / JOURNAL)
         self._spool = Spool(folder / "spool")
         self._board = Board(url, folder / EMULATOR, clock, self._remember, self._port_moved)
         self._record = Record(printer, profile, self._board, self._journal, clock, power_off_cmd)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import AgentError, BadGcode
@@ -78,6 +79,8 @@ class Spool:
             with path.open("rb") as lines:
                 return strip(lines)
         except OSError as error:
+            with suppress(OSError):
+                path.unlink()  # half a file is of no use, and its disk may be full
             if source.is_file() and os.access(source, os.R_OK):
                 raise _unwritten(path, error) from error
             raise BadGcode(f"{source}: cannot be read ({error.strerror}); is its folder shared?") from error

@@ -137,8 +137,8 @@ class Emulator:
         )
         try:
             write_status(self._folder, status)
-        except FileNotFoundError:
-            self._on = False
+        except OSError:
+            self._on = self._folder.is_dir()  # on a full disk what was shown last stays
         self._shown = board.changes
         self._show_at = time.monotonic() + STATUS_S
 

@@ -163,10 +163,19 @@ def test_a_lock_tells_who_holds_it(tmp_path: Path):
     sign(lock)
     assert held(path) and hold(path) is None
     assert holder(path) == os.getpid()
+    size = path.stat().st_size
     path.write_text("[1")
     assert holder(path) is None
     os.close(lock)
     assert not held(path)
+    path.write_text("1" * size)
+    lock = hold(path)
+    assert lock is not None
+    assert holder(path) is None  # nobody signed yet
+    sign(lock)
+    assert holder(path) == os.getpid()
+    assert path.stat().st_size == size  # a full disk has no room for more
+    os.close(lock)
 
 
 def test_what_an_agent_was_started_with_is_found_again_and_rubbish_is_no_printer(tmp_path: Path):
@@ -176,6 +185,15 @@ def test_what_an_agent_was_started_with_is_found_again_and_rubbish_is_no_printer
             (tmp_path / name / "start.json").write_text(text)
     Start("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
     assert estop.known(tmp_path) == {"d": estop.Target("d", "/dev/null", tmp_path / "d", "relay d")}
+
+
+def test_what_is_the_same_is_not_written_anew_as_a_disk_may_be_full(tmp_path: Path):
+    begun = Start("d", MODEL, "/dev/null")
+    begun.write(tmp_path)
+    (tmp_path / ".start.json.new").mkdir()  # nothing can be written there
+    begun.write(tmp_path)
+    with pytest.raises(OSError):
+        replace(begun, port="/dev/zero").write(tmp_path)
 
 
 def test_no_process_is_killed_for_a_number_that_an_agent_left_behind(tmp_path: Path):

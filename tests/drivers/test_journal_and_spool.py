@@ -1,5 +1,6 @@
 """What an agent keeps on its disk."""
 
+import errno
 import hashlib
 import os
 from pathlib import Path
@@ -50,7 +51,7 @@ def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tm
     ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
     Journal(path).write(1.0, filament="parked")
     with path.open("ab") as end:
-        end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n')
+        end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n5\n[]\n')
     Journal(path).write(4.0, print=ended.model_dump(mode="json"))
     memory = Journal(path).memory
     assert memory.ended == {"p-1"}
@@ -75,6 +76,21 @@ def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
         spool.take("p-1", tmp_path / "none", "0" * 64)
     with pytest.raises(AgentError):
         spool.check("../p-1")
+
+
+def test_a_full_disk_keeps_no_half_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    spool = Spool(tmp_path / "spool")
+
+    class Full:
+        def update(self, _: bytes) -> None:
+            raise OSError(errno.ENOSPC, "no room")
+
+    monkeypatch.setattr(hashlib, "sha256", Full)
+    with pytest.raises(AgentError, match="make room"):
+        spool.take("p-1", source, "0" * 64)
+    assert not list((tmp_path / "spool").iterdir())
 
 
 def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
