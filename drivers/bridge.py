@@ -96,7 +96,7 @@ def stop_there(
     except subprocess.TimeoutExpired:
         why = "does not answer"
     except (OSError, ValueError, TypeError) as error:
-        why = said.splitlines()[-1] if said else str(error)
+        why = said.splitlines()[-1] if said else f"the way there said nothing ({error})"
     return estop.Stopped(start.printer, None, False, f"cannot be stopped: {host}: {why}; switch it off")
 
 

@@ -6,10 +6,11 @@ import asyncio
 import os
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
+from typing import BinaryIO
 
 from pydantic import ValidationError
 
@@ -40,9 +41,17 @@ class AgentClient:
         The agent's folder; where the agent is on another host, only the log of the way there is in it.
     over
         The way to another host: words that start a program which carries bytes, and what it is told first.
+    heard
+        Called at every line of the agent's, also at one of another version that cannot be read: it lives.
     """
 
-    def __init__(self, folder: Path, over: tuple[Sequence[str], bytes] | None = None) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        over: tuple[Sequence[str], bytes] | None = None,
+        heard: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._heard = heard
         self._folder = folder
         self._over = over
         self._carrier: asyncio.subprocess.Process | None = None
@@ -172,6 +181,7 @@ class AgentClient:
         reason = "the connection to the agent is gone"
         try:
             while line := await reader.readline():
+                self._heard()
                 said = _parse(line)
                 if isinstance(said, Snapshot):
                     queue.put_nowait(said)
@@ -234,7 +244,7 @@ def spawn(
         words = ["systemctl", "start", unit.replace("%i", printer)]
     try:
         start.write(folder)
-        with (folder / LOG).open("ab") as log:
+        with _log(folder) as log:
             return subprocess.Popen(
                 words,
                 cwd=Path(drivers.__file__).parents[1],
@@ -245,6 +255,14 @@ def spawn(
             )
     except OSError as error:
         raise AgentError(f"{printer}: its agent does not start ({error}); see {folder / LOG}") from error
+
+
+def _log(folder: Path) -> BinaryIO:
+    """Where an agent logs; nowhere, where the disk takes nothing: it may have to end the last one's heat."""
+    try:
+        return (folder / LOG).open("ab")
+    except OSError:
+        return Path(os.devnull).open("ab")
 
 
 def as_units() -> bool:

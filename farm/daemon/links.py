@@ -212,13 +212,13 @@ class AgentLink:
         self._ears = ears
         way = _kept_way(self._folder, section, farm, clock)
         self._remote = way is not None
-        self._client = AgentClient(self._folder, way)
+        self._heartbeat = Heartbeat()
+        self._client = AgentClient(self._folder, way, self._heartbeat.heard)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
         self._tasks: set[asyncio.Task[Any]] = set()
         self._stopping = False
-        self._heartbeat = Heartbeat()
 
     def start(self) -> None:
         self.keep_alive()
@@ -274,16 +274,15 @@ class AgentLink:
         while not self._stopping:
             try:
                 await asyncio.sleep(wait_s)
-                wait_s = min(2 * wait_s + 1.0, _LONGEST_WAIT_S) if self._remote else 0.0
+                wait_s = min(2 * wait_s + 1.0, _LONGEST_WAIT_S) if self._remote else agents.RETRY_S
                 await self._client.connect()
-                wait_s = 1.0 if self._remote else 0.0
+                wait_s = 1.0 if self._remote else agents.RETRY_S
                 words = self._client.snapshots()
                 while True:
                     async with asyncio.timeout(_SILENCE_S):
                         said = await anext(words, None)
                     if said is None:
                         break
-                    self._heartbeat.heard()
                     if self._is_ours(said):
                         self._hear(self._up_to_date(translate(said)))
                 log.info("%s: the connection to its agent is gone", self._name)

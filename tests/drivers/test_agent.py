@@ -5,6 +5,8 @@ import hashlib
 import select
 import signal
 import stat
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -303,6 +305,26 @@ def test_what_an_agent_of_another_version_says_is_understood_and_what_it_is_told
         m.request_adapter.validate_python({"do": "hello", "id": 1, "loudly": True})
 
 
+def test_an_agent_that_says_what_cannot_be_read_is_heard_all_the_same(tmp_path: Path):
+    heard: list[bool] = []
+
+    async def speak(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b'{"kind": "snapshot", "printer": "a", "agent_pid": 1, "link": "floating"}\n')
+        await writer.drain()
+        writer.close()
+
+    async def story() -> None:
+        server = await asyncio.start_unix_server(speak, tmp_path / "agent.sock")
+        client = AgentClient(tmp_path, heard=lambda: heard.append(True))
+        await client.connect()
+        assert [said async for said in client.snapshots()] == []
+        await client.close()
+        server.close()
+
+    run(story())
+    assert heard  # it lives: whoever judges its silence must not end its print
+
+
 class Driven(Agent):
     """An agent in this process, with something done at each step of its loop."""
 
@@ -362,6 +384,27 @@ def test_an_agent_that_fails_by_a_fault_of_its_own_switches_the_heaters_off_firs
     with pytest.raises(ZeroDivisionError):
         driven.run()
     assert settled(tmp_path / "emulator", lambda s: (s.nozzle_target_c, s.bed_target_c) == (0.0, 0.0))
+
+
+@pytest.mark.system
+def test_an_agent_that_can_write_nothing_still_ends_the_heat_of_the_last(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(20_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            assert max(one.targets()) > 0
+            words = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", one.folder]
+            done = await asyncio.to_thread(
+                subprocess.run, words, check=False, capture_output=True, text=True, timeout=DEADLINE_S
+            )
+            assert done.returncode == 1
+            assert "cannot be written" in done.stdout and "seen off" in done.stdout
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
 
 
 @pytest.mark.system
