@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 
 from apscheduler.executors.asyncio import AsyncIOExecutor
@@ -19,8 +20,14 @@ class Timers:
 
     def every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, again and again until the timers are stopped."""
+
+        async def on_the_loop() -> None:  # APScheduler runs a plain function in a thread
+            done = work()
+            if inspect.isawaitable(done):
+                await done
+
         trigger = IntervalTrigger(seconds=wall_seconds)
-        self._scheduler.add_job(work, trigger, id=name, replace_existing=True)
+        self._scheduler.add_job(on_the_loop, trigger, id=name, replace_existing=True)
 
     def start(self) -> None:
         self._scheduler.start()
