@@ -87,8 +87,9 @@ class Walk:
         self.feed_mm_min = _last_feed(program, start)
         # from, to, and how far back the filament was before
         self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=AHEAD_LINES)
-        for line in program.lines(start, done):
-            self._follow(line)
+        for first in range(start, done, WINDOW_LINES):  # never all lines of a long file at a time
+            for line in program.lines(first, min(done, first + WINDOW_LINES)):
+                self._follow(line)
 
     def _follow(self, line: bytes) -> None:
         if line.startswith(_MOVES):

@@ -26,7 +26,12 @@ def cut(command: str, printer: str, patience_s: float = PATIENCE_S) -> str:
     try:
         words = [word.replace("{printer}", printer) for word in shlex.split(command)]
         done = subprocess.run(
-            words, stdin=subprocess.DEVNULL, capture_output=True, timeout=patience_s, check=False
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            timeout=patience_s,
+            check=False,
         )
     except (OSError, ValueError, IndexError) as error:
         said = f"power_off_cmd could not be run ({error}): switch it off by hand"
