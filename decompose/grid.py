@@ -60,6 +60,8 @@ class Grid:
         Cells that must be printed: those with surface, and those of the wall behind it.
     sums
         (nx, ny, nz, SUMS), see the column constants.
+    area
+        (nx, ny, nz) of the model's surface in a cell, in mm2.
     extents
         (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf where empty.
     cuts
@@ -70,6 +72,7 @@ class Grid:
     cells: npt.NDArray[np.int8]
     needed: Bools
     sums: Floats
+    area: Floats
     extents: Floats
     cuts: tuple[Floats, Floats, Floats]
 
@@ -314,7 +317,7 @@ def build_grid(
     needed = cells != Cell.EXTERNAL
     if not keep_interior:
         needed = (cells == Cell.BOUNDARY) | _wall(cells, extents, planes, min_wall_mm)
-    return Grid(planes, cells, needed, sums, extents, (cuts[0], cuts[1], cuts[2]))
+    return Grid(planes, cells, needed, sums, area, extents, (cuts[0], cuts[1], cuts[2]))
 
 
 def _wall(

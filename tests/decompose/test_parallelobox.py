@@ -1,0 +1,198 @@
+"""The paper's engine: blocks on invented tables and on a real grid."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.boxes import Boxes, all_boxes, box_index, ends
+from decompose.cost import CostModel, PrinterRoom
+from decompose.grid import Cell, Grid, build_grid
+from decompose.growth import (
+    NOBODY,
+    SPEED_MM_S,
+    Score,
+    Terrain,
+    grow,
+    terrain_in_seconds,
+    terrain_of_the_paper,
+)
+from decompose.mesh import Model
+from decompose.metaheuristic import attempts
+from decompose.seeds import seeds
+from decompose.solid import Solid
+from decompose.voids import fill
+
+Shape = tuple[int, int, int]
+
+
+def invented(shape: Shape, seed: int) -> Terrain:
+    """Some cells needed, some boxes too large, some in two pieces; a single cell always fits."""
+    rng = np.random.default_rng(seed)
+    total = int(np.prod([n * (n + 1) // 2 for n in shape]))
+    seconds = rng.uniform(1.0, 9.0, total).astype(np.float32)
+    seconds[rng.random(total) < 0.2] = np.inf
+    pieces = np.where(rng.random(total) < 0.2, 2, 1).astype(np.int16)
+    for cell in np.ndindex(shape):
+        at = box_index((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
+        seconds[at], pieces[at] = 1.0, 1
+    needed = rng.random(shape) < 0.6
+    return Terrain(needed, seconds, pieces, seconds, np.zeros(total, np.float32))
+
+
+def cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
+    count = np.zeros(shape, int)
+    for x0, y0, z0, x1, y1, z1 in blocks:
+        count[x0:x1, y0:y1, z0:z1] += 1
+    return count
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4)),
+    seed=st.integers(0, 10**6),
+    share=st.floats(0.0, 1.0),
+    score=st.sampled_from(Score),
+)
+def test_blocks_never_meet_and_all_is_covered(shape: Shape, seed: int, share: float, score: Score) -> None:
+    terrain = invented(shape, seed)
+    cells = np.argwhere(terrain.needed)
+    chosen = cells[: math.ceil(share * len(cells))].tolist()
+    blocks, owner = grow([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in chosen], terrain, score)
+    assert len(blocks) == len(chosen)
+    assert ((cover(blocks, shape) == 1) == (owner != NOBODY)).all()
+    assert cover(blocks, shape).max(initial=0) <= 1
+    left = int((terrain.needed & (owner == NOBODY)).sum())
+    filled = fill(blocks, owner, terrain, left)
+    assert filled is not None  # a block for each cell would do
+    assert cover(filled, shape).max(initial=0) <= 1
+    assert (cover(filled, shape)[terrain.needed] == 1).all()
+    for block in filled:
+        at = box_index((*block.tolist(),), shape)
+        assert np.isfinite(terrain.seconds[at])
+        assert terrain.pieces[at] == 1
+        assert terrain.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
+
+
+def test_growth_stops_where_no_block_can_grow(cost: CostModel) -> None:
+    shape = (4, 1, 1)
+    total = 10
+    flat = np.ones(total, np.float32)
+    terrain = Terrain(np.ones(shape, bool), flat, np.ones(total, np.int16), flat, 0 * flat)
+    blocks, owner = grow([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
+    assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
+    too_large = flat.copy()
+    too_large[box_index((0, 0, 0, 2, 1, 1), shape)] = np.inf
+    terrain = Terrain(np.ones(shape, bool), too_large, np.ones(total, np.int16), flat, 0 * flat)
+    blocks, owner = grow([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
+    assert owner.ravel().tolist() == [0, NOBODY, NOBODY, NOBODY]
+    assert fill(blocks, owner.copy(), terrain, 0) is None
+    assert fill(blocks, owner.copy(), terrain, 1) is not None
+
+
+@pytest.mark.parametrize(("score", "expected"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
+def test_the_two_readings_of_the_score(score: Score, expected: list[int]) -> None:
+    """A block in the middle of three cells: to the left is cheap, to the right dear."""
+    shape = (3, 1, 1)
+    price = np.ones(6, np.float32)
+    price[box_index((0, 0, 0, 2, 1, 1), shape)] = 2.0
+    price[box_index((1, 0, 0, 3, 1, 1), shape)] = 5.0
+    seconds = np.ones(6, np.float32)
+    seconds[box_index((0, 0, 0, 3, 1, 1), shape)] = np.inf
+    terrain = Terrain(np.ones(shape, bool), seconds, np.ones(6, np.int16), price, 0 * price)
+    _, owner = grow([(1, 0, 0, 2, 1, 1)], terrain, score)
+    assert np.flatnonzero(owner.ravel() == 0).tolist() == expected
+
+
+@pytest.fixture(scope="module")
+def printers(plus_room: PrinterRoom) -> list[PrinterRoom]:
+    return [plus_room] * 14
+
+
+@pytest.fixture(scope="module")
+def plus_room() -> PrinterRoom:
+    return PrinterRoom("plus", ((206.9, 190.9, 205.0),))
+
+
+@pytest.fixture(scope="module")
+def ball_points(ball: Model) -> np.ndarray:
+    return np.unique(ball.solid.arrays()[0], axis=0)
+
+
+@pytest.fixture(scope="module")
+def ball_grid(ball: Model, cost: CostModel) -> Grid:
+    vertices, faces = ball.solid.arrays()
+    return build_grid(vertices[faces], 8, 10.0, False, cost.overhang_cos, cost.skin_cos)
+
+
+@pytest.fixture(scope="module")
+def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Boxes:
+    return all_boxes(ball_grid, printers, cost)
+
+
+@pytest.mark.parametrize("count", [1, 7, 40, 10_000])
+def test_seeds_are_boundary_cells_no_two_the_same(
+    ball_grid: Grid, ball_points: np.ndarray, count: int
+) -> None:
+    found = seeds(ball_points, ball_grid, count, np.random.default_rng(3))
+    boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
+    assert len(set(found)) == len(found) == min(count, boundary)
+    assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in found)
+    assert found == seeds(ball_points, ball_grid, count, np.random.default_rng(3))
+    few = seeds(ball_points[:3], ball_grid, count, np.random.default_rng(3))  # fewer vertices than seeds
+    assert len(set(few)) == len(found)
+
+
+def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
+    cells = np.array(seeds(ball_points, ball_grid, 8, np.random.default_rng(0)))[:, :3]
+    gaps = np.abs(cells[:, None] - cells[None]).sum(axis=2) + 100 * np.eye(8, dtype=int)
+    assert gaps.min() >= 2
+
+
+@pytest.mark.parametrize("score", Score)
+def test_attempts_cover_the_model_and_are_the_same_each_time(
+    score: Score, ball_grid: Grid, ball_boxes: Boxes, ball_points: np.ndarray
+) -> None:
+    terrain = terrain_in_seconds(ball_grid, ball_boxes)
+    found = attempts(ball_points, ball_grid, terrain, 14, 2, score, seed=5)
+    assert found
+    for each in found:
+        count = cover(np.array(each.blocks), ball_grid.shape)
+        assert count.max() == 1
+        assert (count[ball_grid.needed] == 1).all()
+        indices = [box_index(block, ball_grid.shape) for block in each.blocks]
+        assert (ball_boxes.trimmed[indices] == indices).all()  # no block ends in a layer of nothing
+        assert each.parts == ball_boxes.pieces[indices].sum() <= 14
+        assert each.longest == ball_boxes.seconds[indices].max() < np.inf
+    assert [a.longest for a in found] == sorted(a.longest for a in found)
+    with ThreadPoolExecutor(2) as pool:
+        threaded = attempts(ball_points, ball_grid, terrain, 14, 2, score, 5, pool.map)
+    assert found == threaded
+    assert found != attempts(ball_points, ball_grid, terrain, 14, 2, score, seed=6)
+
+
+def test_the_papers_prices_are_those_of_the_solid_in_a_box(
+    ball: Model, ball_grid: Grid, ball_boxes: Boxes
+) -> None:
+    terrain = terrain_of_the_paper(ball_grid, ball_boxes)
+    rng = np.random.default_rng(1)
+    shape = ball_grid.shape
+    for at in rng.choice(len(ball_boxes.seconds), 25, replace=False):
+        sizes = [n * (n + 1) // 2 for n in shape]
+        rest, iz = divmod(int(at), sizes[2])
+        ix, iy = divmod(rest, sizes[1])
+        spans = [ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
+        x, y, z = spans
+        box = (x[0], y[0], z[0], x[1], y[1], z[1])
+        piece: Solid = ball.solid.clip(*ball_grid.bounds_mm(box))
+        expected = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
+        assert terrain.printing[at] == pytest.approx(expected, rel=1e-4, abs=1.0)
+    whole = box_index((0, 0, 0, *shape), shape)
+    # What looks down from a ball more steeply than the support angle is the same disc on all sides.
+    down = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
+    assert terrain.overhang[whole] == pytest.approx(down, rel=0.1)
