@@ -76,6 +76,7 @@ class HoldCode(StrEnum):
     NO_SUCH_PRINTER = "no_such_printer"
     TOO_FEW_PRINTERS = "too_few_printers"
     PRINTER_BUSY = "printer_busy"
+    ALL_ITS_PRINTERS_BUSY = "all_its_printers_busy"
     BED_NOT_CLEAR = "bed_not_clear"
     FILAMENT_UNKNOWN = "filament_unknown"
     NEEDS_A_LOOK = "needs_a_look"

@@ -319,9 +319,11 @@ class Core:
 
     def _plate_view(self, plate: Plate) -> PlateView:
         failed = {p.printer for p in self.books.prints_of(plate) if p.state is PrintState.FAILED}
+        options = self.books.job(plate.job).options
+        used = sum(1 for _ in self.books.open_prints(plate.job))
         need = Need(
             material=plate.material,
-            colour=self.books.job(plate.job).options.colour,
+            colour=options.colour,
             nozzle_mm=plate.nozzle_mm,
             box=(*plate.min_mm[:2], *plate.max_mm),
         )
@@ -332,6 +334,7 @@ class Core:
             planned=plate.printer,
             estimated_s=plate.estimated_s,
             failed_on=frozenset(failed),
+            places=None if options.printers is None else max(0, options.printers - used),
         )
 
     def scene(self, state: StateFolder) -> Scene:

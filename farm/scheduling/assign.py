@@ -96,6 +96,7 @@ class PlateView:
     planned: str  # the printer that the plan gave it
     estimated_s: float
     failed_on: frozenset[str] = frozenset()
+    places: int | None = None  # on how many more printers its job may print now; None: on all
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +112,8 @@ def assign(
 
     A plate keeps the printer of its plan while that one can take it now; otherwise it goes to any matching
     printer that is idle and clear and that no other waiting plate was planned for. A plate goes back to
-    a printer on which it failed only where no other that matches is free.
+    a printer on which it failed only where no other that matches is free. A job that was given a number of
+    printers never prints on more of them at once.
 
     Parameters
     ----------
@@ -127,28 +129,41 @@ def assign(
     """
     fleet = {printer.name: printer for printer in sorted(printers, key=lambda p: p.name)}
     free = {name for name, printer in fleet.items() if printer.obstacle() is None}
+    places = {plate.job: plate.places for plate in plates if plate.places is not None}
     given: list[Assignment] = []
     left: list[PlateView] = []
+
+    def give(plate: PlateView, printer: str) -> None:
+        given.append(Assignment(plate.id, printer))
+        free.discard(printer)
+        if plate.job in places:
+            places[plate.job] -= 1
+
     for plate in plates:
         planned = fleet.get(plate.planned)
         fits = planned is not None and plate.planned in free and plate.need.matches(planned)
-        if fits and plate.planned not in plate.failed_on:
-            given.append(Assignment(plate.id, plate.planned))
-            free.discard(plate.planned)
+        if fits and plate.planned not in plate.failed_on and places.get(plate.job) != 0:
+            give(plate, plate.planned)
         else:
             left.append(plate)
     # Within a job the longest first: what is left of it ends when its longest plate does.
     for plate in sorted(left, key=lambda p: (p.job, -p.estimated_s)):
+        if places.get(plate.job) == 0:
+            continue
         matching = [name for name in sorted(free) if plate.need.matches(fleet[name])]
         choice = min(matching, key=lambda n: (n in plate.failed_on, fleet[n].height_mm, n), default=None)
         if choice is not None:
-            given.append(Assignment(plate.id, choice))
-            free.discard(choice)
+            give(plate, choice)
             left.remove(plate)
-    return given, {plate.id: _hold(plate, fleet) for plate in left}
+    return given, {plate.id: _hold(plate, fleet, places.get(plate.job)) for plate in left}
 
 
-def _hold(plate: PlateView, fleet: dict[str, PrinterView]) -> Hold:
+def _hold(plate: PlateView, fleet: dict[str, PrinterView], places: int | None) -> Hold:
+    if places == 0:
+        return Hold(
+            code=HoldCode.ALL_ITS_PRINTERS_BUSY,
+            text="its job prints on as many printers as it was given (--printers)",
+        )
     planned = fleet.get(plate.planned)
     if planned is not None and plate.need.matches(planned):
         obstacle = planned.obstacle()

@@ -26,7 +26,9 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.tracking.books import Books
 
-_PASSING_HOLDS = {HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.PRINTER_CONNECTING}
+_PASSING_HOLDS = {
+    HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

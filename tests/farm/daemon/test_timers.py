@@ -12,7 +12,7 @@ from farm.daemon.timers import Timers
 
 @pytest.mark.parametrize("plain", [True, False])
 def test_work_runs_on_the_event_loop(plain):
-    """The daemon's state belongs to one thread: a timer in another would change it in the middle of a turn."""
+    """The daemon's state belongs to one thread: a timer in another would change it in mid-turn."""
 
     async def run() -> threading.Thread:
         ran: asyncio.Future[threading.Thread] = asyncio.get_running_loop().create_future()

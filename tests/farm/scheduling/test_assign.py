@@ -1,5 +1,7 @@
 """Assignment: no printer twice, no bed that is not clear, the same answer in any order."""
 
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -98,6 +100,20 @@ def test_a_plate_moves_only_to_a_printer_whose_room_holds_all_of_it():
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
     given_, _ = assign([plate("1/01", "a", need=aside)], [printer("a", booked=True), printer("b")])
     assert given_[0].printer == "b"
+
+
+def test_a_job_prints_on_no_more_printers_than_it_was_given():
+    waiting = [plate(f"1/0{i}", "ab"[i % 2], places=1) for i in range(4)]
+    given_, holds = assign(waiting, [printer(name) for name in "abcd"])
+    assert len(given_) == 1
+    assert {hold.code for hold in holds.values()} == {HoldCode.ALL_ITS_PRINTERS_BUSY}
+    assert assign([plate("1/01", "a", places=0)], [printer("a")])[0] == []
+
+
+@given(plates, printers, st.integers(0, 5))
+def test_places_are_kept_whatever_the_fleet(waiting, fleet, places):
+    given_, _ = assign([replace(waits, places=places) for waits in waiting], fleet)
+    assert len(given_) <= places
 
 
 def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
