@@ -72,6 +72,12 @@ class Parking(Steps):
         elif back_mm > PARKED_SLACK_MM:
             self.filament = Filament.UNKNOWN
 
+    def _lift_mm(self, z_mm: float, done: int) -> float:
+        """How far the bed goes down before the head leaves its part: others may be finished, and higher."""
+        printed = () if self.program is None else self.program.timeline
+        highest_mm = max((mark.z_mm for mark in printed if mark.line <= done), default=0.0)
+        return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, self.profile.home_mm[2]) - z_mm)
+
     def _pausable(self) -> bool:
         """Whether the head may leave the part here and find back."""
         return (
@@ -95,8 +101,7 @@ class Parking(Steps):
             told if math.isnan(exact) else exact for exact, told in zip(walk.at, self._place, strict=True)
         )
         yield from self._park(walk.back_mm, hot=True)
-        over_mm = min(z + LIFT_MM, self.profile.home_mm[2])
-        over = b"G1 F1200 Z%.3f" % over_mm
+        over = b"G1 F1200 Z%.3f" % (z + self._lift_mm(z, done))
         yield from self._commands(b"G90", over, b"G1 F9000 X%g Y%g" % ASIDE_MM, b"M104 S0")
         self._nozzle_off = True
         yield from self._dead_man(PAUSE_DEAD_MAN_S)

@@ -24,7 +24,7 @@ from drivers.identify import Identifying
 from drivers.marlin import Event, Events, Link, Report, Said, Trouble, Up
 from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
-from drivers.parking import PARKED_MM
+from drivers.parking import LIFT_MM, PARKED_MM
 from drivers.profiles import Profile
 from drivers.steps import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, TRIES, Ended, Pace, Script, Wait
 
@@ -96,7 +96,9 @@ class Session(Identifying):
         """Lines of the file that the printer has acknowledged."""
         if self._streamed is not None:
             return self._streamed
-        return max(self._carried_out, self.link.streamed) if self.program is not None else 0
+        if self.program is None or self._up is None:
+            return 0  # until the board has started anew, the link counts what was printed before
+        return max(self._carried_out, self.link.streamed)
 
     @property
     def ended(self) -> bool:
@@ -319,13 +321,15 @@ class Session(Identifying):
         if not (yield from self._commands(b"M401", b"M104 S0", b"M140 S0", b"M107", limit_s=STOP_S)):
             return False
         if homed:  # else nobody knows how far the bed may go
+            done = max(self._carried_out, self.link.streamed)
+            self._place = None
+            yield from self._commands(b"M114")
             if self.filament is Filament.AT_NOZZLE and self.program is not None:
-                self._place = None
-                yield from self._commands(b"M114")
-                done = max(self._carried_out, self.link.streamed)
                 hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
                 yield from self._park(retracted_mm(self.program, done, self._place), hot)
-            away = (b"G91", b"G1 F1200 Z10", b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)
+            z_mm = math.nan if self._place is None else self._place[2]
+            lift_mm = LIFT_MM if math.isnan(z_mm) else self._lift_mm(z_mm, done)
+            away = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)
             if not (yield from self._commands(*away)):
                 return False
         if not (yield from self._shown_off()):

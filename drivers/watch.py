@@ -2,7 +2,8 @@
 
 What the firmware itself does not notice, or notices and goes on after (um2-serial section 3): an M109 that
 would end ``ok`` with a dead heater, an M190 that would wait for ever, a heater that fails in mid-print, one
-that heats on when it is off. Reports carry no checksum, so every value is the median of three.
+that heats on when it is off. Reports carry no checksum, so every value is the median of three. Between two
+reports at most `GAP_S` count: what nobody saw, as behind a long move or with the host asleep, is no fault.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from drivers.replies import Report
 __all__ = ["Finding", "Rule", "Watch"]
 
 NEARER_C = 1.0  # less than this in `Rule.stall_s` is no progress
+GAP_S = 15.0
 BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, of which the firmware says nothing
 
 
@@ -73,6 +75,9 @@ class Watch:
     """
 
     def __init__(self, patience_s: float) -> None:
+        self._gap_s = max(GAP_S, patience_s / 4)
+        self._heard_s = math.nan
+        self._watched_s = 0.0  # time in which reports came
         self._heaters = {name: _Heater(name, rule, patience_s) for name, rule in RULES.items()}
 
     def look(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
@@ -83,8 +88,13 @@ class Watch:
         set_c
             What each heater was told, which is never garbled.
         """
+        if not math.isnan(self._heard_s):
+            self._watched_s += min(max(now_s - self._heard_s, 0.0), self._gap_s)
+        self._heard_s = now_s
         is_c = {HeaterName.NOZZLE: report.nozzle_c, HeaterName.BED: report.bed_c}
-        found = [heater.look(is_c[name], set_c[name], now_s) for name, heater in self._heaters.items()]
+        found = [
+            heater.look(is_c[name], set_c[name], self._watched_s) for name, heater in self._heaters.items()
+        ]
         return next((finding for finding in found if finding is not None), None)
 
     def now_c(self, name: HeaterName) -> float:

@@ -218,6 +218,14 @@ def test_without_a_program_the_board_is_reset_and_the_agent_s_death_is_the_reaso
     assert rig.session.filament is Filament.UNKNOWN
 
 
+def test_a_print_on_a_link_that_has_printed_begins_at_nothing():
+    rig = Rig()
+    rig.run()
+    assert rig.session.streamed == rig.program.count
+    again = Session(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s)
+    assert again.streamed == 0
+
+
 def test_a_second_cancel_and_a_cancel_of_what_has_ended_change_nothing():
     rig = Rig().printing(100)
     rig.session.cancel("first", rig.now_s)
@@ -347,6 +355,43 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
     ]
     places = [back.index(word) for word in order]
     assert places == sorted(places)
+
+
+def one_by_one() -> str:
+    """A part of 60 mm is finished, and another one begun beside it."""
+    low = "\n".join(
+        f"G1 F3000 X{150 + 20 * (i % 2)} Y{50 + i * 0.2:.2f} E{4 + 0.1 * i:.2f}" for i in range(60)
+    )
+    high = "G1 F3000 X90 Y50 E1\n;LAYER:1\nG0 Z60\nG1 F3000 X50 Y60 E3\nG0 Z65 X150\n;LAYER:0\nG0 Z0.27\n"
+    return GCODE.format(moves=high + low, end=3.5)
+
+
+@pytest.mark.parametrize("cancel", [False, True])
+def test_the_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
+    rig = Rig(text=one_by_one())
+    rig.printing(rig.program.count - 40)
+    at = len(rig.sent)
+    planner = rig.firmware.machine.planner
+    if cancel:
+        rig.session.cancel("no more", rig.now_s)
+    else:
+        rig.session.pause(rig.now_s)
+    while not rig.session.ended and rig.targets()[1 if cancel else 0] > 0:
+        rig.step()
+    rig.run(until=lambda: b"G28 X0" in rig.sent[at:] if cancel else planner.target[:2] == (10.0, 200.0))
+    assert planner.target[2] >= 69.9
+    rig.session.resume(rig.now_s)
+    rig.run()
+    assert rig.session.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
+
+
+def test_a_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
+    rig = Rig()
+    rig.run(until=lambda: rig.session.streamed > rig.program.homes + 1)
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert b"G1 F1200 Z0.000" in rig.sent
+    assert rig.session.heaters_off
 
 
 def test_a_pause_that_nobody_ends_ends_the_print_safely():

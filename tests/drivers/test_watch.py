@@ -106,6 +106,18 @@ def test_off_is_believed_when_it_falls_and_doubted_when_it_does_not(name: Heater
     assert found is not None and found.fault is Fault.HEATER_STUCK_ON
 
 
+@pytest.mark.parametrize("seconds", [70.0, 200.0, 4000.0, -4000.0])
+@pytest.mark.parametrize("name", [NOZZLE, BED])
+def test_a_gap_without_reports_is_no_fault_of_a_heater(name: HeaterName, seconds: float):
+    """A host that slept, a clock that was set, a move that took long."""
+    set_c = 210.0 if name is NOZZLE else 60.0
+    for target_c, start_c in ((set_c, 30.0), (0.0, set_c)):
+        watch, curve, now_s = Watch(4.0), Curve(name, start_c), 0.0
+        for second in range(60):
+            now_s += seconds if second in (5, 6, 30) else 1.0
+            assert look(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
+
+
 def test_a_sensor_that_reads_below_freezing_is_broken_and_not_cold():
     watch = Watch(4.0)
     found = [look(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
