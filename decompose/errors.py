@@ -11,6 +11,10 @@ class ModelUnreadable(DecomposeError):
     """The file is not there, or is not a whole model of a format that is known."""
 
 
+class BadSize(ModelUnreadable):
+    """A scale or a longest side that no model can be given."""
+
+
 class ModelEmpty(DecomposeError):
     """The file holds no triangle with an area."""
 

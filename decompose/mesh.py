@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from decompose.errors import (
+    BadSize,
     ModelEmpty,
     ModelFlat,
     ModelHuge,
@@ -104,9 +105,9 @@ def load_model(
     name = _one_line(path.name if name is None else name)
     for flag, value in (("--scale", scale), ("--longest-side", longest_side_mm)):
         if value is not None and not 0.0 < value <= sys.float_info.max:
-            raise ModelUnreadable(f"{flag} {value}: give a number above 0")
+            raise BadSize(f"{flag} {value}: give a number above 0")
     if scale is not None and longest_side_mm is not None:
-        raise ModelUnreadable("--scale and --longest-side exclude each other: give one of them")
+        raise BadSize("--scale and --longest-side exclude each other: give one of them")
     triangles = _read(path, where, name, suffix)
     if not np.isfinite(triangles).all():
         bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())

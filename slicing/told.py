@@ -107,7 +107,9 @@ def tell_engine(model: str, resolver: Resolver, density_g_cm3: float, scale: tup
     filament_mm2 = math.pi * diameter_mm**2 / 4
     nozzle_c = number("material_print_temperature_layer_0")
     bed_c = number("material_bed_temperature_layer_0") if flag("machine_heated_bed") else 0.0
-    global_["machine_start_gcode"] = start_code(nozzle_c, bed_c, filament_mm2)
+    # The engine's Marlin header does not name the nozzle: whoever gets the file could not tell.
+    nozzle = f";NOZZLE_DIAMETER:{number('machine_nozzle_size'):g}"
+    global_["machine_start_gcode"] = f"{nozzle}\n{start_code(nozzle_c, bed_c, filament_mm2)}"
     global_["machine_end_gcode"] = end_code(number("retraction_amount") if flag("retraction_enable") else 0.0)
     directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
     support = flag("support_enable")

@@ -302,6 +302,7 @@ def main() -> None:
         say(" ".join(str(error).split()))
         sys.exit(int(error.exit_code))
     except KeyboardInterrupt:
+        say("interrupted")
         sys.exit(int(ExitCode.INTERRUPTED))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -13,6 +13,7 @@ from farm.errors import ErrorCode, FarmError
 _CODES: tuple[tuple[type[Exception], ErrorCode], ...] = (
     (de.NoFit, ErrorCode.NO_FIT),
     (de.GeometryError, ErrorCode.GEOMETRY),
+    (de.BadSize, ErrorCode.SETTINGS),
     (de.DecomposeError, ErrorCode.MODEL),
     (se.EngineMissing, ErrorCode.ENGINE),
     (se.EngineFailed, ErrorCode.ENGINE),

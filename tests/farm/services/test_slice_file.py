@@ -62,7 +62,7 @@ REFUSED = {
     "material": ({"material": "PLA"}, ErrorCode.SETTINGS, "did you mean generic_pla"),
     "nozzle": ({"nozzle_mm": 0.5}, ErrorCode.SETTINGS, "0.4 mm, 0.6 mm"),
     "setting": ({"overrides": {"laier_height": "1"}}, ErrorCode.SETTINGS, "did you mean layer_height"),
-    "both": ({"scale": 1.0, "longest_side_mm": 9.0}, ErrorCode.MODEL, "exclude each other"),
+    "both": ({"scale": 1.0, "longest_side_mm": 9.0}, ErrorCode.SETTINGS, "exclude each other"),
 }
 
 
