@@ -102,6 +102,7 @@ class Recipe:
     travel_mm_s: float = 150.0
     acceleration_mm_s2: float = 3000.0
     least_layer_s: float = 5.0  # the slicer slows down for it
+    shrinkage: float = 0.007  # of the material, a share of its length: what warps
     prelude_s: float = 0.0  # heat-up, homing, start and end code, once a part
 
     @property
@@ -179,6 +180,7 @@ class CostModel:
     support_s_mm3: float = 0.0
     support_side_s_mm2: float = 0.0
     tower_s_mm: float = 0.0
+    shrinkage: float = 0.007  # how wide a brim has to be against warping; no part of the price
 
     @property
     def overhang_cos(self) -> float:
@@ -203,6 +205,7 @@ class CostModel:
             least_s_mm=recipe.least_layer_s / recipe.layer_height_mm,
             brim_mm=recipe.brim_mm,
             support_angle_deg=recipe.support_angle_deg,
+            shrinkage=recipe.shrinkage,
             skin_cos=recipe.skin_cos,
             support_s_mm3=seconds["support_mm3"],
             support_side_s_mm2=seconds["support_side_mm2"],

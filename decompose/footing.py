@@ -20,6 +20,7 @@ ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
 STEADY = 3.0  # times the width of its walls' feet that a part may be high without a brim
 GOOD_CONTACT_MM2 = 400.0
 WARPS_MM = (60.0, 120.0)  # bases this long begin to lift at their corners; need all the brim there is
+WARPS_AT = 0.007  # where the material shrinks by so much (ABS): a strip lifts by shrinkage times length squared
 LEAST_BRIM_MM = 2.0
 
 # [assumed] What the squeezed first layer adds to each side; thinner walls could be lost by taking it off.
@@ -77,16 +78,19 @@ class Footing:
             return -math.inf
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
 
-    def brim_width_mm(self, height_mm: float, lean_mm: float, widest_mm: float) -> float:
+    def brim_width_mm(
+        self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = WARPS_AT
+    ) -> float:
         """The brim that a part of this height needs; 0 for none, never more than the widest.
 
         Where it is high for its feet, or its centre of mass is not inside them (`lean_mm`), a brim widens
         them; a small contact sticks by its brim; a long base curls up at its corners, less where they are
-        blunt.
+        blunt, and with a material that shrinks less (`shrinkage`, a share of its length) only when longer.
         """
         lever = (height_mm / STEADY - self.wall_mm) / 2.0
         contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
-        begins, all_of_it = WARPS_MM
+        longer = math.sqrt(WARPS_AT / max(shrinkage, 1e-4))
+        begins, all_of_it = (longer * length_mm for length_mm in WARPS_MM)
         warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
         beside = widest_mm if lean_mm < 0.0 else 0.0
         needed = max(lever, contact, beside, warp if self.sharp_corners else warp / 2.0)

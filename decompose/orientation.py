@@ -178,7 +178,7 @@ def _measured(
     brim: float | None = None
     expansion: float | None = None
     if fit_first_layer:
-        brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm)
+        brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
         joined = bool((triangles[cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
     priced = cost if brim is None else replace(cost, brim_mm=brim)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from decompose.cost import Recipe
+from decompose.footing import WARPS_AT
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.services.estimate import plate_seconds
@@ -36,6 +37,7 @@ def recipe(settings: Settings, prelude_s: float) -> Recipe:
         travel_mm_s=settings.speed_travel_mm_s,
         acceleration_mm_s2=float(shared["machine_acceleration"]),
         least_layer_s=float(extruder["cool_min_layer_time"]),
+        shrinkage=settings.scale_xy - 1.0 or WARPS_AT,
         prelude_s=prelude_s,
     )
 

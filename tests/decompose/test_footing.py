@@ -74,6 +74,7 @@ def test_broad_and_low_needs_no_brim_narrow_long_and_small_do() -> None:
     assert upright(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
     assert upright(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little to stick by
     assert upright(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
+    assert upright(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5  # and less where it shrinks less
     assert upright(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its weight is beside it
     disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
     disc.apply_translation([0, 0, 5])
