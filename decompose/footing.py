@@ -20,7 +20,7 @@ ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
 STEADY = 3.0  # times the width of its walls' feet that a part may be high without a brim
 GOOD_CONTACT_MM2 = 400.0
 WARPS_MM = (60.0, 120.0)  # bases this long begin to lift at their corners; need all the brim there is
-WARPS_AT = 0.007  # where the material shrinks by so much (ABS): a strip lifts by shrinkage times length squared
+WARPS_AT = 0.007  # where the material shrinks by so much (ABS): what lifts is shrinkage times length squared
 LEAST_BRIM_MM = 2.0
 
 # [assumed] What the squeezed first layer adds to each side; thinner walls could be lost by taking it off.

@@ -22,7 +22,7 @@ def filament(grams: float, length_mm: float, price: float | None = None, currenc
     """How much filament, and what it costs where that is known."""
     parts = [f"{_short(grams)} g", f"{_short(length_mm / 1000)} m"]
     if price is not None:
-        parts.append(f"{price:.2f} {currency or ''}".rstrip())
+        parts.append(f"{price:.2f} {currency}" if currency else f"price {price:.2f}")
     return ", ".join(parts)
 
 

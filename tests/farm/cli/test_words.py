@@ -24,7 +24,7 @@ def test_spans(seconds, words):
 
 def test_filament_has_a_price_where_one_is_known():
     assert filament(123.6, 15640.0) == "124 g, 15.6 m"
-    assert filament(123.6, 15640.0, 3.5226) == "124 g, 15.6 m, 3.52"
+    assert filament(123.6, 15640.0, 3.5226) == "124 g, 15.6 m, price 3.52"
     assert filament(0.081, 12.0) == "0.08 g, 0.01 m"
     assert filament(123.6, 15640.0, 0.0, "EUR") == "124 g, 15.6 m, 0.00 EUR"
 
