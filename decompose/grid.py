@@ -266,6 +266,7 @@ def build_grid(
     keep_interior: bool,
     overhang_cos: float,
     skin_cos: float,
+    plane_at: tuple[int, float] | None = None,
 ) -> Grid:
     """Lay a grid over a closed mesh.
 
@@ -283,6 +284,8 @@ def build_grid(
         Faces whose normal points down by more than this count as overhangs.
     skin_cos
         Faces whose normal points up or down by more than this get skin.
+    plane_at
+        An axis, and where the nearest inner plane of the grid is moved to, in mm.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     counts = cell_counts(hi - lo, granularity)
@@ -290,6 +293,9 @@ def build_grid(
         place_planes(float(lo[a]), float(hi[a]), counts[a], flat_coordinates(triangles, a)) for a in range(3)
     )
     planes = (px, py, pz)
+    if plane_at is not None and counts[plane_at[0]] > 1:
+        inner_planes = planes[plane_at[0]][1:-1]
+        inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
     area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, skin_cos, overhang_cos)
     steps = [np.diff(p) for p in planes]
     cuts = []

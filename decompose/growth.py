@@ -8,7 +8,7 @@ by nothing, take a cell that has an owner, fall into more pieces) forbids a dire
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -23,7 +23,7 @@ Ints = npt.NDArray[np.int64]
 
 SPEED_MM_S = 20.0  # of shell and of infill, in the paper's settings
 OVERHANG_TOLERANCE_DEG = 1.0  # likewise
-NOBODY = -1
+NOBODY, BARRED = -1, -2
 
 
 class Score(StrEnum):
@@ -41,6 +41,8 @@ class Terrain:
     ----------
     needed
         (nx, ny, nz) cells that must be covered.
+    barred
+        (nx, ny, nz) cells that no block may take: those of the other half, where the model was cut in two.
     seconds
         (boxes,) of `Boxes`: +inf where a box does not fit.
     pieces
@@ -52,16 +54,24 @@ class Terrain:
     """
 
     needed: npt.NDArray[np.bool_]
+    barred: npt.NDArray[np.bool_]
     seconds: npt.NDArray[np.float32]
     pieces: npt.NDArray[np.int16]
     printing: npt.NDArray[np.float32]
     overhang: npt.NDArray[np.float32]
 
+    def half(self, axis: int, plane: int, upper: bool) -> Terrain:
+        """Only what lies on one side of a plane of the grid."""
+        other = np.zeros(self.needed.shape, dtype=np.bool_)
+        side = slice(None, plane) if upper else slice(plane, None)
+        other[tuple(side if a == axis else slice(None) for a in range(3))] = True
+        return replace(self, needed=self.needed & ~other, barred=self.barred | other)
+
 
 def terrain_in_seconds(grid: Grid, boxes: Boxes) -> Terrain:
     """P is the print time in the best pose that fits, with its supports, so that O is nothing."""
     none = np.zeros(len(boxes.seconds), np.float32)
-    return Terrain(grid.needed, boxes.seconds, boxes.pieces, boxes.seconds, none)
+    return Terrain(grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, none)
 
 
 def terrain_of_the_paper(grid: Grid, boxes: Boxes) -> Terrain:
@@ -84,7 +94,8 @@ def terrain_of_the_paper(grid: Grid, boxes: Boxes) -> Terrain:
         table[tuple(slice(None) if i == axis else slice(1, None) for i in range(3))] = cut.cumsum(a).cumsum(b)
         faces.append(table)
     printing, overhang = _paper_prices(prefix, faces[0], faces[1], faces[2], len(boxes.seconds), SPEED_MM_S)
-    return Terrain(grid.needed, boxes.seconds, boxes.pieces, printing, overhang)
+    free = np.zeros_like(grid.needed)
+    return Terrain(grid.needed, free, boxes.seconds, boxes.pieces, printing, overhang)
 
 
 @jit
@@ -136,7 +147,7 @@ def can_grow(
     direction
         0 to 5: -x, -y, -z, +x, +y, +z.
     owner
-        (nx, ny, nz) the block that has a cell, or `NOBODY`.
+        (nx, ny, nz) the block that has a cell, `NOBODY` or `BARRED`.
     """
     nx, ny, nz = owner.shape
     axis = direction % 3
@@ -240,10 +251,10 @@ def grow(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints, Ints]:
     Returns
     -------
     blocks, owner
-        (k, 6) in cells, half-open, and (nx, ny, nz): the block that has a cell, or `NOBODY`.
+        (k, 6) in cells, half-open, and (nx, ny, nz): the block that has a cell, `NOBODY` or `BARRED`.
     """
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
-    owner = np.full(terrain.needed.shape, NOBODY, dtype=np.int64)
+    owner = np.where(terrain.barred, BARRED, NOBODY).astype(np.int64)
     tables = (terrain.seconds, terrain.pieces, terrain.printing, terrain.overhang)
     _grow(blocks, owner, terrain.needed, *tables, score is Score.HIGH)
     return blocks, owner

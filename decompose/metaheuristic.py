@@ -1,4 +1,4 @@
-"""The metaheuristic: many attempts, with fewer and fewer seeds and several draws of each, and the best of them.
+"""The metaheuristic: many attempts, with fewer and fewer seeds and several draws of each, and the best one.
 
 Fewer seeds leave more printers to the void fill, so that it more often finds enough.
 """
@@ -45,7 +45,7 @@ def attempt(
 ) -> Attempt | None:
     """One attempt; None where it needs more parts than there are printers."""
     rng = np.random.default_rng([seed, *draw])
-    blocks, owner = grow(seeds(points, grid, draw[0], rng), terrain, score)
+    blocks, owner = grow(seeds(points, grid, terrain.barred, draw[0], rng), terrain, score)
     parts = _parts(blocks, terrain)
     filled = fill(blocks, owner, terrain, printers - parts)
     if filled is None or _parts(filled, terrain) > printers:

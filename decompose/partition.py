@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
 
+from decompose import parallelobox
+from decompose.bound import makespan_bound
 from decompose.boxes import Box, Boxes, all_boxes, box_index
 from decompose.check import Coverage, check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
@@ -20,6 +23,7 @@ from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
 from decompose.guillotine import UNREACHABLE, Partitioner
 from decompose.mesh import Model
 from decompose.orientation import Pose, best_pose, measure
+from decompose.parallelobox import align, as_it_stands, paper_settings
 from decompose.report import Decomposition, Engine, Interior, Options, Part
 from decompose.solid import Solid
 
@@ -32,7 +36,11 @@ CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a
 
 
 def decompose(
-    model: Model, printers: Sequence[PrinterRoom], options: Options, cost: CostModel
+    model: Model,
+    printers: Sequence[PrinterRoom],
+    options: Options,
+    cost: CostModel,
+    executor: Executor | None = None,
 ) -> Decomposition:
     """Cut a model into parts that finish together.
 
@@ -47,6 +55,8 @@ def decompose(
         How to cut.
     cost
         Print time of a part.
+    executor
+        For attempts that may run side by side; threads do.
 
     Raises
     ------
@@ -63,30 +73,50 @@ def decompose(
     if not (math.isfinite(options.min_wall_mm) and options.min_wall_mm >= 0.0):
         raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
     watch = _Watch()
+    grows = options.engine is Engine.PARALLELOBOX
+    if grows and options.faithful:
+        options = paper_settings(options)
     vertices, faces = model.solid.arrays()
-    triangles = vertices[faces]
+    aligned = align(model, options.seed) if grows else as_it_stands(model)
+    model = aligned.model
+    turned, turned_faces = model.solid.arrays()
+    triangles = turned[turned_faces]
     keep = options.interior is Interior.KEEP
     room_mm = [min(max(box[axis] for box in p.boxes) for p in printers) for axis in range(3)]
     cells = granularity(options.granularity, len(printers), max(model.extents_mm) / min(room_mm))
-    grid = build_grid(triangles, cells, options.min_wall_mm, keep, cost.overhang_cos, cost.skin_cos)
+
+    def lay(overhang_cos: float) -> Grid:
+        wall_mm, plane_at = options.min_wall_mm, aligned.mirror
+        return build_grid(triangles, cells, wall_mm, keep, overhang_cos, cost.skin_cos, plane_at)
+
+    grid = lay(cost.overhang_cos)
     watch.lap("grid")
     boxes = all_boxes(grid, list(printers), cost)
     watch.lap("boxes")
     bound = lower_bound_s(model.solid.area_mm2, grid, len(printers), cost)
-    found, pieces = _search(model, grid, boxes, len(printers), room_mm, bound)
+    if grows:
+        cut = parallelobox.search(aligned, grid, boxes, len(printers), options, lay, executor)
+        found, pieces = list(cut), _with_bounds(cut, grid)
+    else:
+        found, pieces = _search(model, grid, boxes, len(printers), room_mm, bound)
     watch.lap("search")
+    grid_makespan = boxes.longest_s(found)
+    proof = makespan_bound(boxes, grid.needed, len(printers), found, grid_makespan)
+    bound = max(bound, proof.seconds)
+    watch.lap("bound")
     parts = _parts(pieces, printers, cost, options.fit_first_layer)
     serial_s, as_is_s = serial_seconds(vertices, faces, cost, options.fit_first_layer)
     makespan = max(p.estimated_s for p in parts)
     result = Decomposition(
-        engine=Engine.GUILLOTINE,
+        engine=options.engine,
         options=options,
         serial_s=serial_s,
         serial_as_is_s=as_is_s,
         makespan_s=makespan,
         sum_s=sum(p.estimated_s for p in parts),
+        grid_makespan_s=grid_makespan,
         lower_bound_s=bound,
-        gap=(makespan - bound) / bound,
+        gap=(grid_makespan - bound) / bound,
         compute_s={},
         parts=tuple(parts),
         coverage=Coverage(0.0, 0.0),
@@ -95,7 +125,8 @@ def decompose(
     watch.lap("parts")
     coverage = check(result, model, printers, grid, found)
     watch.lap("check")
-    return replace(result, coverage=coverage, compute_s=watch.laps())
+    in_frame = tuple(aligned.turned_back(part) for part in result.parts)
+    return replace(result, parts=in_frame, coverage=coverage, compute_s=watch.laps())
 
 
 def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
@@ -159,8 +190,12 @@ def _search(
                 wrong = wrong or len(cut[box]) > int(boxes.pieces[at])
                 boxes.pieces[at] = len(cut[box])
         if not wrong:
-            return chosen, [(s, np.stack(grid.bounds_mm(box))) for box in chosen for s in cut[box]]
+            return chosen, _with_bounds({box: cut[box] for box in chosen}, grid)
         least_s = max(bound_s, makespan - 1.0)
+
+
+def _with_bounds(cut: dict[Box, list[Solid]], grid: Grid) -> list[Piece]:
+    return [(solid, np.stack(grid.bounds_mm(box))) for box, solids in cut.items() for solid in solids]
 
 
 def _no_fit(model: Model, grid: Grid, solver: Partitioner, printers: int, room_mm: list[float]) -> NoFit:

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from decompose.assembly import draw_assembly
 from decompose.check import Coverage, Rule, check_stl
 from decompose.errors import GeometryError
+from decompose.growth import Score
 from decompose.solid import Solid
 from decompose.stl import single_precision, write_stl
 
@@ -27,6 +28,7 @@ class Engine(StrEnum):
     """How the model is cut."""
 
     GUILLOTINE = "guillotine"
+    PARALLELOBOX = "parallelobox"
 
 
 class Interior(StrEnum):
@@ -45,6 +47,9 @@ class Options:
     interior: Interior = Interior.LEAVE
     min_wall_mm: float = 10.0
     seed: int = 0  # for engines that draw; the guillotine engine does not
+    tries: int = 3  # of parallelobox, for each number of seeds
+    score: Score = Score.LOW  # of parallelobox
+    faithful: bool = False  # parallelobox with the paper's own prices and settings
     fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
 
 
@@ -124,11 +129,14 @@ class Decomposition:
         The whole model on one imagined large printer: in its best pose, and as it stands in its file.
     makespan_s, sum_s
         The longest part, and all parts together.
+    grid_makespan_s
+        The longest box as the tables price it: in the best of its axis poses, with supports down to the bed
+        and the quality's brim. `makespan_s` is of the pose that a part is printed in, and may be either side.
     lower_bound_s
-        No partition into at most as many box-shaped parts as there are printers ends sooner: the least work
-        that surface and needed cells are worth in any pose, shared out evenly, plus each part's fixed time.
+        Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
+        lower `grid_makespan_s` (`decompose.bound`). It says nothing of other grids, cuts or poses.
     gap
-        (makespan_s - lower_bound_s) / lower_bound_s.
+        (grid_makespan_s - lower_bound_s) / lower_bound_s.
     compute_s
         Wall time of the decomposition, by stage; ``total`` is all.
     """
@@ -139,6 +147,7 @@ class Decomposition:
     serial_as_is_s: float
     makespan_s: float
     sum_s: float
+    grid_makespan_s: float
     lower_bound_s: float
     gap: float
     compute_s: dict[str, float]
@@ -156,6 +165,7 @@ class Decomposition:
             "serial_as_is_s": self.serial_as_is_s,
             "makespan_s": self.makespan_s,
             "sum_s": self.sum_s,
+            "grid_makespan_s": self.grid_makespan_s,
             "lower_bound_s": self.lower_bound_s,
             "gap": self.gap,
             "compute_s": self.compute_s["total"],

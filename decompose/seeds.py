@@ -12,7 +12,9 @@ from decompose.grid import Cell, Grid
 Floats = npt.NDArray[np.float64]
 
 
-def seeds(points: Floats, grid: Grid, count: int, rng: np.random.Generator) -> list[Box]:
+def seeds(
+    points: Floats, grid: Grid, barred: npt.NDArray[np.bool_], count: int, rng: np.random.Generator
+) -> list[Box]:
     """Cells to grow blocks from, all of them boundary cells and no two the same.
 
     Parameters
@@ -20,10 +22,12 @@ def seeds(points: Floats, grid: Grid, count: int, rng: np.random.Generator) -> l
     points
         (n, 3) in mm, no two the same: the model's vertices, or the centres of its boundary cells where the
         vertices are fewer than the seeds.
+    barred
+        (nx, ny, nz) cells that are out of bounds.
     count
         Wanted; never more than there are boundary cells.
     """
-    boundary = np.argwhere(grid.cells == Cell.BOUNDARY)
+    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~barred)
     count = min(count, len(boundary))
     middles = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
     centres = np.stack([middles[axis][boundary[:, axis]] for axis in range(3)], axis=1)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.boxes import Boxes, all_boxes, box_index, ends
 from decompose.cost import CostModel, PrinterRoom
+from decompose.errors import NoFit
 from decompose.grid import Cell, Grid, build_grid
 from decompose.growth import (
     NOBODY,
@@ -24,8 +27,12 @@ from decompose.growth import (
 )
 from decompose.mesh import Model
 from decompose.metaheuristic import attempts
+from decompose.parallelobox import align
+from decompose.partition import decompose
+from decompose.report import Engine, Options
 from decompose.seeds import seeds
 from decompose.solid import Solid
+from decompose.symmetry import find_mirror, rotation_to_axis
 from decompose.voids import fill
 
 Shape = tuple[int, int, int]
@@ -42,7 +49,11 @@ def invented(shape: Shape, seed: int) -> Terrain:
         at = box_index((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
         seconds[at], pieces[at] = 1.0, 1
     needed = rng.random(shape) < 0.6
-    return Terrain(needed, seconds, pieces, seconds, np.zeros(total, np.float32))
+    return Terrain(needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32))
+
+
+def nothing(grid: Grid) -> np.ndarray:
+    return np.zeros(grid.shape, bool)
 
 
 def cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
@@ -79,16 +90,22 @@ def test_blocks_never_meet_and_all_is_covered(shape: Shape, seed: int, share: fl
         assert terrain.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
 
 
-def test_growth_stops_where_no_block_can_grow(cost: CostModel) -> None:
+def simple(shape: Shape, seconds: np.ndarray, printing: np.ndarray) -> Terrain:
+    """All cells needed and free, all boxes in one piece, no overhang."""
+    pieces = np.ones(len(seconds), np.int16)
+    return Terrain(np.ones(shape, bool), np.zeros(shape, bool), seconds, pieces, printing, 0 * printing)
+
+
+def test_growth_stops_where_no_block_can_grow() -> None:
     shape = (4, 1, 1)
     total = 10
     flat = np.ones(total, np.float32)
-    terrain = Terrain(np.ones(shape, bool), flat, np.ones(total, np.int16), flat, 0 * flat)
+    terrain = simple(shape, flat, flat)
     blocks, owner = grow([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
     too_large = flat.copy()
     too_large[box_index((0, 0, 0, 2, 1, 1), shape)] = np.inf
-    terrain = Terrain(np.ones(shape, bool), too_large, np.ones(total, np.int16), flat, 0 * flat)
+    terrain = simple(shape, too_large, flat)
     blocks, owner = grow([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, NOBODY, NOBODY, NOBODY]
     assert fill(blocks, owner.copy(), terrain, 0) is None
@@ -104,7 +121,7 @@ def test_the_two_readings_of_the_score(score: Score, expected: list[int]) -> Non
     price[box_index((1, 0, 0, 3, 1, 1), shape)] = 5.0
     seconds = np.ones(6, np.float32)
     seconds[box_index((0, 0, 0, 3, 1, 1), shape)] = np.inf
-    terrain = Terrain(np.ones(shape, bool), seconds, np.ones(6, np.int16), price, 0 * price)
+    terrain = simple(shape, seconds, price)
     _, owner = grow([(1, 0, 0, 2, 1, 1)], terrain, score)
     assert np.flatnonzero(owner.ravel() == 0).tolist() == expected
 
@@ -139,17 +156,18 @@ def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) ->
 def test_seeds_are_boundary_cells_no_two_the_same(
     ball_grid: Grid, ball_points: np.ndarray, count: int
 ) -> None:
-    found = seeds(ball_points, ball_grid, count, np.random.default_rng(3))
+    found = seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
     boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
     assert len(set(found)) == len(found) == min(count, boundary)
     assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in found)
-    assert found == seeds(ball_points, ball_grid, count, np.random.default_rng(3))
-    few = seeds(ball_points[:3], ball_grid, count, np.random.default_rng(3))  # fewer vertices than seeds
+    assert found == seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    # Fewer vertices than seeds:
+    few = seeds(ball_points[:3], ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
     assert len(set(few)) == len(found)
 
 
 def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
-    cells = np.array(seeds(ball_points, ball_grid, 8, np.random.default_rng(0)))[:, :3]
+    cells = np.array(seeds(ball_points, ball_grid, nothing(ball_grid), 8, np.random.default_rng(0)))[:, :3]
     gaps = np.abs(cells[:, None] - cells[None]).sum(axis=2) + 100 * np.eye(8, dtype=int)
     assert gaps.min() >= 2
 
@@ -196,3 +214,67 @@ def test_the_papers_prices_are_those_of_the_solid_in_a_box(
     # What looks down from a ball more steeply than the support angle is the same disc on all sides.
     down = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
     assert terrain.overhang[whole] == pytest.approx(down, rel=0.1)
+
+
+def turn(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
+    return np.asarray(trimesh.transformations.rotation_matrix(angle, axis)[:3, :3])
+
+
+@settings(max_examples=15, deadline=None)
+@given(angle=st.floats(-3.0, 3.0), seed=st.integers(0, 100))
+def test_a_mirrored_cloud_has_its_mirror(angle: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    half = rng.uniform((5.0, -60.0, -20.0), (100.0, 40.0, 30.0), (150, 3))
+    rotation = turn(angle, (1.0, 2.0, 0.5))
+    cloud = np.vstack([half, half * (-1.0, 1.0, 1.0)]) @ rotation.T + (7.0, 8.0, 9.0)
+    mirror = find_mirror(cloud, np.random.default_rng(seed))
+    assert mirror is not None
+    assert abs(mirror.normal @ rotation[:, 0]) == pytest.approx(1.0, abs=1e-3)
+    assert mirror.offset_mm == pytest.approx(float(mirror.normal @ (7.0, 8.0, 9.0)), abs=0.5)
+    aligned, axis = rotation_to_axis(mirror.normal)
+    assert aligned @ aligned.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert np.linalg.det(aligned) == pytest.approx(1.0)
+    assert abs((aligned @ mirror.normal)[axis]) == pytest.approx(1.0)
+    lopsided = np.vstack([cloud, rng.uniform(-100.0, 300.0, (300, 3))])
+    assert find_mirror(lopsided, np.random.default_rng(seed)) is None
+
+
+@pytest.fixture(scope="module")
+def skewed() -> Model:
+    """A symmetric block with a step, turned off the axes."""
+    step = Solid.union([Solid.box((-150, -40, -50), (150, 40, 10)), Solid.box((-60, -40, 5), (60, 10, 90))])
+    vertices, faces = step.arrays()
+    return Model(Solid.from_arrays(vertices @ turn(0.4, (0.0, 0.0, 1.0)).T, faces), (), 1.0)
+
+
+GROWN = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
+
+
+@pytest.mark.parametrize("options", [GROWN, replace(GROWN, score=Score.HIGH), replace(GROWN, faithful=True)])
+def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
+    printers = [replace(plus_room, name=str(i)) for i in range(9)]
+    assert align(skewed, 1).mirror is not None
+    result = decompose(skewed, printers, options, cost)
+    assert result.engine is Engine.PARALLELOBOX
+    assert 2 <= len(result.parts) <= 9
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(skewed.solid.volume_mm3, rel=1e-6)
+    lo, hi = skewed.solid.bounds_mm
+    assert np.min([p.solid.bounds_mm[0] for p in result.parts], axis=0) == pytest.approx(lo, abs=1e-6)
+    assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
+    for part in result.parts:  # the printing pose is still that in which it fits
+        width, depth, height = np.ptp(part.printed()[0], axis=0) - 1e-6
+        assert plus_room.fits(width, depth, height)
+        assert part.printed()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
+    # No part crosses the plane of symmetry, x = 0 before the block was turned.
+    across = turn(0.4, (0.0, 0.0, 1.0))[:, 0]
+    for part in result.parts:
+        sides = part.solid.arrays()[0] @ across
+        assert sides.min() > -1e-6 or sides.max() < 1e-6
+    again = decompose(skewed, printers, options, cost)
+    assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
+    assert again.makespan_s == result.makespan_s
+
+
+def test_too_few_printers_are_told(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
+    with pytest.raises(NoFit, match=r"none of 6 attempts of parallelobox .* --engine guillotine"):
+        decompose(ball, [plus_room, replace(plus_room, name="b")], GROWN, cost)

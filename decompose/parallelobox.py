@@ -1,0 +1,179 @@
+"""The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper, section by section.
+
+Symmetry cut (`symmetry`), then for each half seeds (`seeds`), growth (`growth`) and void fill (`voids`), over
+many attempts (`metaheuristic`). Of the paper's orientation step the symmetry plane is laid on an axis; that
+the whole model has little overhang is not sought, as every part is priced and printed in its own best pose.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from itertools import islice, product
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.boxes import Box, Boxes
+from decompose.cut import cut_box
+from decompose.errors import NoFit
+from decompose.grid import CLEAR_MM, VOLUME, Grid, flat_coordinates
+from decompose.growth import OVERHANG_TOLERANCE_DEG, Score, Terrain, terrain_in_seconds, terrain_of_the_paper
+from decompose.mesh import Model
+from decompose.metaheuristic import Attempt, attempts
+from decompose.report import Options, Part
+from decompose.solid import Solid
+from decompose.symmetry import find_mirror, rotation_to_axis
+
+Floats = npt.NDArray[np.float64]
+MOST_CUT = 12  # attempts whose pieces are counted, the best first
+
+
+@dataclass(frozen=True, slots=True)
+class Aligned:
+    """A model in the frame that it is cut in.
+
+    Attributes
+    ----------
+    rotation
+        (3, 3) ``v_aligned = rotation @ v_model``.
+    mirror
+        The axis and the coordinate in mm of its plane of symmetry; None where it has none.
+    """
+
+    model: Model
+    rotation: Floats
+    mirror: tuple[int, float] | None
+
+    def turned_back(self, part: Part) -> Part:
+        """A part of the aligned model in the frame of the model as it was."""
+        if (self.rotation == np.eye(3)).all():
+            return part
+        to_model = np.eye(4)
+        to_model[:3, :3] = self.rotation.T
+        endless = np.array([[-np.inf] * 3, [np.inf] * 3])
+        solid = _turned(part.solid, self.rotation.T)
+        return replace(part, solid=solid, to_model=to_model @ part.to_model, box_mm=endless)
+
+
+def as_it_stands(model: Model) -> Aligned:
+    """No symmetry is looked for."""
+    return Aligned(model, np.eye(3), None)
+
+
+def align(model: Model, seed: int) -> Aligned:
+    """Lay the plane of symmetry on an axis, where the model is symmetric enough.
+
+    A plane next to a face of the model would cut slivers off, and the face be taken for a cut: there is none.
+    """
+    vertices = model.solid.arrays()[0]
+    mirror = find_mirror(vertices, np.random.default_rng(seed))
+    if mirror is None:
+        return as_it_stands(model)
+    rotation, axis = rotation_to_axis(mirror.normal)
+    at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
+    if (rotation != np.eye(3)).any():
+        model = replace(model, solid=_turned(model.solid, rotation))
+    vertices, faces = model.solid.arrays()
+    if (np.abs(flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
+        return Aligned(model, rotation, None)
+    return Aligned(model, rotation, (axis, at_mm))
+
+
+def paper_settings(options: Options) -> Options:
+    """The paper's own settings and its own reading of the score; speeds and overhang are in `growth`."""
+    return replace(options, granularity="vfine", tries=3, score=Score.HIGH)
+
+
+def search(
+    aligned: Aligned,
+    grid: Grid,
+    boxes: Boxes,
+    printers: int,
+    options: Options,
+    paper_grid: Callable[[float], Grid],
+    executor: Executor | None,
+) -> dict[Box, list[Solid]]:
+    """The boxes of the best attempt that has no more pieces than there are printers, and their pieces.
+
+    Parameters
+    ----------
+    paper_grid
+        Lays the same grid with another least |n| of overhanging faces.
+
+    Raises
+    ------
+    NoFit
+        No attempt covers the model.
+    """
+    if options.faithful:
+        steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))
+        terrain = terrain_of_the_paper(paper_grid(steep), boxes)
+    else:
+        terrain = terrain_in_seconds(grid, boxes)
+    points = np.unique(aligned.model.solid.arrays()[0], axis=0)
+    tried = options.tries * printers
+    for halves in _halves(aligned.mirror, grid, terrain, points, printers):
+        found = []
+        for half, part_of_points, share in halves:
+            run = map if executor is None else executor.map
+            settings = (share, options.tries, options.score, options.seed, run)
+            found.append(attempts(part_of_points, grid, half, *settings))
+        best = _whole_within(found, aligned.model.solid, grid, printers)
+        if best is not None:
+            return best
+    raise NoFit(
+        f"none of {tried} attempts of parallelobox covers the model with {printers} parts that fit: "
+        f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
+    )
+
+
+Half = tuple[Terrain, Floats, int]  # where blocks grow, the points for seeds, the printers
+
+
+def _halves(
+    mirror: tuple[int, float] | None, grid: Grid, terrain: Terrain, points: Floats, printers: int
+) -> list[list[Half]]:
+    """First the two halves of a symmetric model, the larger with the odd printer; then the model uncut."""
+    whole: list[list[Half]] = [[(terrain, points, printers)]]
+    if mirror is None or printers < 2:
+        return whole
+    axis, at_mm = mirror
+    planes = np.flatnonzero(grid.planes[axis][1:-1] == at_mm)
+    if not len(planes):
+        return whole
+    plane = int(planes[0]) + 1
+    sides = [
+        (terrain.half(axis, plane, upper), (points[:, axis] >= at_mm) == upper) for upper in (False, True)
+    ]
+    work = [float(grid.sums[side.needed][:, VOLUME].sum()) for side, _ in sides]
+    larger = int(work[1] > work[0])
+    shares = [printers // 2 + (printers % 2 if i == larger else 0) for i in range(2)]
+    return [[(side, points[on], n) for (side, on), n in zip(sides, shares, strict=True)], *whole]
+
+
+def _whole_within(
+    found: Sequence[list[Attempt]], solid: Solid, grid: Grid, printers: int
+) -> dict[Box, list[Solid]] | None:
+    """Cut the best attempts until one has no more pieces than there are printers."""
+    each = product(*(range(len(half)) for half in found))
+    ranked = sorted(
+        islice(each, 10_000),
+        key=lambda picks: max(half[i].longest for half, i in zip(found, picks, strict=True)),
+    )
+    cut: dict[Box, list[Solid]] = {}
+    for picks in ranked[:MOST_CUT]:
+        boxes = [box for half, i in zip(found, picks, strict=True) for box in half[i].blocks]
+        for box in boxes:
+            if box not in cut:
+                cut[box] = cut_box(solid, grid, box)
+        if sum(len(cut[box]) for box in boxes) <= printers:
+            return {box: cut[box] for box in boxes}
+    return None
+
+
+def _turned(solid: Solid, rotation: Floats) -> Solid:
+    vertices, faces = solid.arrays()
+    return Solid.from_arrays(vertices @ rotation.T, faces)
