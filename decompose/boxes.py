@@ -6,6 +6,7 @@ box costs a few dozen additions.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,10 @@ class Boxes:
     seconds: npt.NDArray[np.float32]
     trimmed: npt.NDArray[np.int32]
     pieces: npt.NDArray[np.int16]
+
+    def longest_s(self, found: Iterable[Box]) -> float:
+        """The time of the costliest of some boxes, each trimmed."""
+        return max(float(self.seconds[self.trimmed[box_index(box, self.shape)]]) for box in found)
 
 
 @jit

@@ -154,4 +154,4 @@ class Partitioner:
 
     def longest_s(self) -> float:
         """The time of the costliest box of the last solution."""
-        return max(float(self.boxes.seconds[box_index(b, self.boxes.shape)]) for b in self.chosen())
+        return self.boxes.longest_s(self.chosen())

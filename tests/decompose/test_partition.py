@@ -28,7 +28,9 @@ def test_a_ball_for_eight(ball: Model, fleet: list[PrinterRoom], cost: CostModel
     assert [p.id for p in result.parts] == [f"p{i:02d}" for i in range(1, len(result.parts) + 1)]
     assert len({p.printer for p in result.parts}) == len(result.parts) <= 8
     assert result.makespan_s == max(p.estimated_s for p in result.parts)
-    assert result.lower_bound_s <= result.makespan_s < result.serial_s / 4.0
+    assert result.makespan_s < result.serial_s / 4.0
+    assert result.lower_bound_s <= result.grid_makespan_s <= 1.1 * result.lower_bound_s
+    assert result.gap == pytest.approx(result.grid_makespan_s / result.lower_bound_s - 1.0)
     assert result.serial_s <= result.serial_as_is_s
     assert result.coverage.surface_error < 1e-6
     again = decompose(ball, fleet, COARSE, cost)
@@ -142,9 +144,16 @@ def test_written_parts_go_back_into_the_model(
     book = json.loads((tmp_path / "out" / "decomposition.json").read_text())
     assert book["schema"] == 1
     assert book["engine"] == "guillotine"
-    assert {"serial_s", "serial_as_is_s", "makespan_s", "sum_s", "lower_bound_s", "gap", "compute_s"} <= set(
-        book
-    )
+    assert {
+        "serial_s",
+        "serial_as_is_s",
+        "makespan_s",
+        "sum_s",
+        "grid_makespan_s",
+        "lower_bound_s",
+        "gap",
+        "compute_s",
+    } <= set(book)
     assert book["coverage"].keys() == {"surface_error", "overlap_mm3"}
     assert len(book["parts"]) == len(result.parts)
     total = 0.0
