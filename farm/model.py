@@ -89,6 +89,7 @@ class Engine(StrEnum):
 
     BEST = "best"  # whichever of the engines gives the least parallel printing time
     GUILLOTINE = "guillotine"
+    PARALLELOBOX = "parallelobox"  # the paper's
 
 
 class Hold(Entity):

@@ -32,6 +32,11 @@ def decompose(
     granularity: Annotated[str, typer.Option(help="auto, a name of the paper's, or cells a side.")] = "auto",
     interior: Annotated[str, typer.Option(help="leave or keep what lies deep inside.")] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Least wall around a hollow, mm.")] = 10.0,
+    engine: Annotated[str, typer.Option(help="guillotine (exact) or parallelobox.")] = "guillotine",
+    seed: Annotated[int, typer.Option(min=0, help="Of parallelobox, which draws.")] = 0,
+    tries: Annotated[int, typer.Option(min=1, help="Of parallelobox, for each number of seeds.")] = 3,
+    score: Annotated[str, typer.Option(help="Of parallelobox: low or high is better.")] = "low",
+    faithful: Annotated[bool, typer.Option("--faithful", help="The paper's settings and score.")] = False,
     json: Json = False,
 ) -> None:
     """Cut a model into parts that finish together, and write them to a folder."""
@@ -49,6 +54,11 @@ def decompose(
         granularity=int(granularity) if granularity.isdigit() else granularity,
         interior=interior,
         min_wall_mm=min_wall,
+        engine=engine,
+        seed=seed,
+        tries=tries,
+        score=score,
+        faithful=faithful,
     )
     if json:
         print(jsonlib.dumps(report, indent=2))

@@ -9,8 +9,9 @@ from typing import Any
 
 from decompose import partition
 from decompose.cost import CostModel, PrinterRoom
+from decompose.growth import Score
 from decompose.mesh import load_model
-from decompose.report import Interior, Options, write
+from decompose.report import Engine, Interior, Options, write
 from drivers.profiles import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.services.recipe import recipe
@@ -34,6 +35,11 @@ def decompose_to_folder(
     granularity: str | int,
     interior: str,
     min_wall_mm: float,
+    engine: str,
+    seed: int,
+    tries: int,
+    score: str,
+    faithful: bool,
 ) -> dict[str, Any]:
     """Cut a model and write parts, report and picture; the report, with what was repaired.
 
@@ -49,9 +55,30 @@ def decompose_to_folder(
     if not room:
         raise FarmError(f"a brim of {brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
     try:
-        options = Options(granularity=granularity, interior=Interior(interior), min_wall_mm=min_wall_mm)
+        kept = Interior(interior)
     except ValueError:
         raise FarmError(f"--interior {interior}: leave or keep", ErrorCode.SETTINGS) from None
+    try:
+        read = Score(score)
+    except ValueError:
+        raise FarmError(f"--score {score}: low or high", ErrorCode.SETTINGS) from None
+    try:
+        cutter = Engine(engine)
+    except ValueError:
+        known = " or ".join(Engine)
+        raise FarmError(f"--engine {engine}: {known}", ErrorCode.SETTINGS) from None
+    if faithful and cutter is not Engine.PARALLELOBOX:
+        raise FarmError("--faithful is for --engine parallelobox", ErrorCode.SETTINGS)
+    options = Options(
+        engine=cutter,
+        granularity=granularity,
+        interior=kept,
+        min_wall_mm=min_wall_mm,
+        seed=seed,
+        tries=tries,
+        score=read,
+        faithful=faithful,
+    )
     _empty_for_parts(out)
     with in_farm_words():
         settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())

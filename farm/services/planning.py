@@ -14,7 +14,7 @@ from decompose import partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
 from decompose.mesh import Model
-from decompose.report import Decomposition, Options, write
+from decompose.report import Decomposition, Engine, Options, write
 from decompose.solid import Solid
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
@@ -184,7 +184,8 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     prelude_s = prelude_seconds(first, settings[first.name])
     cost = CostModel.from_recipe(recipe(settings[first.name], prelude_s))
     quality = OURS.get(task.options.quality)
-    options = Options(fit_first_layer=quality is not None and quality.fits_first_layer)
+    engine = Engine.GUILLOTINE if task.options.engine == "best" else Engine(task.options.engine)
+    options = Options(engine, fit_first_layer=quality is not None and quality.fits_first_layer)
     try:
         found = _whole(model, rooms, options, cost) if task.options.printers is None else None
         found = found or partition.decompose(model, rooms, options, cost)
@@ -210,6 +211,7 @@ def _whole(model: Model, rooms: list[PrinterRoom], options: Options, cost: CostM
     x, y, z = map(float, model.extents_mm)
     poses = ((x, y, z), (y, z, x), (z, x, y))
     rooms = [room for room in rooms if any(room.fits(*pose) for pose in poses)]
+    options = replace(options, engine=Engine.GUILLOTINE)  # which finds one part wherever one will do
     for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
         try:
             return partition.decompose(model, [room], options, cost)

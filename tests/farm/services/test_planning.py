@@ -1,5 +1,6 @@
 """From a submitted model to a plan: the real decomposition and CuraEngine, without processes around them."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -58,6 +59,14 @@ def task(bar, files, tmp_path, printers=2, rounds=1):
         rounds=rounds,
         folder=tmp_path / "work",
     )
+
+
+def test_the_engine_asked_for_cuts(bar, files, tmp_path):
+    work = task(bar, files, tmp_path)
+    grown = replace(work, options=JobOptions(engine="parallelobox"))
+    assert len(decompose_job(grown).parts) == 2
+    report = json.loads((grown.folder / "decomposition.json").read_text())
+    assert report["engine"] == "parallelobox"
 
 
 def test_a_plan_is_whole(bar, files, tmp_path):
