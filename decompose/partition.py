@@ -101,8 +101,9 @@ def decompose(
         found, pieces = _search(model, grid, boxes, len(printers), room_mm, bound)
     watch.lap("search")
     grid_makespan = boxes.longest_s(found)
-    proof = makespan_bound(boxes, grid.needed, len(printers), found, grid_makespan)
-    bound = max(bound, proof.seconds)
+    if options.prove:
+        proof = makespan_bound(boxes, grid.needed, len(printers), found, grid_makespan)
+        bound = max(bound, proof.seconds)
     watch.lap("bound")
     parts = _parts(pieces, printers, cost, options.fit_first_layer)
     serial_s, as_is_s = serial_seconds(vertices, faces, cost, options.fit_first_layer)

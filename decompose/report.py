@@ -51,6 +51,7 @@ class Options:
     score: Score = Score.LOW  # of parallelobox
     faithful: bool = False  # parallelobox with the paper's own prices and settings
     fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
+    prove: bool = True  # the bound by linear programming: some seconds; without it the gap is wide
 
 
 @dataclass(frozen=True, slots=True)

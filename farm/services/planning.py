@@ -104,7 +104,7 @@ def warm() -> None:
     """Import and compile what planning needs, before somebody waits for it: cut a small box in two."""
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
-    partition.decompose(box, rooms, Options(), CostModel.from_recipe(Recipe()))
+    partition.decompose(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
 
 
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
@@ -185,7 +185,8 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     cost = CostModel.from_recipe(recipe(settings[first.name], prelude_s))
     quality = OURS.get(task.options.quality)
     engine = Engine.GUILLOTINE if task.options.engine == "best" else Engine(task.options.engine)
-    options = Options(engine, fit_first_layer=quality is not None and quality.fits_first_layer)
+    fits = quality is not None and quality.fits_first_layer
+    options = Options(engine, fit_first_layer=fits, prove=False)  # a person waits: no proof
     try:
         found = _whole(model, rooms, options, cost) if task.options.printers is None else None
         found = found or partition.decompose(model, rooms, options, cost)
