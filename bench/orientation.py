@@ -26,10 +26,10 @@ import numpy as np
 
 from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, models
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
-from decompose.cut import cut_faces
 from decompose.errors import DecomposeError
 from decompose.orientation import TOUCHED_MM2, Pose, best_pose, measure
 from decompose.partition import decompose
+from decompose.piece import cut_faces
 from decompose.report import Options, Part
 from decompose.stl import write_stl
 from drivers.profiles import PROFILES, part_room
@@ -115,7 +115,7 @@ def compare(
     """Slice one part in all poses."""
     name, part = named
     vertices, faces = part.solid.arrays()
-    cut = cut_faces(vertices, faces, part.box_mm)
+    cut = cut_faces(vertices, faces, part.planes)
     begun = perf_counter()
     ours = best_pose(vertices, faces, cut, [room], cost)
     compute_s = perf_counter() - begun

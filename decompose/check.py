@@ -4,63 +4,42 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import trimesh
 
-from decompose.boxes import Box
 from decompose.cost import PrinterRoom
-from decompose.errors import GeometryError
-from decompose.grid import Grid
+from decompose.errors import GeometryError, Rule
 from decompose.mesh import Model
+from decompose.piece import ON_PLANE_MM, cut_faces
+from decompose.report import Coverage, Part
 from decompose.solid import Solid
 
-if TYPE_CHECKING:
-    from decompose.report import Decomposition, Part
-
-ON_PLANE_MM = 1e-7  # how far from a cut plane rounding may leave a vertex
 SURFACE_SHARE = 1e-6
 OVERLAP_MM3 = 1e-3
+CRUMB_SHARE = 1e-12  # of the model: rounding, not a hollow
 STL_VOLUME_SHARE = 1e-5
 FIT_MM = 1e-6
 
 
-class Rule(StrEnum):
-    """The rules, by name."""
-
-    CLOSED = "closed"  # each part is a closed manifold of positive volume
-    ONE_PIECE = "one-piece"
-    FITS = "fits"  # in its pose, on its printer
-    OWN_PRINTER = "own-printer"  # no printer has more parts than it may print
-    NO_OVERLAP = "no-overlap"
-    SURFACE = "surface"  # the original surface is covered exactly once
-    WALL = "wall"  # what is missing keeps its distance from the original surface
-    INSIDE = "inside"  # parts and what is missing are the model, no more
-    STL = "stl"  # the file, read back, is watertight and has the part's volume
-
-
-@dataclass(frozen=True, slots=True)
-class Coverage:
-    """How well the parts cover the model: relative error of the original area, and doubly covered volume."""
-
-    surface_error: float
-    overlap_mm3: float
-
-
 def check(
-    result: Decomposition, model: Model, printers: Sequence[PrinterRoom], grid: Grid, boxes: list[Box]
+    parts: Sequence[Part],
+    boxes_mm: npt.NDArray[np.float64],
+    model: Model,
+    printers: Sequence[PrinterRoom],
+    min_wall_mm: float,
 ) -> Coverage:
     """Check all rules but the files'.
 
     Parameters
     ----------
-    boxes
-        The boxes of the grid that were cut out, whose inner sides are the cut planes.
+    boxes_mm
+        (b, 2, 3) the boxes that were cut out, outside of which the inside of the model was left; none where
+        nothing may be missing.
 
     Returns
     -------
@@ -74,14 +53,14 @@ def check(
     """
     rooms = {p.name: p for p in printers}
     free = Counter(p.name for p in printers)  # a printer is there once for each round that it may print
-    for part in result.parts:
+    for part in parts:
         check_part(part, rooms)
         free[part.printer] -= 1
         if free[part.printer] < 0:
             raise GeometryError(Rule.OWN_PRINTER, part.id, f"{part.printer} has another part already")
-    overlap = check_overlap(result.parts)
-    error = check_surface(result.parts, model, grid)
-    check_missing(result.parts, model, grid, boxes, result.options.min_wall_mm)
+    overlap = check_overlap(parts)
+    error = check_surface(parts, model)
+    check_missing(parts, boxes_mm, model, min_wall_mm)
     return Coverage(error, overlap)
 
 
@@ -118,22 +97,15 @@ def check_overlap(parts: Sequence[Part]) -> float:
     return total
 
 
-def check_surface(parts: Sequence[Part], model: Model, grid: Grid) -> float:
-    """Relative error of the original area that the parts carry: their faces off the grid's inner planes."""
+def check_surface(parts: Sequence[Part], model: Model) -> float:
+    """Relative error of the original area that the parts carry: their faces that are no cuts."""
     covered = 0.0
     for part in parts:
         vertices, faces = part.solid.arrays()
         triangles = vertices[faces]
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         area = np.linalg.norm(cross, axis=1) / 2.0
-        cut = np.zeros(len(faces), dtype=np.bool_)
-        for axis in range(3):
-            planes = grid.planes[axis][1:-1]
-            if len(planes):
-                along = triangles[:, :, axis]
-                nearest = planes[np.abs(along[:, :1] - planes[None, :]).argmin(axis=1)]
-                cut |= (np.abs(along - nearest[:, None]) < ON_PLANE_MM).all(axis=1)
-        covered += float(area[~cut].sum())
+        covered += float(area[~cut_faces(vertices, faces, part.planes)].sum())
     whole = model.solid.area_mm2
     error = abs(covered - whole) / whole
     if error > SURFACE_SHARE:
@@ -144,39 +116,33 @@ def check_surface(parts: Sequence[Part], model: Model, grid: Grid) -> float:
 
 
 def check_missing(
-    parts: Sequence[Part], model: Model, grid: Grid, boxes: list[Box], min_wall_mm: float
+    parts: Sequence[Part], boxes_mm: npt.NDArray[np.float64], model: Model, min_wall_mm: float
 ) -> None:
-    """What no part has is whole cells of the grid, full of solid, away from the surface."""
-    covered = np.zeros(grid.shape, dtype=np.bool_)
-    for x0, y0, z0, x1, y1, z1 in boxes:
-        covered[x0:x1, y0:y1, z0:z1] = True
-    steps = [np.diff(p) for p in grid.planes]
-    volume = steps[0][:, None, None] * steps[1][None, :, None] * steps[2][None, None, :]
-    # A cell outside the boxes is empty or full; whether it is full is seen from the model's own cuts.
-    left = ~covered & (grid.cuts[0][:-1] > 0.0)
+    """What no part has is what lies in no box, and keeps its distance from the surface."""
     whole = model.solid.volume_mm3
     missing = whole - sum(p.solid.volume_mm3 for p in parts)
-    expected = float(volume[left].sum())
-    if abs(missing - expected) > SURFACE_SHARE * whole:
+    hollow = None
+    if len(boxes_mm):
+        hollow = model.solid.subtract(Solid.union([Solid.box(*box) for box in np.unique(boxes_mm, axis=0)]))
+    left = 0.0 if hollow is None else hollow.volume_mm3
+    if abs(missing - left) > SURFACE_SHARE * whole:
         raise GeometryError(
-            Rule.INSIDE, None, f"{missing:.1f} mm3 are missing, the cells left out have {expected:.1f}"
+            Rule.INSIDE, None, f"{missing:.1f} mm3 are missing, outside of the boxes are {left:.1f}"
         )
-    if not left.any():
+    if hollow is None or left <= CRUMB_SHARE * whole:
         return
-    hollows = [Solid.box(*grid.bounds_mm((x, y, z, x + 1, y + 1, z + 1))) for x, y, z in np.argwhere(left)]
     lo, hi = model.solid.bounds_mm
     far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from any hollow than the limit
     outside = Solid.box(lo - far_mm, hi + far_mm).subtract(model.solid)
-    distance = outside.gap_mm(Solid.union(hollows), min_wall_mm)
-    if distance >= min_wall_mm - FIT_MM:
+    if outside.gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_MM:
         return
-    while len(hollows) > 1:  # halve until the one that is to blame is left
-        half = hollows[: len(hollows) // 2]
-        near = outside.gap_mm(Solid.union(half), min_wall_mm) < min_wall_mm - FIT_MM
-        hollows = half if near else hollows[len(half) :]
-    distance = outside.gap_mm(hollows[0], min_wall_mm)
-    centre = np.round(hollows[0].bounds_mm.mean(axis=0))
-    raise GeometryError(Rule.WALL, None, f"the hollow at {centre} is {distance:.2f} mm from the surface")
+    hollows = hollow.pieces()
+    distances = [outside.gap_mm(each, min_wall_mm) for each in hollows]
+    nearest = int(np.argmin(distances))
+    centre = np.round(hollows[nearest].bounds_mm.mean(axis=0))
+    raise GeometryError(
+        Rule.WALL, None, f"the hollow at {centre} is {distances[nearest]:.2f} mm from the surface"
+    )
 
 
 def check_stl(path: Path, part: Part) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 
 class DecomposeError(Exception):
     """Anything that decomposition reports; the message says what, where, and what to do."""
@@ -53,13 +55,27 @@ class NoFit(DecomposeError):
         self.printers_needed = printers_needed
 
 
+class Rule(StrEnum):
+    """The geometry rules that `decompose.check` holds every result to, by name."""
+
+    CLOSED = "closed"  # each part is a closed manifold of positive volume
+    ONE_PIECE = "one-piece"
+    FITS = "fits"  # in its pose, on its printer
+    OWN_PRINTER = "own-printer"  # no printer has more parts than it may print
+    NO_OVERLAP = "no-overlap"
+    SURFACE = "surface"  # the original surface is covered exactly once
+    WALL = "wall"  # what is missing keeps its distance from the original surface
+    INSIDE = "inside"  # parts and what is missing are the model, no more
+    STL = "stl"  # the file, read back, is watertight and has the part's volume
+
+
 class GeometryError(DecomposeError):
     """A result breaks a geometry rule; it is never printed.
 
     Attributes
     ----------
     rule
-        A short name of the rule, see `decompose.check.Rule`.
+        A short name of the rule, see `Rule`.
     part
         The part at fault, where it is one.
     """

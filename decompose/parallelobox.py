@@ -8,22 +8,22 @@ the whole model has little overhang is not sought, as every part is priced and p
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
 
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Box, Boxes
-from decompose.cut import cut_box
+from decompose.boxes import Box
 from decompose.errors import NoFit
 from decompose.grid import CLEAR_MM, VOLUME, Grid, flat_coordinates
 from decompose.growth import OVERHANG_TOLERANCE_DEG, Score, Terrain, terrain_in_seconds, terrain_of_the_paper
 from decompose.mesh import Model
 from decompose.metaheuristic import Attempt, attempts
-from decompose.report import Options, Part
+from decompose.piece import Piece, pieces_in_cells
+from decompose.problem import Found, Problem
+from decompose.report import Options
 from decompose.solid import Solid
 from decompose.symmetry import find_mirror, rotation_to_axis
 
@@ -47,16 +47,6 @@ class Aligned:
     rotation: Floats
     mirror: tuple[int, float] | None
 
-    def turned_back(self, part: Part) -> Part:
-        """A part of the aligned model in the frame of the model as it was."""
-        if (self.rotation == np.eye(3)).all():
-            return part
-        to_model = np.eye(4)
-        to_model[:3, :3] = self.rotation.T
-        endless = np.array([[-np.inf] * 3, [np.inf] * 3])
-        solid = _turned(part.solid, self.rotation.T)
-        return replace(part, solid=solid, to_model=to_model @ part.to_model, box_mm=endless)
-
 
 def as_it_stands(model: Model) -> Aligned:
     """No symmetry is looked for."""
@@ -75,7 +65,7 @@ def align(model: Model, seed: int) -> Aligned:
     rotation, axis = rotation_to_axis(mirror.normal)
     at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
     if (rotation != np.eye(3)).any():
-        model = replace(model, solid=_turned(model.solid, rotation))
+        model = replace(model, solid=model.solid.turned(rotation))
     vertices, faces = model.solid.arrays()
     if (np.abs(flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
         return Aligned(model, rotation, None)
@@ -87,32 +77,36 @@ def paper_settings(options: Options) -> Options:
     return replace(options, granularity="vfine", tries=3, score=Score.HIGH)
 
 
-def search(
-    aligned: Aligned,
-    grid: Grid,
-    boxes: Boxes,
-    printers: int,
-    options: Options,
-    paper_grid: Callable[[float], Grid],
-    executor: Executor | None,
-) -> dict[Box, list[Solid]]:
-    """The boxes of the best attempt that has no more pieces than there are printers, and their pieces.
-
-    Parameters
-    ----------
-    paper_grid
-        Lays the same grid with another least |n| of overhanging faces.
+def search(problem: Problem) -> Found:
+    """The pieces of the best attempt that has no more of them than there are printers.
 
     Raises
     ------
     NoFit
         No attempt covers the model.
     """
+    options = problem.options
+    aligned = align(problem.model, options.seed)
+    grid = problem.grid(aligned.model, aligned.mirror)
+    problem.lap("grid")
+    boxes = problem.boxes(grid)
+    problem.lap("boxes")
     if options.faithful:
         steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))
-        terrain = terrain_of_the_paper(paper_grid(steep), boxes)
+        terrain = terrain_of_the_paper(problem.grid(aligned.model, aligned.mirror, steep), boxes)
     else:
         terrain = terrain_in_seconds(grid, boxes)
+    cut = _best_attempt(aligned, grid, terrain, problem)
+    problem.lap("search")
+    figures = problem.figures(grid, boxes, list(cut))
+    problem.lap("bound")
+    pieces = tuple(piece for found in cut.values() for piece in found)
+    return Found(pieces, aligned.model, aligned.rotation, figures)
+
+
+def _best_attempt(aligned: Aligned, grid: Grid, terrain: Terrain, problem: Problem) -> dict[Box, list[Piece]]:
+    """The boxes of the best attempt that has no more pieces than there are printers, and their pieces."""
+    printers, options, executor = len(problem.printers), problem.options, problem.executor
     points = np.unique(aligned.model.solid.arrays()[0], axis=0)
     tried = options.tries * printers
     for halves in _halves(aligned.mirror, grid, terrain, points, printers):
@@ -156,24 +150,19 @@ def _halves(
 
 def _whole_within(
     found: Sequence[list[Attempt]], solid: Solid, grid: Grid, printers: int
-) -> dict[Box, list[Solid]] | None:
+) -> dict[Box, list[Piece]] | None:
     """Cut the best attempts until one has no more pieces than there are printers."""
     each = product(*(range(len(half)) for half in found))
     ranked = sorted(
         islice(each, 10_000),
         key=lambda picks: max(half[i].longest for half, i in zip(found, picks, strict=True)),
     )
-    cut: dict[Box, list[Solid]] = {}
+    cut: dict[Box, list[Piece]] = {}
     for picks in ranked[:MOST_CUT]:
         boxes = [box for half, i in zip(found, picks, strict=True) for box in half[i].blocks]
         for box in boxes:
             if box not in cut:
-                cut[box] = cut_box(solid, grid, box)
+                cut[box] = pieces_in_cells(solid, grid, box)
         if sum(len(cut[box]) for box in boxes) <= printers:
             return {box: cut[box] for box in boxes}
     return None
-
-
-def _turned(solid: Solid, rotation: Floats) -> Solid:
-    vertices, faces = solid.arrays()
-    return Solid.from_arrays(vertices @ rotation.T, faces)

@@ -1,22 +1,18 @@
-"""What decomposition answers: parts, figures, and how they are written to a folder."""
+"""What decomposition is asked, and what it answers: options, parts and figures."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from decompose.assembly import draw_assembly
-from decompose.check import Coverage, Rule, check_stl
-from decompose.errors import GeometryError
+from decompose.errors import GeometryError, Rule
 from decompose.growth import Score
 from decompose.solid import Solid
-from decompose.stl import single_precision, write_stl
+from decompose.stl import single_precision
 
 SCHEMA = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
@@ -27,6 +23,7 @@ Floats = npt.NDArray[np.float64]
 class Engine(StrEnum):
     """How the model is cut."""
 
+    BEST = "best"  # all of them, as far as the time budget goes
     GUILLOTINE = "guillotine"
     PARALLELOBOX = "parallelobox"
 
@@ -42,7 +39,7 @@ class Interior(StrEnum):
 class Options:
     """How to decompose. `granularity` is a name of `decompose.grid.GRANULARITY`, a number, or ``auto``."""
 
-    engine: Engine = Engine.GUILLOTINE
+    engine: Engine = Engine.BEST
     granularity: str | int = "auto"
     interior: Interior = Interior.LEAVE
     min_wall_mm: float = 10.0
@@ -51,6 +48,7 @@ class Options:
     score: Score = Score.LOW  # of parallelobox
     faithful: bool = False  # parallelobox with the paper's own prices and settings
     fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
+    budget_s: float = 20.0  # of `best`: an engine is not begun, and a search not gone on with, after it
     prove: bool = True  # the bound by linear programming: some seconds; without it the gap is wide
 
 
@@ -68,8 +66,10 @@ class Part:
         The name of the printer that it is meant for.
     brim_width_mm, layer_0_expansion_mm
         Chosen for the part; None: as the quality has them.
-    box_mm
-        (2, 3) corners of the box that it was cut out of, in the model's frame; infinite where there is none.
+    planes
+        (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
+    stands
+        Whether it stays where it is while it is printed, in the pose that it is printed in.
     """
 
     id: str
@@ -80,7 +80,8 @@ class Part:
     file: str = ""
     brim_width_mm: float | None = None
     layer_0_expansion_mm: float | None = None
-    box_mm: Floats = field(default_factory=lambda: np.array([[-np.inf] * 3, [np.inf] * 3]))
+    planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    stands: bool = True
 
     @property
     def rotation(self) -> Floats:
@@ -117,7 +118,26 @@ class Part:
             "printer": self.printer,
             "brim_width_mm": self.brim_width_mm,
             "layer_0_expansion_mm": self.layer_0_expansion_mm,
+            "stands": self.stands,
         }
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How well the parts cover the model: relative error of the original area, and doubly covered volume."""
+
+    surface_error: float
+    overlap_mm3: float
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What became of one engine, of those that `best` tried: its makespan, or why there is none."""
+
+    engine: Engine
+    makespan_s: float | None
+    compute_s: float
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,13 +151,17 @@ class Decomposition:
     makespan_s, sum_s
         The longest part, and all parts together.
     grid_makespan_s
-        The longest box as the tables price it: in the best of its axis poses, with supports down to the bed
-        and the quality's brim. `makespan_s` is of the pose that a part is printed in, and may be either side.
+        The longest box of the search's partition as its tables price it: in the best of the axis poses, with
+        supports down to the bed and the quality's brim, and what was posed truly at no less than that costs.
+        `makespan_s` is of the pose that a part is printed in, and may be either side.
     lower_bound_s
         Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
-        lower `grid_makespan_s` (`decompose.bound`). It says nothing of other grids, cuts or poses.
+        lower `grid_makespan_s` (`decompose.bound`). It says nothing of other grids, cuts or poses. Of an
+        engine without a grid: no partition that prints the whole surface has a lower makespan.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
+    attempts
+        What `best` tried, in its order; empty of a single engine.
     compute_s
         Wall time of the decomposition, by stage; ``total`` is all.
     """
@@ -154,7 +178,8 @@ class Decomposition:
     compute_s: dict[str, float]
     parts: tuple[Part, ...]
     coverage: Coverage
-    cells: tuple[int, int, int]
+    cells: tuple[int, int, int] | None
+    attempts: tuple[Attempt, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The object that decomposition.json holds."""
@@ -171,34 +196,8 @@ class Decomposition:
             "gap": self.gap,
             "compute_s": self.compute_s["total"],
             "stages_s": self.compute_s,
-            "cells": list(self.cells),
+            "cells": None if self.cells is None else list(self.cells),
+            "attempts": [asdict(attempt) for attempt in self.attempts],
             "parts": [p.as_dict() for p in self.parts],
             "coverage": asdict(self.coverage),
         }
-
-
-def write(decomposition: Decomposition, folder: Path) -> Decomposition:
-    """Write one binary STL a part, decomposition.json and assembly.png, and read each STL back.
-
-    Returns
-    -------
-    Decomposition
-        The same, with the parts' file names.
-
-    Raises
-    ------
-    GeometryError
-        An STL, read back, is not watertight or has another volume.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    parts = []
-    for part in decomposition.parts:
-        named = replace(part, file=f"{part.id}.stl")
-        write_stl(folder / named.file, named.triangles())
-        check_stl(folder / named.file, named)
-        parts.append(named)
-    written = replace(decomposition, parts=tuple(parts))
-    text = json.dumps(written.as_dict(), indent=1) + "\n"
-    (folder / "decomposition.json").write_text(text, encoding="utf-8")
-    draw_assembly(written.parts, folder / "assembly.png")
-    return written

@@ -101,6 +101,11 @@ class Solid:
         """What lies inside an axis-aligned box."""
         return self.intersect(Solid.box(lo, hi))
 
+    def turned(self, rotation: Floats) -> Solid:
+        """The same after ``v -> rotation @ v``, a rotation (3, 3)."""
+        vertices, faces = self.arrays()
+        return Solid.from_arrays(vertices @ rotation.T, faces)
+
     def simplify(self, tolerance_mm: float) -> Solid:
         """The same with edges gone that are shorter than the tolerance, and what is flat to within it."""
         return Solid(_checked(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
@@ -124,15 +129,14 @@ class Solid:
             return []
         surfaces = [Solid(_checked(p, "separating pieces")) for p in self.manifold.decompose()]
         pieces = [s for s in surfaces if s.volume_mm3 > 0.0]
-        for cavity in (s._turned() for s in surfaces if s.volume_mm3 < 0.0):
+        for cavity in (s._inside_out() for s in surfaces if s.volume_mm3 < 0.0):
             around = [i for i, p in enumerate(pieces) if p._encloses(cavity)]
             if around:  # where pieces lie in cavities of others, the smallest is the one next to it
                 i = min(around, key=lambda i: pieces[i].volume_mm3)
                 pieces[i] = pieces[i].subtract(cavity)
         return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))
 
-    def _turned(self) -> Solid:
-        """Inside out."""
+    def _inside_out(self) -> Solid:
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices, faces[:, ::-1])
 

@@ -32,7 +32,8 @@ def decompose(
     granularity: Annotated[str, typer.Option(help="auto, a name of the paper's, or cells a side.")] = "auto",
     interior: Annotated[str, typer.Option(help="leave or keep what lies deep inside.")] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Least wall around a hollow, mm.")] = 10.0,
-    engine: Annotated[str, typer.Option(help="guillotine (exact) or parallelobox.")] = "guillotine",
+    engine: Annotated[str, typer.Option(help="best, guillotine (exact) or parallelobox.")] = "best",
+    budget: Annotated[float, typer.Option(min=0, help="Of best: no engine is begun after it, s.")] = 20.0,
     seed: Annotated[int, typer.Option(min=0, help="Of parallelobox, which draws.")] = 0,
     tries: Annotated[int, typer.Option(min=1, help="Of parallelobox, for each number of seeds.")] = 3,
     score: Annotated[str, typer.Option(help="Of parallelobox: low or high is better.")] = "low",
@@ -59,6 +60,7 @@ def decompose(
         tries=tries,
         score=score,
         faithful=faithful,
+        budget_s=budget,
     )
     if json:
         print(jsonlib.dumps(report, indent=2))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from decompose import partition
 from decompose.cost import CostModel, PrinterRoom
+from decompose.files import write
 from decompose.growth import Score
 from decompose.mesh import load_model
-from decompose.report import Engine, Interior, Options, write
+from decompose.report import Engine, Interior, Options
 from drivers.profiles import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.services.recipe import recipe
@@ -40,6 +43,7 @@ def decompose_to_folder(
     tries: int,
     score: str,
     faithful: bool,
+    budget_s: float,
 ) -> dict[str, Any]:
     """Cut a model and write parts, report and picture; the report, with what was repaired.
 
@@ -65,7 +69,7 @@ def decompose_to_folder(
     try:
         cutter = Engine(engine)
     except ValueError:
-        known = " or ".join(Engine)
+        known = ", ".join(Engine)
         raise FarmError(f"--engine {engine}: {known}", ErrorCode.SETTINGS) from None
     if faithful and cutter is not Engine.PARALLELOBOX:
         raise FarmError("--faithful is for --engine parallelobox", ErrorCode.SETTINGS)
@@ -78,6 +82,7 @@ def decompose_to_folder(
         tries=tries,
         score=read,
         faithful=faithful,
+        budget_s=budget_s,
     )
     _empty_for_parts(out)
     with in_farm_words():
@@ -85,7 +90,8 @@ def decompose_to_folder(
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
         rooms = [PrinterRoom(str(number), model_sizes(room, settings)) for number in range(printers)]
         cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=brim_mm))
-        written = write(partition.decompose(model, rooms, options, cost), out)
+        with ThreadPoolExecutor(os.cpu_count()) as executor:
+            written = write(partition.decompose(model, rooms, options, cost, executor), out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 
 

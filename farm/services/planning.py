@@ -13,8 +13,9 @@ from typing import Any
 from decompose import partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
+from decompose.files import write
 from decompose.mesh import Model
-from decompose.report import Decomposition, Engine, Options, write
+from decompose.report import Decomposition, Engine, Options
 from decompose.solid import Solid
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
@@ -184,7 +185,7 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     prelude_s = prelude_seconds(first, settings[first.name])
     cost = CostModel.from_recipe(recipe(settings[first.name], prelude_s))
     quality = OURS.get(task.options.quality)
-    engine = Engine.GUILLOTINE if task.options.engine == "best" else Engine(task.options.engine)
+    engine = Engine(task.options.engine)
     fits = quality is not None and quality.fits_first_layer
     options = Options(engine, fit_first_layer=fits, prove=False)  # a person waits: no proof
     try:

@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from decompose.boxes import Box
-from decompose.check import Rule, check, check_missing, check_stl
+from decompose.check import check, check_missing, check_stl
 from decompose.cost import CostModel, PrinterRoom
-from decompose.errors import GeometryError
+from decompose.errors import GeometryError, Rule
+from decompose.files import write
 from decompose.grid import Grid, build_grid
 from decompose.mesh import Model
 from decompose.partition import decompose
-from decompose.report import Decomposition, Options, Part, write
+from decompose.piece import pieces_in_cells
+from decompose.report import Decomposition, Options, Part
 from decompose.solid import Solid
 
 SIZE = (60.0, 40.0, 20.0)
@@ -47,18 +49,24 @@ def part(solid: Solid, name: str, printer: str) -> Part:
     return Part(name, solid, matrix, 100.0, printer)
 
 
+def in_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
+    return np.array([grid.bounds_mm(box) for box in boxes])
+
+
 @pytest.fixture
 def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
     base = decompose(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
     parts = [
-        part(model.solid.clip(*grid.bounds_mm(b)), f"p{i + 1:02d}", f"p{i}") for i, b in enumerate(halves)
+        replace(part(piece.solid, f"p{i + 1:02d}", f"p{i}"), planes=piece.planes)
+        for i, box in enumerate(halves)
+        for piece in pieces_in_cells(model.solid, grid, box)
     ]
     return replace(base, parts=tuple(parts))
 
 
 def test_a_good_result_passes(good: Decomposition, model: Model, grid: Grid, halves: list[Box]) -> None:
-    coverage = check(good, model, PRINTERS, grid, halves)
+    coverage = check(good.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
     assert coverage.surface_error < 1e-9
     assert coverage.overlap_mm3 == 0.0
 
@@ -136,7 +144,7 @@ def test_a_broken_rule_is_named(
 ) -> None:
     spoilt = replace(good, parts=tuple(spoil(list(good.parts), model, grid)))
     with pytest.raises(GeometryError) as caught:
-        check(spoilt, model, PRINTERS, grid, halves)
+        check(spoilt.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
     assert (caught.value.rule, caught.value.part) == (rule, name)
     assert str(rule) in str(caught.value)
 
@@ -158,13 +166,13 @@ def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostMod
         ]  # fmt: skip
 
     hollow = replace(base, parts=(part(shell, "p01", "p"),))
-    check_missing(hollow.parts, block, grid, around(4), 15.0)
+    check_missing(hollow.parts, in_mm(grid, around(4)), block, 15.0)
     with pytest.raises(GeometryError) as caught:
-        check_missing(hollow.parts, block, grid, [(0, 0, 0, 10, 10, 10)], 15.0)
+        check_missing(hollow.parts, in_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
     assert caught.value.rule == Rule.INSIDE
     thin = replace(base, parts=(part(near, "p01", "p"),))
     with pytest.raises(GeometryError) as caught:
-        check_missing(thin.parts, block, grid, around(1), 15.0)
+        check_missing(thin.parts, in_mm(grid, around(1)), block, 15.0)
     assert caught.value.rule == Rule.WALL
 
 
@@ -189,10 +197,10 @@ def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
     shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
     hollow = replace(base, parts=(part(shell, "p01", "p"),))
     if gap is None:
-        check_missing(hollow.parts, cube, grid, around, 10.0)
+        check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
         return
     with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as caught:
-        check_missing(hollow.parts, cube, grid, around, 10.0)
+        check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
     assert caught.value.rule == Rule.WALL
 
 

@@ -14,10 +14,11 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, Recipe
+from decompose.files import write
 from decompose.mesh import Model
 from decompose.orientation import Pose, best_pose, candidates, measure
 from decompose.partition import decompose
-from decompose.report import Options, write
+from decompose.report import Options
 from decompose.solid import Solid
 
 COST = CostModel.from_recipe(Recipe())

@@ -24,6 +24,7 @@ USUAL = {
     "tries": 2,
     "score": "low",
     "faithful": False,
+    "budget_s": 20.0,
 }
 
 
@@ -47,7 +48,7 @@ def test_an_engine_by_name(bar, tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"engine": "saw"}, "--engine saw: guillotine or parallelobox"),
+        ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox"),
         ({"engine": "parallelobox", "score": "up"}, "--score up: low or high"),
         ({"interior": "gone"}, "--interior gone: leave or keep"),
         ({"faithful": True}, "--faithful is for --engine parallelobox"),

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose import partition
+from decompose import exact, parallelobox
+from decompose.piece import pieces_in_box
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.daemon.core import Core
@@ -138,9 +139,10 @@ def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
     def too_large(solid, grid, box):
         lo, hi = grid.bounds_mm(box)
-        return solid.clip(lo - 0.5, hi + 0.5).pieces()
+        return pieces_in_box(solid, lo - 0.5, hi + 0.5)
 
-    monkeypatch.setattr(partition, "cut_box", too_large)
+    for engine in (exact, parallelobox):
+        monkeypatch.setattr(engine, "pieces_in_cells", too_large)
     with pytest.raises(FarmError) as error:
         decompose_job(task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY

@@ -1,0 +1,126 @@
+"""The engine `guillotine`: a grid, the price of every box of it, the exact partition, and its true cost."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+
+from decompose.boxes import Box, Boxes, box_index
+from decompose.errors import NoFit
+from decompose.grid import VOLUME, Grid
+from decompose.guillotine import UNREACHABLE, Partitioner
+from decompose.piece import Piece, pieces_in_cells
+from decompose.problem import Found, Problem, surface_bound_s
+
+MOST_ROUNDS = 8  # of pricing truly what was chosen, and choosing again
+WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
+
+
+def search(problem: Problem) -> Found:
+    """The pieces of the partition that ends soonest, of all that axis cuts along the grid can make.
+
+    Raises
+    ------
+    NoFit
+        The pieces are more than the printers, with how many would do.
+    """
+    model = problem.model
+    grid = problem.grid(model)
+    problem.lap("grid")
+    boxes = problem.boxes(grid)
+    problem.lap("boxes")
+    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+    bound_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    chosen = _Search(problem, grid, boxes, bound_s).run()
+    problem.lap("search")
+    figures = problem.figures(grid, boxes, list(chosen))
+    problem.lap("bound")
+    pieces = tuple(piece for found in chosen.values() for piece in found)
+    return Found(pieces, model, np.eye(3), figures)
+
+
+class _Search:
+    """The exact search, told the truth about the boxes that it chooses.
+
+    The tables take the solid in a cell as one piece, and price a box in the axis poses with no idea whether
+    it stands. What a chosen box really has in pieces, and really costs, is put into the tables where it is
+    more, and the search is made again. Counts and prices only grow, so the makespan only grows.
+    """
+
+    def __init__(self, problem: Problem, grid: Grid, boxes: Boxes, bound_s: float) -> None:
+        self.problem, self.grid, self.boxes = problem, grid, boxes
+        self.least_s = bound_s
+        self.solver = Partitioner(boxes)
+        self.cut: dict[Box, list[Piece]] = {}
+        self.posed_s: dict[Box, float] = {}
+
+    def run(self) -> dict[Box, list[Piece]]:
+        """The boxes of the solution that truly ends soonest, and their pieces."""
+        best: list[Box] = []
+        best_s = math.inf
+        rounds = 0
+        while True:
+            makespan_s = self.solver.least_makespan(len(self.problem.printers), self.least_s)
+            if makespan_s is None:
+                if best:
+                    break  # prices only ever grow: nothing is left that fits
+                raise self._no_fit()
+            self.least_s = max(self.least_s, makespan_s - 1.0)
+            if makespan_s >= best_s:
+                break
+            chosen = self.solver.chosen()
+            if self._more_pieces(chosen):
+                continue
+            rounds += 1
+            longest_s = self._truly_s(chosen)
+            if longest_s < best_s:
+                best, best_s = chosen, longest_s
+            if longest_s <= WORTH * makespan_s or rounds == MOST_ROUNDS or self.problem.expired():
+                break
+        return {box: self.cut[box] for box in best}
+
+    def _more_pieces(self, chosen: list[Box]) -> bool:
+        """Whether a box has more pieces than the table says; the table is mended."""
+        more = False
+        for box in chosen:
+            if box not in self.cut:
+                self.cut[box] = pieces_in_cells(self.problem.model.solid, self.grid, box)
+            at = box_index(box, self.boxes.shape)
+            more = more or len(self.cut[box]) > int(self.boxes.pieces[at])
+            self.boxes.pieces[at] = len(self.cut[box])
+        return more
+
+    def _truly_s(self, chosen: list[Box]) -> float:
+        """The true makespan of these boxes in seconds; what costs more than in the table is put there."""
+        new = [(box, piece) for box in chosen if box not in self.posed_s for piece in self.cut[box]]
+        poses = self.problem.poses([piece for _, piece in new])
+        for (box, _), pose in zip(new, poses, strict=True):
+            seconds = math.inf if pose is None else pose.seconds
+            self.posed_s[box] = max(self.posed_s.get(box, 0.0), seconds)
+        for box in chosen:
+            at = box_index(box, self.boxes.shape)
+            self.boxes.seconds[at] = max(float(self.boxes.seconds[at]), self.posed_s[box])
+        return max(self.posed_s[box] for box in chosen)
+
+    def _no_fit(self) -> NoFit:
+        """Why there is no partition for these printers."""
+        problem, model = self.problem, self.problem.model
+        printers = len(problem.printers)
+        needed = self.solver.parts(sys.float_info.max)  # below inf, which stands for no fit
+        size = " x ".join(f"{v:.0f}" for v in model.extents_mm)
+        if needed >= UNREACHABLE:
+            least_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
+            room = " x ".join(f"{v:.0f}" for v in problem.room_mm)
+            return NoFit(
+                f"{size} mm is cut into blocks of {least_mm:.0f} mm at least, and a part has room for "
+                f"{room} mm (clips and brim are off): printers with room for {math.ceil(least_mm)} mm "
+                f"each way would do"
+            )
+        longest = float(model.extents_mm.max()) * (printers / needed) ** (1.0 / 3.0)
+        return NoFit(
+            f"{size} mm needs {needed} parts, each on a printer of its own, and there are {printers}: free "
+            f"more printers, or try --longest-side {max(1.0, math.floor(longest)):.0f}",
+            needed,
+        )

@@ -1,0 +1,39 @@
+"""A decomposition as a folder: one STL a part, decomposition.json, and a picture of the assembly."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from decompose.assembly import draw_assembly
+from decompose.check import check_stl
+from decompose.report import Decomposition
+from decompose.stl import write_stl
+
+
+def write(decomposition: Decomposition, folder: Path) -> Decomposition:
+    """Write one binary STL a part, decomposition.json and assembly.png, and read each STL back.
+
+    Returns
+    -------
+    Decomposition
+        The same, with the parts' file names.
+
+    Raises
+    ------
+    GeometryError
+        An STL, read back, is not watertight or has another volume.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    parts = []
+    for part in decomposition.parts:
+        named = replace(part, file=f"{part.id}.stl")
+        write_stl(folder / named.file, named.triangles())
+        check_stl(folder / named.file, named)
+        parts.append(named)
+    written = replace(decomposition, parts=tuple(parts))
+    text = json.dumps(written.as_dict(), indent=1) + "\n"
+    (folder / "decomposition.json").write_text(text, encoding="utf-8")
+    draw_assembly(written.parts, folder / "assembly.png")
+    return written

@@ -1,0 +1,190 @@
+"""What every engine is given, and what it answers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.bound import makespan_bound
+from decompose.boxes import Box, Boxes, all_boxes
+from decompose.cost import CostModel, PrinterRoom
+from decompose.errors import DecomposeError, NoFit
+from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
+from decompose.mesh import Model
+from decompose.orientation import Pose, best_pose
+from decompose.piece import Piece, cut_faces
+from decompose.report import Interior, Options
+
+Floats = npt.NDArray[np.float64]
+
+AUTO_GRANULARITY = 15
+FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
+CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
+
+
+@dataclass(frozen=True, slots=True)
+class GridFigures:
+    """Of an engine that searches a grid: its own makespan there, the proven bound, and the cells."""
+
+    makespan_s: float
+    lower_bound_s: float
+    cells: tuple[int, int, int] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A model to be cut, and for whom.
+
+    Attributes
+    ----------
+    printers
+        Those that are free, one piece each at most; a printer of several rounds is there once for each.
+    executor
+        For work that may run side by side, by threads; None: one after the other.
+    expired
+        Whether the time is up: a search that can go on without end stops with what it has.
+    lap
+        Told the name of each stage when it is over.
+    """
+
+    model: Model
+    printers: tuple[PrinterRoom, ...]
+    cost: CostModel
+    options: Options
+    executor: Executor | None = None
+    expired: Callable[[], bool] = lambda: False
+    lap: Callable[[str], None] = lambda stage: None
+
+    @cached_property
+    def rooms(self) -> tuple[PrinterRoom, ...]:
+        """The distinct rooms of the printers."""
+        return tuple({printer.boxes: printer for printer in self.printers}.values())
+
+    @property
+    def room_mm(self) -> list[float]:
+        """The longest sides that a part may have on every printer."""
+        return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
+
+    def grid(
+        self,
+        model: Model,
+        plane_at: tuple[int, float] | None = None,
+        overhang_cos: float | None = None,
+    ) -> Grid:
+        """The grid over a model in the frame that it is cut in; see `grid.build_grid`."""
+        options, cost = self.options, self.cost
+        cells = granularity(
+            options.granularity, len(self.printers), max(model.extents_mm) / min(self.room_mm)
+        )
+        vertices, faces = model.solid.arrays()
+        return build_grid(
+            vertices[faces],
+            cells,
+            options.min_wall_mm,
+            options.interior is Interior.KEEP,
+            cost.overhang_cos if overhang_cos is None else overhang_cos,
+            cost.skin_cos,
+            plane_at,
+        )
+
+    def boxes(self, grid: Grid) -> Boxes:
+        """Every box of a grid, priced; it fits where it fits every printer."""
+        return all_boxes(grid, list(self.rooms), self.cost)
+
+    def figures(self, grid: Grid, boxes: Boxes, chosen: list[Box]) -> GridFigures:
+        """How good these boxes of a grid are: their makespan by the tables, and what none can undercut."""
+        printers, makespan_s = len(self.printers), boxes.longest_s(chosen)
+        needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+        bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
+        if self.options.prove:
+            bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, chosen, makespan_s).seconds)
+        return GridFigures(makespan_s, bound_s, grid.shape)
+
+    def pose(self, piece: Piece) -> Pose | None:
+        """The best pose that fits every printer; None where there is none."""
+        vertices, faces = piece.solid.arrays()
+        cut = cut_faces(vertices, faces, piece.planes)
+        return best_pose(vertices, faces, cut, self.rooms, self.cost, self.options.fit_first_layer)
+
+    def poses(self, pieces: list[Piece]) -> list[Pose | None]:
+        """`pose` of each, side by side where there is an executor."""
+        run = map if self.executor is None else self.executor.map
+        return list(run(self.pose, pieces))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """What an engine answers: at most as many pieces as there are printers, each of which fits all of them.
+
+    Attributes
+    ----------
+    rotation
+        (3, 3) ``v_cut = rotation @ v_model``: the frame that the pieces are in.
+    model
+        The model in that frame.
+    """
+
+    pieces: tuple[Piece, ...]
+    model: Model
+    rotation: Floats
+    grid: GridFigures | None = None
+
+
+def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
+    """The cube root of the number of cells, from a name, a number, or ``auto``.
+
+    `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
+    not much larger than half a room.
+    """
+    if wanted == "auto":
+        finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
+        for_room = min(FINEST_FOR_ROOM, math.ceil(2.0 * rooms_long))
+        return max(AUTO_GRANULARITY, finer, for_room)
+    if wanted in GRANULARITY:
+        return GRANULARITY[str(wanted)]
+    try:
+        number = int(wanted)
+    except ValueError:
+        number = 0
+    if not 1 <= number <= 60:
+        known = ", ".join(GRANULARITY)
+        raise DecomposeError(f"--granularity {wanted}: give auto, one of {known}, or a number from 1 to 60")
+    return number
+
+
+def checked(
+    model: Model,
+    printers: tuple[PrinterRoom, ...],
+    options: Options,
+) -> None:
+    """Refuse what no engine can work on.
+
+    Raises
+    ------
+    DecomposeError
+        No printer, a printer without room, or a wall that is no length.
+    """
+    if not printers:
+        raise NoFit("no printer: name at least one")
+    for printer in printers:
+        if not printer.boxes:
+            raise NoFit(f"{printer.name} has no room for a part; take a narrower brim or a larger volume")
+    if not (math.isfinite(options.min_wall_mm) and options.min_wall_mm >= 0.0):
+        raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
+
+
+def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
+    """A makespan that no partition undercuts which prints this surface and volume, in seconds.
+
+    All of the surface is at best level skin or the flattest slope that has none; cuts, supports, brims and
+    least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time.
+    """
+    slope = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
+    surface = area_mm2 * min(slope, cost.skin_s_mm2)
+    return cost.fixed_s + (surface + cost.volume_s_mm3 * volume_mm3) / printers
