@@ -7,6 +7,7 @@ ones, one for the first layer and one for all others, end where the part does.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -14,9 +15,9 @@ EXACT_MM = 0.02
 """How near the printed height comes to the part's, for every part of `CERTAIN_LAYERS` layers or more."""
 CERTAIN_LAYERS = 6
 _SPREAD = 0.04  # of the layer height
-# The first layer alone may differ by more: it evens out the bed anyway, and without it some heights cannot be
-# reached in whole micrometres.
-_SPREAD_0 = 0.25
+SPREADS_0 = (0.0, _SPREAD, 0.25)
+"""What the first layer may differ by, as a share: more only where a height is not reached with less. It evens
+out the bed anyway, and without it some heights cannot be reached in whole micrometres."""
 _WEIGHT_0 = 0.1  # of its change: it is one layer of many
 _SLACK_UM = 1  # for rounding
 
@@ -47,19 +48,16 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
     height_mm
         The part's.
     wanted
-        What the quality asks for. Layers differ from it by 4 % at most, the first one by a quarter.
+        What the quality asks for. Layers differ from it by 4 % at most, the first one by the least of
+        `SPREADS_0` that will do.
     most_first_mm
         How high the first layer may be; 0 to leave it as it is.
     """
     first, other = _um(wanted.first_mm), _um(wanted.other_mm)
-    low, high = first, first
-    if most_first_mm > 0:
-        low = round(first * (1 - _SPREAD_0))
-        high = max(low, min(round(first * (1 + _SPREAD_0)), _um(most_first_mm)))
     height, tolerance = 1000 * height_mm, 1000 * EXACT_MM - _SLACK_UM
     step = _floor(other * _SPREAD)
 
-    def candidates() -> Iterator[tuple[float, float, int, int]]:
+    def candidates(low: int, high: int) -> Iterator[tuple[float, float, int, int]]:
         """Best first: missed by (um), the change of both heights, and both heights."""
         for layer in range(other - step, other + step + 1):
             above = max(0, _floor((height - first) / layer))
@@ -71,7 +69,12 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
                 change = abs(layer - other) / other + _WEIGHT_0 * abs(chosen - first) / first
                 yield missed, change, chosen, layer
 
-    *_, chosen, layer = min(candidates())
+    for spread in SPREADS_0 if most_first_mm > 0 else SPREADS_0[:1]:
+        low = math.ceil(first * (1 - spread))
+        high = max(low, min(_floor(first * (1 + spread)), _um(most_first_mm)))
+        missed, _, chosen, layer = min(candidates(low, high))
+        if missed == 0:
+            break
     return LayerHeights(chosen / 1000, layer / 1000)
 
 

@@ -40,6 +40,28 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
     assert abs(printed_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= EXACT_MM
 
 
+@given(st.floats(1.0, HIGHEST_MM), cases)
+def test_the_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
+    nozzle_mm, heights = case
+    found = fitted(height_mm, nozzle_mm, heights)
+    alone = fit_heights(height_mm, heights, most_first_mm=0.0)
+    assert alone.first_mm == heights.first_mm
+    if abs(printed_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
+        assert found == alone
+    elif abs(found.first_mm / heights.first_mm - 1) > 0.04:
+        first = round(1000 * heights.first_mm)
+        low, high = int(np.ceil(0.96 * first)), int(1.04 * first)
+        assert missed_um(height_mm, heights, range(low, high + 1)) > 17
+
+
+def missed_um(height_mm, heights, firsts_um):
+    """How near the height some first layer of these and some layer within 4 % come."""
+    other = round(1000 * heights.other_mm)
+    layers = range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1)
+    tops = [(1000 * height_mm - first) % layer for first in firsts_um for layer in layers]
+    return min(min(top, layer - top) for top, layer in zip(tops, [*layers] * len(firsts_um), strict=True))
+
+
 @pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
 def test_no_height_is_left_out_and_some_are_without_the_first_layer(nozzle_mm, heights):
     """Every whole micrometre from some layers up to the highest printer, not a sample of them."""

@@ -1,0 +1,62 @@
+"""How many heights come out exact, and what of the layers changes for it.
+
+Usage: python -m bench.heights [--from-mm 5] [--to-mm 205] [--json]
+
+Every hundredth of a millimetre, for each quality that promises exact heights and each printer and nozzle.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+
+from slicing.heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_mm
+from slicing.limits import LAYER_SHARE
+from slicing.qualities import OURS
+from slicing.resources import find_resources
+from slicing.settings import SettingsRequest, resolve_settings
+
+PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
+CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")
+
+
+def shares(wanted: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
+    """The share of heights of each of `CASES`."""
+    counts = [0] * len(CASES)
+    for hundredth in hundredths:
+        height_mm = hundredth / 100.0
+        found = fit_heights(height_mm, wanted, most_first_mm=LAYER_SHARE * nozzle_mm)
+        changed = abs(found.first_mm / wanted.first_mm - 1.0)
+        exact = abs(printed_mm(height_mm, found) - height_mm) <= EXACT_MM
+        case = next((i for i, spread in enumerate(SPREADS_0) if changed <= spread + 1e-9), -1)
+        counts[case if exact else -1] += 1
+    return {name: count / len(hundredths) for name, count in zip(CASES, counts, strict=True)}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--from-mm", type=float, default=5.0)
+    parser.add_argument("--to-mm", type=float, default=205.0)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    hundredths = range(round(100 * args.from_mm), round(100 * args.to_mm) + 1)
+    rows = []
+    for quality in (name for name, quality in OURS.items() if quality.exact_height):
+        for printer, nozzles in PRINTERS.items():
+            for nozzle_mm in nozzles:
+                request = SettingsRequest(printer, quality, nozzle_mm=nozzle_mm)
+                settings = resolve_settings(request, find_resources())
+                wanted = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
+                found = shares(wanted, nozzle_mm, hundredths)
+                rows.append({"quality": quality, "printer": printer, "nozzle_mm": nozzle_mm, **found})
+                if not args.json:
+                    text = ", ".join(f"{name} {share:.2%}" for name, share in found.items())
+                    print(f"{quality} {printer} {nozzle_mm}: {text}", flush=True)
+    if args.json:
+        print(json.dumps({"schema": 1, "heights": len(hundredths), "rows": rows}, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
