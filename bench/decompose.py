@@ -1,117 +1,298 @@
-"""What the decomposition reaches: makespan, efficiency, bound and compute time of some models and printers.
+"""What the decomposition reaches on models, numbers of printers and engines: all parts sliced by CuraEngine.
 
-Usage: python -m bench.decompose [--granularity G] [--engine E] [--score S] [--faithful] [--json]
-       MODEL:LONGEST_SIDE_MM:PLUS:EXTENDED ...
+Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines best,parallelobox-faithful]
+       [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
 
-PLUS and EXTENDED are the numbers of Ultimaker 2+ and 2 Extended+.
+Engines other than `best` run at the first number of printers alone; where a rival answers k parts, `best` is
+run for k printers too, so that they can be compared part for part. Each run is a file in --results and is
+not made again; slices are kept by content. A model as it stands is sliced whole, once, on a bed without
+limits (--no-whole: its time is the cost's estimate).
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
+import resource
 import sys
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
-from bench.print_time_parts import recipe_of
+import numpy as np
+import trimesh
+
+from bench.print_time_parts import ANYWHERE, recipe_of
 from decompose.cost import CostModel, PrinterRoom
-from decompose.growth import Score
+from decompose.errors import DecomposeError
+from decompose.files import write
 from decompose.mesh import load_model
 from decompose.partition import decompose
 from decompose.report import Engine, Options
 from drivers.profiles import PROFILES, part_room
+from farm.errors import FarmError
+from farm.services.plates import SliceTask, slice_part
+from slicing.errors import SlicingError
+from slicing.plate import PlateRequest, slice_plate
+from slicing.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, resolve_settings
+
+MODELS = (
+    "stanford-bunny.stl", "utah-teapot.obj", "3DBenchy.stl", "fandisk.stl",
+    "thingi10k-1053374.stl", "thingi10k-41084.stl", "thingi10k-77951.stl",
+)  # fmt: skip
+PRINTER = "ultimaker2_plus"
+FAITHFUL = "-faithful"  # after an engine's name
+WHOLE_TIMEOUT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
-class Figures:
-    """One model on one fleet. `efficiency` is serial time over printers times makespan."""
+class Run:
+    """One model, number of printers and engine."""
 
-    model: str
-    longest_side_mm: float
+    path: Path
+    side_mm: float
     printers: int
-    parts: int
-    cells: tuple[int, int, int]
-    load_s: float
-    stages_s: dict[str, float]
-    serial_s: float
-    makespan_s: float
-    sum_s: float
-    grid_makespan_s: float
-    lower_bound_s: float
-    gap: float
-    efficiency: float
-    speed_up: float
-    surface_error: float
+    engine: str
+    quality: str
+    granularity: str
+
+    @property
+    def name(self) -> str:
+        how = f"{self.printers}-{self.engine}-{self.quality}-{self.granularity}"
+        return f"{self.path.stem}-{self.side_mm:g}-{how}"
 
 
-def rooms(plus: int, extended: int, brim_mm: float) -> list[PrinterRoom]:
-    models = ["ultimaker2_plus"] * plus + ["ultimaker2_extended_plus"] * extended
-    return [
-        PrinterRoom(str(i), tuple(b.size_mm for b in part_room(PROFILES[m], brim_mm)))
-        for i, m in enumerate(models)
-    ]
-
-
-def measure(
-    path: Path, side_mm: float, printers: list[PrinterRoom], options: Options, cost: CostModel
-) -> Figures:
+def cut(run: Run, folder: Path) -> dict[str, Any]:
+    """Model to parts in a process of its own: the report, with the wall time and the peak of memory."""
+    recipe = recipe_of(run.quality)
+    cost = CostModel.from_recipe(recipe)
+    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
+    printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
+    faithful = run.engine.endswith(FAITHFUL)
+    engine = Engine(run.engine.removesuffix(FAITHFUL))
+    options = Options(engine, run.granularity, faithful=faithful, fit_first_layer=run.quality == "glue")
+    _warm(cost, room)
     start = perf_counter()
-    model = load_model(path, longest_side_mm=side_mm)
-    loaded_s = perf_counter() - start
-    with ThreadPoolExecutor(os.cpu_count()) as executor:
-        result = decompose(model, printers, options, cost, executor)
-    return Figures(
-        model=path.stem,
-        longest_side_mm=side_mm,
-        printers=len(printers),
-        parts=len(result.parts),
-        cells=result.cells,
-        load_s=loaded_s,
-        stages_s=result.compute_s,
-        serial_s=result.serial_s,
-        makespan_s=result.makespan_s,
-        sum_s=result.sum_s,
-        grid_makespan_s=result.grid_makespan_s,
-        lower_bound_s=result.lower_bound_s,
-        gap=result.gap,
-        efficiency=result.serial_s / (len(printers) * result.makespan_s),
-        speed_up=result.serial_s / result.makespan_s,
-        surface_error=result.coverage.surface_error,
+    try:
+        model = load_model(run.path, longest_side_mm=run.side_mm)
+        with ThreadPoolExecutor(os.cpu_count()) as executor:
+            result = decompose(model, printers, options, cost, executor)
+        wall_s = perf_counter() - start
+        report = write(result, folder).as_dict()
+    except DecomposeError as error:
+        return {"refused": f"{type(error).__name__}: {error}"}
+    report["wall_s"] = wall_s
+    report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return report
+
+
+def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None:
+    """Compile what the first run in a process compiles, outside of the time that is measured."""
+    from decompose.mesh import Model
+    from decompose.solid import Solid
+
+    box = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
+    options = Options(Engine.GUILLOTINE, granularity=5)
+    decompose(box, [PrinterRoom(str(i), room) for i in range(4)], options, cost)
+
+
+def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, jobs: int) -> list[float | None]:
+    """CuraEngine's time of every part in seconds; None where its slice is not accepted."""
+    request = SettingsRequest(printer_model=PRINTER, quality=run.quality)
+    settings = resolve_settings(request, find_resources())
+    room = part_room(PROFILES[PRINTER], settings.brim_width_mm)
+
+    def one(part: dict[str, Any]) -> float | None:
+        task = SliceTask(
+            part["id"], folder / part["file"], request, find_resources(), settings, room, find_engine(),
+            folder / f"{part['id']}.gcode", cache, part["brim_width_mm"], part["layer_0_expansion_mm"],
+        )  # fmt: skip
+        try:
+            return slice_part(task).print_time_s
+        except FarmError as error:
+            print(f"{run.name} {part['id']}: {error}", file=sys.stderr)
+            return None
+        finally:
+            task.out.unlink(missing_ok=True)
+            task.out.with_suffix(".placed.stl").unlink(missing_ok=True)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        return list(pool.map(one, report["parts"]))
+
+
+def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
+    """CuraEngine's time of the model as it stands, in one piece."""
+    kept = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole.json"
+    if kept.is_file():
+        seconds: float | None = json.loads(kept.read_text())
+        return seconds
+    vertices, faces = load_model(run.path, longest_side_mm=run.side_mm).solid.arrays()
+    lo, hi = vertices.min(axis=0), vertices.max(axis=0)
+    mesh = trimesh.Trimesh(vertices - [*(lo + hi)[:2] / 2.0, lo[2]], faces, process=False)
+    stl = results / f"{run.path.stem}-whole.stl"
+    mesh.export(stl)
+    settings = resolve_settings(SettingsRequest(printer_model=PRINTER, quality=run.quality), find_resources())
+    out = stl.with_suffix(".gcode")
+    request = PlateRequest(stl, settings, out, find_engine(), ANYWHERE, WHOLE_TIMEOUT_S, cache)
+    try:
+        seconds = slice_plate(request).print_time_s
+    except SlicingError as error:
+        print(f"{run.path.stem} whole: {error}", file=sys.stderr)
+        seconds = None
+    kept.write_text(json.dumps(seconds))
+    stl.unlink()
+    out.unlink(missing_ok=True)
+    return seconds
+
+
+def figures(run: Run, report: dict[str, Any], sliced: list[float | None] | None) -> dict[str, Any]:
+    """One line of the table. Times are CuraEngine's where every part was sliced, else the cost's."""
+    row: dict[str, Any] = {"model": run.path.stem, "printers": run.printers, "engine": run.engine}
+    if "refused" in report:
+        return row | {"refused": report["refused"]}
+    estimated = [part["estimated_s"] for part in report["parts"]]
+    whole = sliced is not None and all(seconds is not None for seconds in sliced)
+    times = [float(s) for s in sliced if s is not None] if sliced and whole else estimated
+    row |= {
+        "won": report["engine"],
+        "parts": len(times),
+        "sliced": whole,
+        "not_sliced": sum(s is None for s in sliced) if sliced else None,
+        "parallel_s": max(times),
+        "estimated_s": max(estimated),
+        "sum_s": sum(times),
+        "balance": float(np.mean(times)) / max(times),
+        "serial_as_is_s": report["serial_as_is_s"],
+        "serial_s": report["serial_s"],
+        "efficiency": report["serial_as_is_s"] / (run.printers * max(times)),
+        "gap": report["gap"],
+        "bound_s": report["lower_bound_s"],
+        "wall_s": report["wall_s"],
+        "peak_mb": report["peak_mb"],
+        "stages_s": report["stages_s"],
+        "attempts": report["attempts"],
+        "cells": report["cells"],
+    }
+    if whole:
+        row["cost_error"] = float(np.mean([abs(e / t - 1.0) for e, t in zip(estimated, times, strict=True)]))
+    return row
+
+
+def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
+    """The line of one run, from its file where it was made before."""
+    kept = args.results / f"{run.name}.json"
+    if kept.is_file():
+        row: dict[str, Any] = json.loads(kept.read_text())
+        if row.get("sliced") or args.no_slices or "refused" in row:
+            return row
+    folder = args.results / run.name
+    context = get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=context) as process:
+        report = process.submit(cut, run, folder).result()
+    sliced = None
+    if not args.no_slices and "refused" not in report:
+        sliced = slice_parts(report, run, folder, args.results / "slices", args.jobs)
+    row = figures(run, report, sliced)
+    kept.write_text(json.dumps(row, indent=1))
+    return row
+
+
+def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
+    """All lines of one model."""
+    found = []
+
+    def one(printers: int, engine: str) -> dict[str, Any]:
+        row = measured(Run(path, args.side, printers, engine, args.quality, args.granularity), args)
+        if "refused" not in row and args.whole:
+            first = Run(path, args.side, printers, engine, args.quality, args.granularity)
+            row["whole_s"] = slice_whole(first, args.results, args.results / "slices")
+            if row["whole_s"] is not None:
+                row["efficiency_sliced"] = row["whole_s"] / (printers * row["parallel_s"])
+        print(line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
+        found.append(row)
+        return row
+
+    for engine in args.engines:
+        for printers in args.printers if engine == "best" else args.printers[:1]:
+            row = one(printers, engine)
+            if engine not in ("best", "guillotine") and row.get("parts", printers) < printers:
+                one(row["parts"], "best")
+    return found
+
+
+def line(row: dict[str, Any]) -> str:
+    """One run as text."""
+    head = f"{row['model']:20} N {row['printers']:3} {row['engine']:22}"
+    if "refused" in row:
+        return f"{head} refused: {row['refused']}"
+    error = f"{row['cost_error']:.1%}" if "cost_error" in row else "-"
+    sliced = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
+    return (
+        f"{head} {row['parts']:3} parts, {row['parallel_s']:6.0f} s, E {row['efficiency']:.3f}{sliced}, "
+        f"balance {row['balance']:.3f}, gap {row['gap']:.1%}, cost error {error}, {row['wall_s']:.0f} s, "
+        f"{row['peak_mb']:.0f} MB"
     )
 
 
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Means over the models, as far as they were measured."""
+    best = {(r["model"], r["printers"]): r for r in rows if r["engine"] == "best" and "refused" not in r}
+
+    def mean(values: list[float]) -> float | None:
+        return math.exp(float(np.mean(np.log(values)))) if values else None
+
+    said: dict[str, Any] = {"efficiency": {}, "rivals": {}}
+    for printers in sorted({n for _, n in best}):
+        at = [r for (_, n), r in best.items() if n == printers]
+        said["efficiency"][printers] = {
+            "mean": mean([r["efficiency"] for r in at]),
+            "worst": min(r["efficiency"] for r in at),
+            "balance": min(r["balance"] for r in at),
+            "gap": max(r["gap"] for r in at),
+            "cost_error": max((r["cost_error"] for r in at if "cost_error" in r), default=None),
+            "models": len(at),
+        }
+    for engine in sorted({r["engine"] for r in rows} - {"best"}):
+        theirs = [r for r in rows if r["engine"] == engine]
+        pairs = [
+            (best[r["model"], n]["parallel_s"] / r["parallel_s"])
+            for r in theirs
+            if "refused" not in r
+            for n in [r["printers"] if engine.startswith("parallelobox") else min(r["parts"], r["printers"])]
+            if (r["model"], n) in best
+        ]
+        refused = sum("refused" in r for r in theirs)
+        said["rivals"][engine] = {
+            "mean": mean(pairs), "worst": max(pairs, default=None), "models": len(pairs), "refused": refused,
+        }  # fmt: skip
+    return said
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("models", nargs="+")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--models", type=Path, required=True)
+    parser.add_argument("--only", type=lambda text: text.split(","), default=list(MODELS))
+    parser.add_argument("--printers", type=lambda t: [int(n) for n in t.split(",")], default=[20, 50, 100])
+    parser.add_argument("--engines", type=lambda text: text.split(","), default=["best"])
+    parser.add_argument("--side", type=float, default=450.0)
+    parser.add_argument("--quality", default="paper")
     parser.add_argument("--granularity", default="auto")
-    parser.add_argument("--engine", type=Engine, choices=list(Engine), default=Engine.GUILLOTINE)
-    parser.add_argument("--score", type=Score, choices=list(Score), default=Score.LOW)
-    parser.add_argument("--faithful", action="store_true", help="parallelobox with the paper's settings")
+    parser.add_argument("--results", type=Path, default=Path("bench-results"))
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--no-slices", action="store_true")
+    parser.add_argument("--no-whole", dest="whole", action="store_false")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    glue = recipe_of("glue")
-    cost = CostModel.from_recipe(glue)
-    options = Options(args.engine, args.granularity, score=args.score, faithful=args.faithful)
-    figures = []
-    for item in args.models:
-        path, side, plus, extended = item.rsplit(":", 3)
-        fleet = rooms(int(plus), int(extended), glue.brim_mm)
-        figures.append(measure(Path(path), float(side), fleet, options, cost))
-    if args.json:
-        print(json.dumps({"schema": 1, "figures": [asdict(f) for f in figures]}, indent=1))
-        return 0
-    for f in figures:
-        print(
-            f"{f.model:24} {f.longest_side_mm:4.0f} mm, {f.parts} parts on {f.printers}: makespan "
-            f"{f.makespan_s:.0f} s, by the tables {f.grid_makespan_s:.0f} s, bound {f.lower_bound_s:.0f} s, "
-            f"gap {f.gap:.1%}, E {f.efficiency:.2f}, sum {f.sum_s:.0f} s"
-        )
-        stages = ", ".join(f"{k} {v:.2f}" for k, v in {"load": f.load_s, **f.stages_s}.items())
-        print(f"{'':24} {'x'.join(map(str, f.cells))} cells; seconds: {stages}")
+    args.results.mkdir(parents=True, exist_ok=True)
+    rows = [row for name in args.only for row in rows_of(args.models / name, args)]
+    result = {"schema": 1, "runs": rows, **summary(rows)}
+    print(json.dumps(result, indent=1) if args.json else json.dumps(summary(rows), indent=1))
     return 0
 
 
