@@ -84,6 +84,7 @@ class PrintSnapshot(_Said):
     extruded: bool = False  # something of this print may lie on the bed
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock, heaters off and the head still
+    pause_ends_s: float | None = None  # farm clock; a pause that nobody has ended by then ends the print
     starved_s: float = 0.0  # emulator only: farm seconds of this print in which it waited for the host
 
 

@@ -34,6 +34,8 @@ class Parking(Steps):
         Where it is.
     phase
         Of the print.
+    pause_ends_s
+        While it waits in a pause: when that has lasted too long.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class Parking(Steps):
         self.phase = PrintPhase.CONNECTING
         self._place: Point | None = None  # by the last M114
         self._pause_wanted = False
+        self.pause_ends_s: float | None = None
         self._nozzle_off = False  # in a pause, whatever the file has set
 
     def _unpark(self) -> Script:
@@ -127,11 +130,12 @@ class Parking(Steps):
 
     def _rest(self) -> Script:
         """Until somebody resumes it."""
-        limit_s = self._now_s + PAUSE_LIMIT_S
+        self.pause_ends_s = self._now_s + PAUSE_LIMIT_S
         self.link.poll_every_s = self._pace.printing_s
         while self._pause_wanted:
-            if self._now_s >= limit_s:
+            if self._now_s >= self.pause_ends_s:
                 raise Ended(Fault.PAUSE_TIMEOUT, f"nobody resumed it in {PAUSE_LIMIT_S / 3600:g} h")
             yield self._until(lambda: not self._pause_wanted, PAUSE_FEED_S)
             if self._pause_wanted:
                 yield from self._dead_man(self._dead_man_s)
+        self.pause_ends_s = None

@@ -102,6 +102,7 @@ class PrintProgress(_View):
     layers: int
     z_mm: float | None
     feature: str | None  # what is printed, by Cura's name: WALL-OUTER, FILL, ...
+    pause_ends: str | None  # paused: when it is ended, unless it is resumed
 
 
 class PrinterView(_View):

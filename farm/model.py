@@ -36,6 +36,7 @@ class PrintState(StrEnum):
     ASSIGNED = "assigned"  # in the books; the agent has been or will be told
     HEATING = "heating"
     PRINTING = "printing"
+    PAUSED = "paused"  # by a person: parked, its bed warm
     ENDING = "ending"  # heaters going off
     DONE = "done"
     FAILED = "failed"
@@ -214,6 +215,8 @@ class Print(Entity):
     reason: str | None = None
     extruded: bool = False
     cancel_asked: str | None = None
+    pause_asked: bool = False  # a person wants it to wait
+    paused: bool = False  # it did at some time: how long it took says nothing of its printer
     starved_s: float = 0.0
 
 
@@ -244,6 +247,7 @@ class AgentPrint(Entity):
     layers: int = 0
     z_mm: float | None = None
     feature: str | None = None  # by Cura's name
+    pause_ends_s: float | None = None  # when its agent ends it, unless it is resumed
 
 
 class AgentSnapshot(Entity):

@@ -10,7 +10,7 @@ from drivers.agent.journal import Journal
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.gcode import Program
-from drivers.messages import Filament, PrintSnapshot
+from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.profiles import Profile
 from drivers.session import Session
 
@@ -144,6 +144,7 @@ class Record:
             "reason": session.reason,
             "extruded": session.extruded,
             "ended_s": session.ended_s,
+            "pause_ends_s": session.pause_ends_s if session.phase is PrintPhase.PAUSED else None,
             "starved_s": max(0.0, starved_s),
         }
         if self._program is not None:

@@ -45,6 +45,12 @@ class Client:
     def cleared(self, printer: str, request: api.ClearedRequest) -> None:
         self._call("POST", f"/printers/{printer}/cleared", body=request)
 
+    def pause(self, printer: str) -> None:
+        self._call("POST", f"/printers/{printer}/pause")
+
+    def resume(self, printer: str) -> None:
+        self._call("POST", f"/printers/{printer}/resume")
+
     def down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 import farm
 from drivers.profiles import PROFILES
-from farm.cli import follow, local, ports, render, stop
+from farm.cli import follow, local, pause, ports, render, stop
 from farm.cli.client import Client
 from farm.config import Fleet, load_fleet
 from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError, NoSuchThing
@@ -285,6 +285,8 @@ def cancel(
 
 app.command()(local.decompose)
 app.command("slice")(local.slice_model)
+app.command()(pause.pause)
+app.command()(pause.resume)
 app.command()(ports.discover)
 app.command()(stop.estop)
 

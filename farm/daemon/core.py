@@ -286,6 +286,18 @@ class Core:
         self.happened(ev.BedCleared(at_s=self.clock.now(), printer=printer, by=by, filament=filament))
         self.settle()
 
+    def pause(self, printer: str, wanted: bool) -> None:
+        """Have what is printed there wait, or go on; while it heats it is told when it prints."""
+        self.books.printer(printer)
+        attempt = self.books.open_print_on(printer)
+        if attempt is None:
+            raise Refused(f"{printer} prints nothing")
+        if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
+            raise Refused(f"{printer}: its print is ending")
+        if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
+            raise Refused(f"{printer} is not paused")
+        self.happened(ev.PauseAsked(at_s=self.clock.now(), print_id=attempt.id, wanted=wanted))
+
     def abort_all(self) -> None:
         """End every job that is being printed."""
         for number in sorted({attempt.job for attempt in self.books.open_prints()}):

@@ -37,7 +37,7 @@ _PHASES = {
     m.PrintPhase.CONNECTING: PrintState.HEATING,
     m.PrintPhase.HEATING: PrintState.HEATING,
     m.PrintPhase.PRINTING: PrintState.PRINTING,
-    m.PrintPhase.PAUSED: PrintState.PRINTING,
+    m.PrintPhase.PAUSED: PrintState.PAUSED,
     m.PrintPhase.ENDING: PrintState.ENDING,
     m.PrintPhase.DONE: PrintState.DONE,
     m.PrintPhase.FAILED: PrintState.FAILED,
@@ -72,6 +72,7 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
             layers=said.print.layers,
             z_mm=said.print.z_mm,
             feature=said.print.feature,
+            pause_ends_s=said.print.pause_ends_s,
         )
     return AgentSnapshot(
         printer=said.printer,
@@ -173,6 +174,9 @@ class Links:
                 )
             case ev.SendCancel():
                 request = m.CancelPrint(id=0, print_id=instruction.print_id, reason=instruction.reason)
+            case ev.SendPause():
+                pause = m.PausePrint if instruction.wanted else m.ResumePrint
+                request = pause(id=0, print_id=instruction.print_id)
             case ev.SendForget():
                 request = m.ForgetPrint(id=0, print_id=instruction.print_id)
             case ev.SendCleared():

@@ -137,6 +137,14 @@ def make_app(
     async def cleared(name: str, request: api.ClearedRequest) -> None:
         core.cleared(name, request.by, request.filament)
 
+    @app.post("/printers/{name}/pause")
+    async def pause(name: str) -> None:
+        core.pause(name, True)
+
+    @app.post("/printers/{name}/resume")
+    async def resume(name: str) -> None:
+        core.pause(name, False)
+
     @app.post("/down")
     async def go_down(request: api.DownRequest) -> None:
         busy = sorted({attempt.printer for attempt in core.books.open_prints()})

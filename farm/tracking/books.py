@@ -192,8 +192,19 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
         return books, ()
     started_s = attempt.started_s if attempt.started_s is not None else event.started_s
     extruded = attempt.extruded or event.extruded
-    books = _with(books, _set(attempt, state=event.state, started_s=started_s, extruded=extruded))
+    paused = attempt.paused or event.state is PrintState.PAUSED
+    attempt = _set(attempt, state=event.state, started_s=started_s, extruded=extruded, paused=paused)
+    books = _with(books, attempt)
     return (_soil(books, attempt.printer) if extruded else books), ()
+
+
+@apply.register
+def _(event: ev.PauseAsked, books: Books) -> Result:
+    attempt = books.prints[event.print_id]
+    if attempt.state.ended or attempt.cancel_asked is not None:
+        return books, ()
+    send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=event.wanted)
+    return _with(books, _set(attempt, pause_asked=event.wanted)), (send,)
 
 
 @apply.register
@@ -217,7 +228,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         starved_s=event.starved_s,
     )
     printer = _set(books.printer(attempt.printer), filament=event.filament)
-    if state is PrintState.DONE and attempt.started_s is not None:
+    if state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
         plate = books.plates[attempt.plate]
         reached_s = event.ended_s - attempt.started_s - plate.prelude_s
         factor = learned(printer.time_factor, plate.print_time_s, reached_s, event.starved_s)

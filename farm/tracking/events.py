@@ -86,6 +86,13 @@ class PrintProgressed(Event):
     extruded: bool
 
 
+class PauseAsked(Event):
+    """A person wants an open print to wait, or to go on."""
+
+    print_id: str
+    wanted: bool
+
+
 class PrintEnded(Event):
     print_id: str
     state: PrintState
@@ -133,6 +140,7 @@ AnyEvent = (
     | PlateAssigned
     | PlatesHeld
     | PrintProgressed
+    | PauseAsked
     | PrintEnded
     | BedCleared
     | PrinterSeen
@@ -155,6 +163,12 @@ class SendCancel(Instruction):
     reason: str
 
 
+class SendPause(Instruction):
+    print_id: str
+    printer: str
+    wanted: bool
+
+
 class SendForget(Instruction):
     print_id: str
     printer: str
@@ -175,4 +189,4 @@ class NameFiles(Instruction):
     job: int
 
 
-AnyInstruction = SendStart | SendCancel | SendForget | SendCleared | StopPlanning | NameFiles
+AnyInstruction = SendStart | SendCancel | SendPause | SendForget | SendCleared | StopPlanning | NameFiles

@@ -73,6 +73,9 @@ def owed(attempt: Print, snapshot: AgentSnapshot) -> Iterator[ev.AnyInstruction]
         if attempt.cancel_asked is not None and not said.state.ended:
             reason = attempt.cancel_asked
             yield ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
+        elif said.state is (PrintState.PRINTING if attempt.pause_asked else PrintState.PAUSED):
+            wanted = attempt.pause_asked
+            yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
     elif (
         attempt.state is PrintState.ASSIGNED and attempt.cancel_asked is None and snapshot.link is Link.READY
     ):

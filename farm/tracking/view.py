@@ -124,9 +124,10 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
 
 def todo(scene: Scene) -> list[api.Todo]:
     """What a person has to do now: look, connect, clear; each printer once."""
-    looks, absent, full = [], [], []
+    looks, absent, full, paused = [], [], [], []
     for section in scene.fleet.printers:
         entry, snapshot = scene.books.printer(section.name), _snapshot(scene, section.name)
+        attempt = scene.books.open_print_on(section.name)
         away = snapshot.link is Link.ABSENT or (
             snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
         )
@@ -138,14 +139,26 @@ def todo(scene: Scene) -> list[api.Todo]:
         elif why:
             text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
             looks.append(api.Todo(code="look", printers=[section.name], text=text))
-        elif entry.bed is not Bed.CLEAR and scene.books.open_print_on(section.name) is None:
+        elif attempt is not None and attempt.state is PrintState.PAUSED:
+            paused.append(api.Todo(code="resume", printers=[section.name], text=_resume(scene, attempt)))
+        elif entry.bed is not Bed.CLEAR and attempt is None:
             full.append(section.name)
     clear = []
     if full:
         beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
-    return [*looks, *absent, *clear]
+    return [*looks, *absent, *paused, *clear]
+
+
+def _resume(scene: Scene, attempt: Print) -> str:
+    """That a pause has to be ended, and by when."""
+    said = _said(scene, attempt)
+    ends_s = None if said is None else said.pause_ends_s
+    if not attempt.pause_asked or ends_s is None:
+        return f"{attempt.printer} is paused: it goes on by itself"
+    by = datetime.fromtimestamp(ends_s, scene.fleet.zone).strftime("%a %H:%M")
+    return f"resume {attempt.printer} by {by}, or its print is ended: `farm resume {attempt.printer}`"
 
 
 def _snapshot(scene: Scene, name: str) -> AgentSnapshot:
@@ -280,6 +293,7 @@ def _progress(scene: Scene, attempt: Print) -> api.PrintProgress:
         layers=plate.layers,
         z_mm=said.z_mm if said else None,
         feature=said.feature if said else None,
+        pause_ends=scene.moment(said.pause_ends_s if said else None),
     )
 
 

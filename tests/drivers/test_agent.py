@@ -163,9 +163,11 @@ def test_a_print_is_paused_and_goes_on(tmp_path: Path):
             await one.until(lambda s: s.filament is m.Filament.PARKED)
             assert await asyncio.to_thread(settled, one.folder / "emulator", lambda s: s.nozzle_target_c == 0)
             assert one.targets() == (0.0, 40.0)
+            await one.until(lambda s: s.print is not None and s.print.pause_ends_s is not None)
             await one.client.request(m.ResumePrint(id=0, print_id="p-1"))
             done = await one.phase(m.PrintPhase.DONE)
             assert done.line == done.lines > paused.line
+            assert done.pause_ends_s is None
             assert one.targets() == (0.0, 0.0)
 
     run(story())

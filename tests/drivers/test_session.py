@@ -8,6 +8,7 @@ from drivers.emulator.firmware import Phase
 from drivers.errors import Fault
 from drivers.filament import Walk
 from drivers.messages import Filament, PrintPhase
+from drivers.parking import PAUSE_LIMIT_S
 from drivers.session import Pace, Session
 from print_rig import GCODE, PLUS, Rig, gcode, hopping
 
@@ -326,6 +327,7 @@ def test_a_pause_parks_keeps_the_bed_warm_and_goes_on_as_if_nothing_had_been(lin
     rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the dead-man
     assert rig.session.phase is PrintPhase.PAUSED
     assert rig.targets() == (0.0, 60.0)
+    assert rig.session.pause_ends_s == pytest.approx(pause_s + PAUSE_LIMIT_S, abs=60.0)
     assert rig.session.filament is Filament.PARKED
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)

@@ -8,7 +8,18 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.daemon.core import Core
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.model import AgentSnapshot, Bed, FilamentState, HoldCode, JobOptions, JobState, Link, OwnGcode
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Bed,
+    FilamentState,
+    HoldCode,
+    JobOptions,
+    JobState,
+    Link,
+    OwnGcode,
+    PrintState,
+)
 from farm.paths import StateFolder
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
@@ -178,3 +189,43 @@ def test_a_printer_in_fault_is_not_used_and_says_why(farm):
     farm.ready("b")
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
     assert farm.hands.plans == [(1, ["b"], 1)]
+
+
+def test_a_person_pauses_what_a_printer_prints_and_is_told_by_when_to_resume_it(farm, plan):
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    with pytest.raises(Refused, match="a prints nothing"):
+        farm.core.pause("a", True)
+    farm.core.planned(1, plan)
+    attempt = farm.core.books.open_print_on("a")
+    with pytest.raises(Refused, match="a is not paused"):
+        farm.core.pause("a", False)
+    paused = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
+
+    def told_last():
+        return [told for told in farm.hands.told if getattr(told, "printer", "") == "a"][-1]
+
+    farm.core.pause("a", True)
+    assert told_last() == paused
+
+    def word(state, **changes):
+        facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+        facts |= {"started_s": 2.0, "ended_s": None, **changes}
+        said = AgentPrint(print_id=attempt.id, state=state, **facts)
+        farm.core.heard(AgentSnapshot(printer="a", link=Link.BUSY, print=said))
+        scene = farm.core.scene(STATE)
+        view = printer_view(scene, farm.core.fleet.printer("a"), None)
+        return view, [item for item in todo(scene) if item.code == "resume"]
+
+    word(PrintState.PRINTING)  # it was heating when it was told
+    assert told_last() == paused
+    view, (item,) = word(PrintState.PAUSED, pause_ends_s=7200.0)
+    assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
+    assert item.text == "resume a by Thu 02:00, or its print is ended: `farm resume a`"
+    farm.core.pause("a", False)
+    assert told_last() == paused.model_copy(update={"wanted": False})
+    view, rest = word(PrintState.PRINTING)
+    assert (view.state, view.print.pause_ends, rest) == ("printing", None, [])
+    farm.core.cancel(1)
+    with pytest.raises(Refused, match="ending"):
+        farm.core.pause("a", True)

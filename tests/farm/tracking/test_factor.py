@@ -99,3 +99,15 @@ def test_a_printer_learns_nothing_from_a_print_that_failed():
     books = printed(PrintState.FAILED)
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     assert books.printers["a"].time_factor == 1.0
+
+
+def test_a_printer_learns_nothing_from_a_print_that_was_paused():
+    facts = {"print_id": "x", "started_s": 2.0, "extruded": True}
+    books, _ = run(
+        long_plate(printing(), 1.0),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ev.PrintProgressed(at_s=3.0, state=PrintState.PAUSED, **facts),
+        ev.PrintProgressed(at_s=4.0, state=PrintState.PRINTING, **facts),
+        ended("x", at_s=1.1 * HOUR_S),
+    )
+    assert books.printers["a"].time_factor == 1.0

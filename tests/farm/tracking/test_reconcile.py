@@ -117,3 +117,27 @@ def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
     assert list(unexpected(books.printers["a"], None, last, 9.0)) == [
         ev.SendForget(print_id="stranger", printer="a")
     ]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "state", "told"),
+    [
+        (True, PrintState.HEATING, None),  # it is told once it prints
+        (True, PrintState.PRINTING, True),
+        (True, PrintState.PAUSED, None),
+        (False, PrintState.PAUSED, False),
+        (False, PrintState.PRINTING, None),
+        (True, PrintState.ENDING, None),
+    ],
+)
+def test_a_pause_that_an_agent_does_not_know_of_is_told_again(wanted, state, told):
+    books, sent = run(assigned(), ev.PauseAsked(at_s=3.0, print_id="x", wanted=wanted))
+    assert sent == [ev.SendPause(print_id="x", printer="a", wanted=wanted)]
+    again = list(owed(books.prints["x"], word(state=state)))
+    assert again == ([] if told is None else [ev.SendPause(print_id="x", printer="a", wanted=told)])
+
+
+def test_what_is_cancelled_is_not_paused_any_more():
+    books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
+    books, sent = run(books, ev.PauseAsked(at_s=3.0, print_id="x", wanted=True))
+    assert (sent, books.prints["x"].pause_asked) == ([], False)
