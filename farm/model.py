@@ -265,4 +265,5 @@ class AgentSnapshot(Entity):
     filament: FilamentState = FilamentState.UNKNOWN
     bed_clear: bool | None = None  # an emulator's own word
     doubt: str | None = None  # why bed and filament are not known, until a person has cleared the bed
+    reset_verified: bool = True  # its board can be stopped by a reset; else it prints only while attended
     print: AgentPrint | None = None

@@ -87,6 +87,7 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
         filament=FilamentState(said.filament),
         bed_clear=said.bed_clear,
         doubt=said.doubt,
+        reset_verified=said.reset_verified,
         print=attempt,
     )
 
