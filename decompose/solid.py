@@ -145,3 +145,11 @@ class Solid:
         if (lo > other_lo).any() or (hi < other_hi).any():
             return False
         return self.intersect(other).volume_mm3 > 0.5 * other.volume_mm3
+
+
+def triangulate(polygons: list[Floats]) -> Ints:
+    """Triangles (k, 3) that fill polygons (n, 2), holes turned the other way; numbers count all their points.
+
+    No point is added or left out, whatever the polygons look like.
+    """
+    return np.asarray(manifold3d.triangulate(polygons), dtype=np.int64)

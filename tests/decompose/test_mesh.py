@@ -21,7 +21,8 @@ from decompose.errors import (
     ModelTiny,
     ModelUnreadable,
 )
-from decompose.mesh import MAX_BODIES, load_model
+from decompose.mesh import load_model
+from decompose.repair import MAX_BODIES
 from decompose.solid import Solid
 from decompose.stl import write_stl
 
@@ -150,7 +151,7 @@ def test_loose_triangles_by_the_thousand_are_refused_before_any_is_closed(
     def never(body: object) -> None:
         raise AssertionError("closes bodies one by one")
 
-    monkeypatch.setattr("decompose.mesh._mesh_fix", never)
+    monkeypatch.setattr("decompose.repair._mesh_fix", never)
     soup = np.random.default_rng(3).uniform(0.0, 100.0, (12_000, 3, 3))
     with pytest.raises(ModelNotSolid, match="12000 loose surfaces") as caught:
         load_model(save(tmp_path / "soup.stl", soup))
