@@ -102,10 +102,15 @@ class Partitioner:
         _solve(limit_s, *tables, *b.shape, ties, self._count, self._work, self._choice)
         return min(int(self._count[box_index(self._root, b.shape)]), UNREACHABLE)
 
-    def chosen(self) -> list[Box]:
-        """The boxes of the last solution, in the order of the cuts."""
+    @property
+    def counts(self) -> npt.NDArray[np.int16]:
+        """(boxes,) The fewest parts of each box in the last solution, by the index of the box."""
+        return self._count
+
+    def chosen(self, within: Box | None = None) -> list[Box]:
+        """The boxes of the last solution, all or those of one box, in the order of the cuts."""
         found: list[Box] = []
-        stack = [self._root]
+        stack = [within or self._root]
         while stack:
             box = self._tight(stack.pop())
             if box is None:
