@@ -35,8 +35,8 @@ from farm.scheduling.front import begin, unmatched
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
-from farm.tracking.books import apply
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
+from farm.tracking.rules import apply
 from farm.tracking.store import Store
 from farm.tracking.view import Scene
 

@@ -4,7 +4,8 @@ import itertools
 
 from farm.model import Bed, FilamentState, Job, JobOptions, Part, Plate, PrintState
 from farm.tracking import events as ev
-from farm.tracking.books import Books, apply
+from farm.tracking.books import Books
+from farm.tracking.rules import apply
 
 PRINTERS = ("a", "b", "c")
 

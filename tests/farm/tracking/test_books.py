@@ -15,7 +15,8 @@ from farm.model import (
     PrintState,
 )
 from farm.tracking import events as ev
-from farm.tracking.books import ATTEMPTS, Books, apply
+from farm.tracking.books import Books
+from farm.tracking.rules import ATTEMPTS, apply
 from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
 

@@ -3,7 +3,8 @@
 import pytest
 
 from farm.tracking import events as ev
-from farm.tracking.books import Books, apply
+from farm.tracking.books import Books
+from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
 from make_books import fleet, job, plan
 
