@@ -8,15 +8,33 @@ from typing import Annotated, Any, Self
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from farm.errors import FleetFileError
+from farm.windows import Window, parse_window
 
 SIMULATED = "sim://"
 _FORWARDED = "rfc2217://"
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
 Positive = Annotated[float, Field(gt=0)]
+
+
+def _windows(written: object) -> object:
+    """One window or a list of them, each as a person writes it."""
+    lines = written if isinstance(written, list | tuple) else [written]
+    return tuple(parse_window(line) if isinstance(line, str) else line for line in lines)
+
+
+Windows = Annotated[tuple[Window, ...], BeforeValidator(_windows)]
 
 
 class _Section(BaseModel):
@@ -38,6 +56,17 @@ class FleetSection(_Section):
     time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
     compute: ComputeSection = ComputeSection()
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
+    attended: Windows = ()  # when somebody is there; none: nobody said
+    quiet: Windows = ()  # when nothing may print
+    first_layers_attended: bool = False  # a print starts only where its first layer ends in attended hours
+    max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that heat up at once: the breaker
+    approve: bool = False  # no job prints before `farm approve`
+
+    @model_validator(mode="after")
+    def _somebody_comes(self) -> Self:
+        if self.first_layers_attended and not self.attended:
+            raise ValueError("first_layers_attended needs `attended`: when is somebody there?")
+        return self
 
     @field_validator("timezone")
     @classmethod
@@ -63,6 +92,7 @@ class PrinterSection(_Section):
     host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # as ssh knows it
     host_command: str = "/opt/farm/.venv/bin/python -m drivers.bridge"  # what ssh starts there
     enabled: bool = True
+    unattended: bool = True  # it may print while nobody is there
     power_off_cmd: str | None = None  # what takes its mains away; {printer} is its name
 
     @property
@@ -103,6 +133,10 @@ class Fleet(_Section):
             if printer.name in names:
                 raise ValueError(f"two printers are named {printer.name}: each needs a name of its own")
             names.add(printer.name)
+            if not printer.unattended and not self.fleet.attended:
+                raise ValueError(
+                    f"{printer.name} has `unattended: false`: say `attended` hours under `fleet`"
+                )
             if printer.simulated:
                 continue
             here = printer.host is None and printer.port.startswith("/")

@@ -45,6 +45,13 @@ def test_a_reel_has_a_price_where_somebody_said_it(tmp_path):
     assert [p.price(200.0) for p in load(tmp_path, GOOD).printers] == [None, None]
 
 
+def test_hours_are_read_one_or_many(tmp_path):
+    hours = "attended: [mon-fri 08:00-18:00, sat 10:00-14:00], quiet: 22:00-06:00, timezone"
+    house = load(tmp_path, GOOD.replace("timezone", hours)).fleet
+    assert [len(window.days) for window in house.attended] == [5, 1]
+    assert [len(window.days) for window in house.quiet] == [7]
+
+
 def test_the_repositorys_own_fleet_is_good():
     fleet = load_fleet(ROOT / "fleet.yaml", MODELS)
     assert [p.model for p in fleet.printers].count("ultimaker2_plus") == 5
@@ -55,6 +62,10 @@ def test_the_repositorys_own_fleet_is_good():
     ("text", "said"),
     [
         ("printers: [", "not YAML"),
+        (GOOD.replace("name: lab", "quiet: at night"), "fleet.yaml:2: fleet.quiet: 'at night' is no time"),
+        (GOOD.replace("name: lab", "attended: mo 8:00-9:00"), "'mo' is no day; use mon"),
+        (GOOD.replace("name: lab", "first_layers_attended: true"), "when is somebody there?"),
+        (GOOD.replace("colour: red", "unattended: false"), "a has `unattended: false`: say `attended` hours"),
         (GOOD.replace("colour: blue", "price_per_kg: -1"), "fleet.yaml:6: printers.1.price_per_kg: Input"),
         (GOOD.replace("colour: red", "price_per_kg: .inf"), "fleet.yaml:3: defaults.price_per_kg: Input"),
         (GOOD.replace("name: lab", "currency: pounds sterling"), "fleet.yaml:2: fleet.currency: String"),

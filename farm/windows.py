@@ -1,0 +1,55 @@
+"""Windows of the week, as a person writes them: `mon-fri 08:00-18:00`. Pure."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import time
+
+DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
+_WINDOW = re.compile(r"(?:([a-z,-]+)\s+)?(\d{1,2}):(\d{2})\s*-\s*(\d{1,2}):(\d{2})")
+_EXAMPLE = "write it like 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-06:00'"
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """From `begins` on each of `days` to `ends`, which is on the next day where it is not after `begins`."""
+
+    days: frozenset[int]  # 0 is Monday
+    begins: time
+    ends: time
+
+
+def parse_window(text: str) -> Window:
+    """A window as it is written in `fleet.yaml`; without days it is on every day.
+
+    Raises
+    ------
+    ValueError
+        With what to write instead.
+    """
+    found = _WINDOW.fullmatch(text.strip().lower())
+    if found is None:
+        raise ValueError(f"{text!r} is no time of the week; {_EXAMPLE}")
+    days, *numbers = found.groups()
+    hour, minute, end_hour, end_minute = map(int, numbers)
+    if (end_hour, end_minute) == (24, 0):
+        end_hour = 0
+    try:
+        begins, ends = time(hour, minute), time(end_hour, end_minute)
+    except ValueError as error:
+        raise ValueError(f"{text!r}: {error}; {_EXAMPLE}") from error
+    return Window(_days(days, text), begins, ends)
+
+
+def _days(words: str | None, text: str) -> frozenset[int]:
+    if words is None:
+        return frozenset(range(7))
+    days: set[int] = set()
+    for word in words.split(","):
+        first, _, last = word.partition("-")
+        if first not in DAYS or (last or first) not in DAYS:
+            raise ValueError(f"{text!r}: {word!r} is no day; use {', '.join(DAYS)}")
+        begin, end = DAYS.index(first), DAYS.index(last or first)
+        days |= {(begin + step) % 7 for step in range((end - begin) % 7 + 1)}
+    return frozenset(days)

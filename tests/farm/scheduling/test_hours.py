@@ -1,0 +1,102 @@
+"""Windows of the week on the calendar, over changes of the clock too."""
+
+import math
+from datetime import datetime, timedelta
+from zoneinfo import ZoneInfo
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.scheduling.hours import Hours
+from farm.windows import DAYS, parse_window
+
+LONDON = ZoneInfo("Europe/London")
+
+
+def at(text, fold=0):
+    return datetime.fromisoformat(text).replace(tzinfo=LONDON, fold=fold).timestamp()
+
+
+def hours(*texts):
+    return Hours(tuple(map(parse_window, texts)), LONDON)
+
+
+@pytest.mark.parametrize(
+    ("text", "days"),
+    [("08:00-18:00", 7), ("mon-fri 8:00-18:00", 5), ("sat,sun 10:00-14:00", 2), ("fri-mon 22:00-24:00", 4)],
+)
+def test_windows_are_read_as_people_write_them(text, days):
+    assert len(parse_window(text).days) == days
+
+
+@pytest.mark.parametrize("text", ["8-18", "mon", "mo 08:00-18:00", "08:00-25:00", "mon-fry 08:00-09:00", ""])
+def test_what_is_no_window_says_how_to_write_one(text):
+    with pytest.raises(ValueError, match="write it like|is no day; use"):
+        parse_window(text)
+
+
+def test_spans_over_midnight_and_over_the_week():
+    night = hours("fri 22:00-06:00", "sat 06:00-08:00")
+    begin, end = at("2026-11-20 22:00"), at("2026-11-21 08:00")
+    assert night.span(at("2026-11-21 05:00")) == (begin, end)
+    assert night.span(at("2026-11-21 08:00")) is None
+    assert night.following(end) == (begin + 7 * 86400, end + 7 * 86400)
+    assert night.edge_s(at("2026-11-21 05:00")) == end
+    assert night.edge_s(end) == begin + 7 * 86400
+
+
+def test_never_and_always():
+    assert hours().span(at("2026-11-20 22:00")) is None
+    assert hours().edge_s(at("2026-11-20 22:00")) is None
+    always = hours("00:00-12:00", "12:00-24:00")
+    assert always.span(at("2026-11-20 22:00"))[1] == math.inf
+    assert always.edge_s(at("2026-11-20 22:00")) is None
+
+
+def test_a_night_is_an_hour_longer_or_shorter_when_the_clock_changes():
+    night = hours("22:00-06:00")
+    lengths = [
+        (end - begin) / 3600
+        for day in ("2026-03-28 23:00", "2026-10-24 23:00", "2026-11-20 23:00")
+        for begin, end in [night.span(at(day))]
+    ]
+    assert lengths == [7, 9, 8]
+
+
+def test_edges_that_the_clock_skips_or_brings_twice():
+    skipped = hours("01:30-04:00").span(at("2026-03-29 03:00"))
+    assert skipped == (at("2026-03-29 02:30"), at("2026-03-29 04:00"))
+    twice = hours("00:30-01:30").span(at("2026-10-25 01:10", fold=1))
+    assert twice == (at("2026-10-25 00:30"), at("2026-10-25 01:30", fold=1))
+    assert hours("01:15-01:45").span(at("2026-03-29 02:20")) == (
+        at("2026-03-29 02:15"),
+        at("2026-03-29 02:45"),
+    )
+
+
+windows = st.lists(
+    st.builds(
+        lambda day, begin, end: f"{day} {begin // 60:02d}:{begin % 60:02d}-{end // 60:02d}:{end % 60:02d}",
+        st.sampled_from(DAYS),
+        st.integers(0, 1439),
+        st.integers(0, 1439),
+    ),
+    max_size=4,
+)
+
+
+@given(windows, st.datetimes(datetime(2026, 1, 1), datetime(2027, 12, 31)))
+def test_the_laws_of_spans(texts, moment):
+    calendar = hours(*texts)
+    now_s = moment.replace(tzinfo=LONDON).timestamp()
+    span, following, edge_s = calendar.span(now_s), calendar.following(now_s), calendar.edge_s(now_s)
+    if span is not None:
+        assert span[0] <= now_s < span[1]
+    if following is not None:
+        assert now_s < following[0] < following[1]
+        assert following[0] - now_s <= timedelta(days=8).total_seconds()
+        assert span is None or span[1] < following[0]
+    if edge_s is not None:
+        assert (calendar.span(edge_s) is None) is (span is not None)
+        assert (calendar.span((now_s + edge_s) / 2) is None) is (span is None)
