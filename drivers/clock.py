@@ -2,12 +2,23 @@
 
 Daemon, agents, emulators and timers all read this clock, so attended hours, time-outs, `eta` and the dead-man
 mean the same everywhere, and a night can run in minutes.
+
+Nobody's setting of the host's clock may end a heat-up or a print by its time-outs: a process reads the wall's
+time once, and goes on by the time since the host was started, which also counts while the host sleeps.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+
+
+def wall_s() -> float:
+    """Wall time in seconds since the epoch, as it was when this process began and steady from then on."""
+    return _BOOTED_S + time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+_BOOTED_S = time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +38,7 @@ class Clock:
 
     def now(self) -> float:
         """Farm time in seconds since the epoch."""
-        return self.farm(time.time())
+        return self.farm(wall_s())
 
     def farm(self, wall_s: float) -> float:
         """Farm time of a wall time, both in seconds since the epoch."""

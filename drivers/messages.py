@@ -94,6 +94,7 @@ class Snapshot(_Said):
     kind: Literal["snapshot"] = "snapshot"
     printer: str
     agent_pid: int
+    now_s: float = 0.0  # the agent's clock: its host's may have been set since it began
     model: str = ""  # what the agent was started with
     port: str = ""
     link: LinkState

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from drivers.agent.idle import ASK, CARD, IdleWatch
-from drivers.clock import Clock
+from drivers.clock import Clock, wall_s
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
@@ -95,7 +94,7 @@ class Board:
 
     def tick(self) -> None:
         """Look what is due."""
-        if self._port is None and time.time() >= self._retry_wall_s:
+        if self._port is None and wall_s() >= self._retry_wall_s:
             self.open()
         now_s = self._clock.now()
         self._go_on(self.link.tick(now_s), now_s)
@@ -126,7 +125,7 @@ class Board:
             if self.absent != str(error):
                 log.warning("%s", error)
             self.absent = str(error)
-            self._retry_wall_s = time.time() + RETRY_S
+            self._retry_wall_s = wall_s() + RETRY_S
             return
         if self.simulated or not ours:
             self._opened()
@@ -342,7 +341,7 @@ class Board:
         self.report = None
         self._said_idle, self.proving = False, 0
         self.link.closed()
-        self._retry_wall_s = time.time() + RETRY_S
+        self._retry_wall_s = wall_s() + RETRY_S
         session = self.session
         if session is not None and not session.wants_reset:
             session.fail(Fault.PORT_LOST, str(error), self._clock.now())

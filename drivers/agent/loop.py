@@ -7,7 +7,6 @@ import os
 import selectors
 import signal
 import socket
-import time
 from pathlib import Path
 
 from drivers.agent.board import Board
@@ -17,7 +16,7 @@ from drivers.agent.journal import JOURNAL, Journal
 from drivers.agent.record import Record
 from drivers.agent.server import Server
 from drivers.agent.spool import Spool
-from drivers.clock import Clock
+from drivers.clock import Clock, wall_s
 from drivers.errors import AgentError, BadGcode, DriverError, Fault
 from drivers.marlin import Phase
 from drivers.messages import (
@@ -131,10 +130,10 @@ class Agent:
         self._server = Server(self._folder, self._selector, self._answer, self._snapshot)
         wake_wall_s = 0.0
         while not self._over:
-            wait_s = wake_wall_s - time.time()
+            wait_s = wake_wall_s - wall_s()
             for key, mask in self._selector.select(wait_s if wait_s > 0.0 else 0.0):
                 key.data(mask)
-            due = time.time() >= wake_wall_s
+            due = wall_s() >= wake_wall_s
             if due:
                 self._board.tick()
             if due or self._board.stirred:  # else the wire alone moved, and no deadline came nearer
@@ -181,6 +180,7 @@ class Agent:
         return Snapshot(
             printer=self._printer,
             agent_pid=os.getpid(),
+            now_s=self._clock.now(),
             model=self._profile.model,
             port=self._url,
             link=link,
@@ -209,13 +209,13 @@ class Agent:
             memory.print.print_id if memory.print is not None else None,
             (session.phase, session.extruded, session.filament, session.heaters_off) if session else None,
         )
-        wall_s = time.time()
-        if key == self._pushed and wall_s < self._push_wall_s:
+        now_s = wall_s()
+        if key == self._pushed and now_s < self._push_wall_s:
             return
         self._pushed = key
         report = self._board.report
         warm = report is not None and max(report.nozzle_c, report.bed_c) > WARM_C
-        self._push_wall_s = wall_s + (PUSH_S if warm or session is not None else IDLE_PUSH_S)
+        self._push_wall_s = now_s + (PUSH_S if warm or session is not None else IDLE_PUSH_S)
         if self._server is not None:
             self._server.push(self._snapshot())
 

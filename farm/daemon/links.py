@@ -44,6 +44,7 @@ _PHASES = {
     m.PrintPhase.CANCELLED: PrintState.CANCELLED,
 }
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
+_CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
 _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach another host
@@ -53,9 +54,15 @@ _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
 
-def translate(said: m.Snapshot) -> AgentSnapshot:
-    """An agent's words in the farm's."""
+def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
+    """An agent's words in the farm's, and its moments on the farm's clock where its own is another."""
     attempt = None
+    late_s = clock.now() - said.now_s
+    shift_s = late_s if said.now_s and abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S else 0.0
+
+    def moment(at_s: float | None) -> float | None:
+        return None if at_s is None else at_s + shift_s
+
     if said.print is not None:
         attempt = AgentPrint(
             print_id=said.print.print_id,
@@ -65,14 +72,14 @@ def translate(said: m.Snapshot) -> AgentSnapshot:
             progress_s=said.print.progress_s,
             print_time_s=said.print.print_time_s,
             extruded=said.print.extruded,
-            started_s=said.print.started_s,
-            ended_s=said.print.ended_s,
+            started_s=moment(said.print.started_s),
+            ended_s=moment(said.print.ended_s),
             starved_s=said.print.starved_s,
             layer=said.print.layer,
             layers=said.print.layers,
             z_mm=said.print.z_mm,
             feature=said.print.feature,
-            pause_ends_s=said.print.pause_ends_s,
+            pause_ends_s=moment(said.print.pause_ends_s),
         )
     return AgentSnapshot(
         printer=said.printer,
@@ -289,7 +296,7 @@ class AgentLink:
                     if said is None:
                         break
                     if self._is_ours(said):
-                        self._hear(self._up_to_date(translate(said)))
+                        self._hear(self._up_to_date(translate(said, self._clock)))
                 log.info("%s: the connection to its agent is gone", self._name)
             except TimeoutError:
                 log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)

@@ -1,8 +1,10 @@
+import time
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.clock import Clock
+from drivers.clock import Clock, wall_s
 
 moments = st.floats(0, 4e9)
 
@@ -17,3 +19,12 @@ def test_wall_and_farm_time_are_each_other_s_inverse(scale: float, anchor_s: flo
 def test_a_clock_of_scale_one_is_the_wall_s():
     assert Clock().farm(12345.0) == 12345.0
     assert Clock(60.0).wall_seconds(90.0) == 1.5
+
+
+@pytest.mark.parametrize("step_s", [600.0, -600.0, 3e7])
+def test_setting_the_host_s_clock_moves_no_deadline(step_s: float, monkeypatch: pytest.MonkeyPatch):
+    set_s = time.time() + step_s
+    before_s = Clock().now()
+    monkeypatch.setattr(time, "time", lambda: set_s)
+    assert before_s <= Clock().now() < before_s + 300.0
+    assert abs(wall_s() - before_s) < 300.0

@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 
 from drivers import heartbeat
+from drivers import messages as m
 from drivers.client import alive, pid
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control
 from farm.config import Fleet
-from farm.daemon.links import Links
+from farm.daemon.links import Links, translate
 from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder
 
@@ -74,3 +75,14 @@ def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             os.kill(number, signal.SIGKILL)
         if emulator_alive(state.agent("a") / "emulator"):
             control(state.agent("a") / "emulator", "power_off")
+
+
+@pytest.mark.parametrize(("apart_s", "shift_s"), [(0.0, 0.0), (-20.0, 0.0), (3600.0, -3600.0), (-3e7, 3e7)])
+def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: float, shift_s: float):
+    clock = Clock()
+    began_s = clock.now() + apart_s
+    shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
+    said = m.Snapshot(printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot)
+    heard = translate(said, clock).print
+    assert heard is not None
+    assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
