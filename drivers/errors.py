@@ -54,3 +54,4 @@ class Fault(StrEnum):
     BAD_FILE = "bad_file"  # not the file that was meant, or not fit for this printer
     PORT_LOST = "port_lost"  # unplugged, or its power is off
     AGENT_DIED = "agent_died"  # the agent's process ended in the middle of the print
+    ESTOP = "estop"  # a person stopped it by `farm estop`

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from drivers import mains, start
-from drivers.agent.journal import JOURNAL, Journal
+from drivers.agent.journal import ESTOPPED, JOURNAL, Journal
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
@@ -32,7 +32,6 @@ from drivers.talk import talk
 from drivers.watch import Watch
 
 EMULATOR = "emulator"
-LOOK = "stopped by `farm estop`"
 _SHOW_S = 20.0  # for `start`, the banner and a report
 _ASK_S = 0.5
 _COOL_S = 120.0  # `Watch` finds before that what does not cool
@@ -106,7 +105,7 @@ def stop(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> 
         stopped = cut(target, show_s, tell)
         if lock is not None:
             with suppress(DriverError, OSError):  # a full disk: the next agent doubts the bed all the same
-                Journal(target.folder / JOURNAL).write(time.time(), look=LOOK, hot=not stopped.seen_off)
+                Journal(target.folder / JOURNAL).write(time.time(), look=ESTOPPED, hot=not stopped.seen_off)
     finally:
         if lock is not None:
             os.close(lock)

@@ -39,9 +39,13 @@ _OFF = {HeaterName.NOZZLE: 0.0, HeaterName.BED: 0.0}
 _RESET_AFTER = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.REBOOT, Fault.ENDSTOP,
-        Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.PORT_LOST, Fault.AGENT_DIED,
+        Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.PORT_LOST, Fault.AGENT_DIED, Fault.ESTOP,
     )
 )  # fmt: skip
+_LEFT = {
+    Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
+    Fault.ESTOP: "a person stopped it by `farm estop`",
+}
 
 
 class Session(Identifying):
@@ -52,7 +56,7 @@ class Session(Identifying):
     link
         The conversation with the board; the caller moves its bytes and calls its `tick`.
     program
-        What to print; None only resets the board and shows its heaters off (`fail` says why).
+        What to print; None only resets the board and shows its heaters off (`left` says why).
     profile
         The printer that the board must be.
     filament
@@ -63,6 +67,8 @@ class Session(Identifying):
         The farm's clock.
     identity
         What this printer's banner said of it before (`identity` of an earlier session); None: not known yet.
+    left
+        Without a program: what ended the last agent's print.
     """
 
     def __init__(
@@ -74,9 +80,11 @@ class Session(Identifying):
         pace: Pace,
         now_s: float,
         identity: str | None = None,
+        left: Fault = Fault.AGENT_DIED,
     ) -> None:
         super().__init__(link, program, profile, filament, pace, now_s, identity)
         self.fault: Fault | None = None
+        self._left = left
         self.reason: str | None = None
         self.extruded = False
         self.started_s = now_s
@@ -229,7 +237,7 @@ class Session(Identifying):
     def _print(self) -> Script:
         program = self.program
         if program is None:
-            raise Ended(Fault.AGENT_DIED, "the agent's process ended in the middle of the print")
+            raise Ended(self._left, _LEFT[self._left])
         yield from self._identify()
         self.phase = PrintPhase.HEATING
         self.heaters_off = False

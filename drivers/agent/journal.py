@@ -17,6 +17,7 @@ from drivers.messages import Filament, PrintSnapshot
 log = logging.getLogger(__name__)
 
 JOURNAL = "journal.jsonl"  # in an agent's folder
+ESTOPPED = "stopped by `farm estop`"  # the look that an emergency stop leaves behind
 
 
 @dataclass(slots=True)

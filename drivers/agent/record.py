@@ -6,7 +6,7 @@ import logging
 
 from drivers import mains
 from drivers.agent.board import UNWATCHED, Board
-from drivers.agent.journal import Journal
+from drivers.agent.journal import ESTOPPED, Journal
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.gcode import Program
@@ -68,9 +68,11 @@ class Record:
 
     def begin(self, program: Program | None, filament: Filament, extruded: bool) -> None:
         """Open a print; without a program, recover from one that an agent left behind."""
-        now_s = self._clock.now()
-        known = self._journal.memory.identity
-        session = Session(self._board.link, program, self._profile, filament, self._board.pace, now_s, known)
+        now_s, memory = self._clock.now(), self._journal.memory
+        left = Fault.ESTOP if memory.look == ESTOPPED else Fault.AGENT_DIED
+        session = Session(
+            self._board.link, program, self._profile, filament, self._board.pace, now_s, memory.identity, left
+        )
         session.extruded = extruded
         self._program = program
         status = self._board.status()

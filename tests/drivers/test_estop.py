@@ -19,7 +19,7 @@ import pytest
 
 from drivers import estop, watch
 from drivers import messages as m
-from drivers.agent.journal import Journal
+from drivers.agent.journal import ESTOPPED, Journal
 from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
@@ -63,6 +63,20 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
     await client.close()
 
 
+async def ended(folder: Path) -> m.PrintSnapshot:
+    """What the next agent says of the print that was stopped."""
+    client = AgentClient(folder)
+    await client.connect()
+    try:
+        async with asyncio.timeout(DEADLINE_S):
+            async for said in client.snapshots():
+                if said.print is not None and said.print.phase.ended:
+                    return said.print
+    finally:
+        await client.close()
+    raise AssertionError("the agent is gone")
+
+
 @pytest.mark.system
 def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_before_the_next_print(
     tmp_path: Path,
@@ -84,8 +98,12 @@ def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_
         status = read_status(folder / "emulator")
         assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)
         assert process.wait(10.0) == -signal.SIGKILL
-        assert Journal(folder / "journal.jsonl").memory.look == estop.LOOK
+        assert Journal(folder / "journal.jsonl").memory.look == ESTOPPED
         assert not alive(folder)
+        process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
+        told = asyncio.run(ended(folder))
+        assert (told.phase, told.fault) == (m.PrintPhase.FAILED, "estop")
+        assert told.reason == "a person stopped it by `farm estop`"
     finally:
         process.kill()
         process.wait(10.0)
