@@ -34,11 +34,12 @@ Floats = npt.NDArray[np.float64]
 KINDS = {
     "walls_s": ("walls",),
     "fill_s": ("infill", "connections"),
-    "skin_s": ("skin",),
+    "skin_s": ("skin", "skin rim"),
     "support_s": ("support", "support sides", "towers"),
     "brim_s": ("brim",),
 }
 REST = ("slope ends", "infill ends", "travel", "support", "support sides", "towers")
+ROUNDS, SMALL = 30, 1e-3  # of the fit; errors below it count as this large
 TABLES = "columns"  # the term of the tables, in place of those of supports
 
 
@@ -64,17 +65,17 @@ class Table:
         self.least_s = np.array([costs[row.settings].least_s_mm * row.height_mm for row in rows])
 
     def fit(self, rows: npt.NDArray[np.bool_]) -> dict[str, float]:
-        """The factors that fit these rows best, by relative error."""
+        """The factors that fit these rows best, by the mean of their relative errors' sizes."""
         factors = dict.fromkeys(FACTORS, 0.0)
         weight = 1.0 / self.sliced_s[rows]
         rest = self.sliced_s - sum(self.kinds.values(), np.zeros(len(self.sliced_s)))
         for names, seconds in [*((KINDS[kind], self.kinds[kind]) for kind in KINDS), (REST, rest)]:
             matrix = np.array([self.terms[name][rows] * weight for name in names]).T
-            for name, factor in zip(names, nnls(matrix, seconds[rows] * weight)[0], strict=True):
+            for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
                 factors[name] += float(factor)
         support = sum(factors[name] * self.terms[name] for name in KINDS["support_s"])
         columns = (self.terms[TABLES][rows] * weight)[:, None]
-        factors[TABLES] = float(nnls(columns, support[rows] * weight)[0][0])
+        factors[TABLES] = float(_fit(columns, support[rows] * weight)[0])
         return factors
 
     def errors(self, factors: dict[str, float], tables: bool) -> Floats:
@@ -96,11 +97,22 @@ class Table:
         return errors
 
 
+def _fit(matrix: Floats, wanted: Floats) -> Floats:
+    """Factors of 0 or more with the least sum of absolute errors, which a few odd parts cannot pull."""
+    weight = np.ones(len(wanted))
+    for _ in range(ROUNDS):
+        factors, _ = nnls(matrix * weight[:, None], wanted * weight)
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(matrix @ factors - wanted), SMALL))
+    return np.asarray(factors)
+
+
 def _features(row: Row, brim_mm: float) -> Floats:
     """In the order of `decompose.cost.FEATURES`."""
     ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE]
-    return np.array([*additive, ring, row.support_mm3, row.support_side_mm2, row.towers_mm])
+    rim = math.sqrt(row.skin_mm2)
+    supports = [row.support_mm3, row.support_side_mm2, row.towers_mm]
+    return np.array([*additive, row.height_mm, rim, ring, *supports])
 
 
 def summary(errors: Floats) -> dict[str, float]:

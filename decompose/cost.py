@@ -2,7 +2,7 @@
 
 Two kinds of feature. The additive ones (`ADDITIVE`) are integrals over volume and surface: the sum over the
 cells of a grid is that of a part, cut faces being ordinary faces, so that `decompose.boxes` prices any box
-from tables. The brim and the least time of a layer follow from the extents of a part.
+from tables. The rest follows from the sums (`skin_rim_mm`) and from the extents of a part.
 
 The time of each term is the length of its lines over their speed. What lengths and speeds leave out (travel,
 acceleration, retraction) is measured: `FACTORS`, by bench/print_time_model.py.
@@ -34,31 +34,41 @@ column_mm3
     Sum of A |n| z over the faces that lean out further than the support angle, z being their height above the
     bed: the support's volume, where it reaches the bed.
 """
-FEATURES = (*ADDITIVE, "brim_mm2", "support_mm3", "support_side_mm2", "towers_mm")
-"""And those that do not add up: the ring of the brim about the part's rectangle and, in place of `column_mm3`
-where a part is looked at closely, the support that it really has (`decompose.columns`)."""
+FEATURES = (
+    *ADDITIVE,
+    *("height_mm", "skin_rim_mm", "brim_mm2"),
+    *("support_mm3", "support_side_mm2", "towers_mm"),
+)
+"""And those that do not add up: the height, the root of `skin_mm2`, the ring of the brim about the part's
+rectangle and, in place of `column_mm3` where a part is looked at closely, the support that it really has
+(`decompose.columns`)."""
 
 FACTORS: Mapping[str, float] = {
-    "infill": 1.0,
-    "walls": 0.984,
-    "connections": 0.35,
-    "skin": 0.98,
-    "slope ends": 2.47,
-    "columns": 1.25,
-    "support": 1.01,
-    "support sides": 1.11,
-    "towers": 2.2,
-    "brim": 0.92,
-    "infill ends": 0.52,
-    "travel": 0.99,
+    "infill": 1.006,
+    "walls": 1.0,
+    "connections": 0.36,
+    "skin": 0.995,
+    "skin rim": 5.2,
+    "slope ends": 2.16,
+    "columns": 1.15,
+    "support": 0.965,
+    "support sides": 1.155,
+    "towers": 2.28,
+    "brim": 0.96,
+    "infill ends": 0.756,
+    "travel": 0.974,
 }
 """What the seconds of each term of `terms` are multiplied by: one set for all settings.
 
 ``columns`` stands for ``support``, ``support sides`` and ``towers`` where only tables are at hand. That of
 ``towers`` is seconds a layer: half of them go there and back, with a retraction each way.
 """
-WALLED_PER_MM = 0.09
-"""Share of flat faces that a mm of wall covers at their edges, instead of skin."""
+INSET = 8.0
+"""A loop is shorter by so many mm for each mm that it lies inside the outline: two at each right angle."""
+INSET_AT_MOST = 0.1
+"""Share of the walls that is lost so at most: beyond it they are as thick as the part."""
+TURNED = 0.5
+"""What a line of infill loses where it turns along the wall, as a share of where it ends."""
 
 # A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
 POSES = 6
@@ -98,7 +108,8 @@ class Recipe:
     support_mm_s: float = 40.0
     support_angle_deg: float = 45.0  # from the vertical; faces that lean out further get support
     brim_mm: float = 8.0
-    brim_mm_s: float = 30.0
+    brim_mm_s: float = 30.0  # of the first layer
+    speeding_layers: int = 2  # the speed rises to that of the others over so many
     travel_mm_s: float = 150.0
     acceleration_mm_s2: float = 3000.0
     least_layer_s: float = 5.0  # the slicer slows down for it
@@ -111,6 +122,22 @@ class Recipe:
         return self.outer_line_width_mm + max(self.wall_count - 1, 0) * self.line_width_mm
 
     @property
+    def insets_s(self) -> float:
+        """Of all walls of a layer: mm that each lies inside the outline, over its speed."""
+        inner = range(1, self.wall_count)
+        depths_mm = [self.outer_line_width_mm + (i - 0.5) * self.line_width_mm for i in inner]
+        outer_s = self.outer_line_width_mm / 2.0 / self.outer_wall_mm_s if self.wall_count > 0 else 0.0
+        return outer_s + sum(depths_mm) / self.inner_wall_mm_s
+
+    @property
+    def skin_s_mm(self) -> float:
+        """Seconds for a mm of line in each layer of a skin; every second skin lies on the bed."""
+        layers = min(self.speeding_layers, round(self.skin_layers))
+        faster = (self.skin_mm_s - self.brim_mm_s) / max(self.speeding_layers, 1)
+        first = sum(1.0 / (self.brim_mm_s + i * faster) for i in range(layers))
+        return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s) / 2.0
+
+    @property
     def skin_cos(self) -> float:
         """Faces with a larger |n| get skin: there the next few layers leave bare more than the walls."""
         bare_mm = self.skin_layers * self.layer_height_mm
@@ -118,37 +145,39 @@ class Recipe:
 
 
 def terms(recipe: Recipe) -> dict[str, Floats]:
-    """Seconds of each term for one unit of each of `FEATURES`: (9,) vectors, under the names of `FACTORS`.
+    """Seconds of each term for one unit of each of `FEATURES`: (11,) vectors, under the names of `FACTORS`.
 
     An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
+    Walls cover the rim of a skin.
     """
 
     def vector(**features: float) -> Floats:
         return np.array([features.get(name, 0.0) for name in FEATURES])
 
     r, layer = recipe, recipe.layer_height_mm
-    skin_layers = r.skin_layers * max(0.0, 1.0 - WALLED_PER_MM * r.walls_mm)
     inner_walls = max(r.wall_count - 1, 0) / r.inner_wall_mm_s
     walls = (1.0 / r.outer_wall_mm_s if r.wall_count > 0 else 0.0) + inner_walls
     lines = 1.0 / r.infill_line_distance_mm if r.infill_line_distance_mm > 0.0 else 0.0
     supports = 1.0 / r.support_line_distance_mm if r.support_line_distance_mm > 0.0 else 0.0
     infill = lines / (layer * r.infill_mm_s)
     connected = r.infill_connected and lines > 0.0
-    skin = 1.0 / (r.line_width_mm * r.skin_mm_s)
+    ends = lines * r.infill_mm_s / r.acceleration_mm_s2 / layer
+    skin = r.skin_s_mm / r.line_width_mm
     return {
         "infill": vector(
-            volume_mm3=infill, lateral_mm2=-infill * r.walls_mm, skin_mm2=-infill * skin_layers * layer
+            volume_mm3=infill, lateral_mm2=-infill * r.walls_mm, skin_mm2=-infill * r.skin_layers * layer
         ),
-        "walls": vector(lateral_mm2=walls / layer),
+        "walls": vector(lateral_mm2=walls / layer, height_mm=-INSET * r.insets_s / layer),
         "connections": vector(lateral_mm2=1.0 / (layer * r.infill_mm_s) if connected else 0.0),
-        "skin": vector(skin_mm2=skin_layers * skin),
+        "skin": vector(skin_mm2=skin),
+        "skin rim": vector(skin_rim_mm=-skin * r.walls_mm),
         "slope ends": vector(slope_mm2=r.skin_mm_s / r.acceleration_mm_s2 / (layer * r.line_width_mm)),
         "columns": vector(column_mm3=supports / (layer * r.support_mm_s)),
         "support": vector(support_mm3=supports / (layer * r.support_mm_s)),
         "support sides": vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
         "towers": vector(towers_mm=1.0 / layer if supports else 0.0),
         "brim": vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
-        "infill ends": vector(lateral_mm2=lines * r.infill_mm_s / r.acceleration_mm_s2 / layer),
+        "infill ends": vector(lateral_mm2=ends * (TURNED if connected else 1.0)),
         "travel": vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
     }
 
@@ -157,13 +186,13 @@ def terms(recipe: Recipe) -> dict[str, Floats]:
 class CostModel:
     """Coefficients of the print time, in seconds for each unit of a feature, and what the features depend on.
 
-    ``t = fixed + max(volume V + lateral L, least H) + skin S + slope X + overhang O + brim B``; see
-    `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in mm2, H the height
-    in mm. Where a part's columns are known, `support_seconds` takes the place of O.
+    ``t = fixed + max(volume V + lateral L - inset H, least H) + skin S - rim sqrt(S) + slope X + overhang O
+    + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in
+    mm2, H the height in mm. Where a part's columns are known, `support_seconds` takes the place of O.
 
-    Held out by model, over parts that the decomposition makes, a part with its own supports errs by 3.1 %
-    on average, and in each of five settings by less than 5 %; the tables, with supports down to the bed, by
-    5.0 % (bench/print_time_model.py, table bench/print_time.csv).
+    Held out by model, over parts that the decomposition makes, a part with its own supports errs by 2.6 %
+    on average, and in each of five settings by 3.2 % at most, also where three of them are not fitted on;
+    the tables, with supports down to the bed, by 4.1 % (bench/print_time_model.py, bench/print_time.csv).
     """
 
     fixed_s: float
@@ -177,6 +206,8 @@ class CostModel:
     brim_mm: float
     support_angle_deg: float = 45.0
     skin_cos: float = 0.7  # faces with a larger |n| get skin
+    inset_s_mm: float = 0.0
+    skin_rim_s_mm: float = 0.0
     support_s_mm3: float = 0.0
     support_side_s_mm2: float = 0.0
     tower_s_mm: float = 0.0
@@ -207,6 +238,8 @@ class CostModel:
             support_angle_deg=recipe.support_angle_deg,
             shrinkage=recipe.shrinkage,
             skin_cos=recipe.skin_cos,
+            inset_s_mm=max(0.0, -seconds["height_mm"]),
+            skin_rim_s_mm=max(0.0, -seconds["skin_rim_mm"]),
             support_s_mm3=seconds["support_mm3"],
             support_side_s_mm2=seconds["support_side_mm2"],
             tower_s_mm=seconds["towers_mm"],
@@ -245,8 +278,10 @@ def price(
     decompose/__pycache__ after one.
     """
     ring = c[8] * (2.0 * (width + depth) + np.pi * c[8])
-    body = max(c[1] * volume + c[2] * lateral, c[7] * height)
-    seconds: float = c[0] + body + c[3] * skin + c[4] * slope + c[5] * column + c[6] * ring
+    inset = min(c[11] * height, INSET_AT_MOST * c[2] * lateral)
+    body = max(c[1] * volume + c[2] * lateral - inset, c[7] * height)
+    flat = max(0.0, c[3] * skin - c[12] * np.sqrt(skin))
+    seconds: float = c[0] + body + flat + c[4] * slope + c[5] * column + c[6] * ring
     return seconds
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from decompose.bound import makespan_bound
 from decompose.boxes import Box, Boxes, all_boxes
-from decompose.cost import CostModel, PrinterRoom
+from decompose.cost import INSET_AT_MOST, CostModel, PrinterRoom
 from decompose.errors import DecomposeError, NoFit
 from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
 from decompose.mesh import Model
@@ -183,8 +183,12 @@ def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: Cos
     """A makespan that no partition undercuts which prints this surface and volume, in seconds.
 
     All of the surface is at best level skin or the flattest slope that has none; cuts, supports, brims and
-    least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time.
+    least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time;
+    what each saves by shorter inner walls, and where its walls cover the rim of its skin, is taken off.
     """
     slope = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
     surface = area_mm2 * min(slope, cost.skin_s_mm2)
-    return cost.fixed_s + (surface + cost.volume_s_mm3 * volume_mm3) / printers
+    # c S - r sqrt(S) is at least (1 - k) c S - r^2 / (4 k c), for any share k.
+    rim_s = cost.skin_rim_s_mm**2 / (4.0 * INSET_AT_MOST * cost.skin_s_mm2) if cost.skin_s_mm2 else 0.0
+    shared_s = (1.0 - INSET_AT_MOST) * surface + cost.volume_s_mm3 * volume_mm3
+    return cost.fixed_s + max(0.0, shared_s / printers - rim_s)

@@ -34,6 +34,7 @@ def recipe(settings: Settings, prelude_s: float) -> Recipe:
         support_angle_deg=settings.support_angle_deg,
         brim_mm=settings.brim_width_mm if shared["adhesion_type"] == "brim" else 0.0,
         brim_mm_s=settings.speed_layer_0_mm_s,
+        speeding_layers=int(float(shared["speed_slowdown_layers"])),
         travel_mm_s=settings.speed_travel_mm_s,
         acceleration_mm_s2=float(shared["machine_acceleration"]),
         least_layer_s=float(extruder["cool_min_layer_time"]),

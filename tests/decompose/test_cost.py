@@ -15,6 +15,7 @@ from decompose.cost import (
     ADDITIVE,
     FACTORS,
     FEATURES,
+    INSET_AT_MOST,
     POSE_ROTATIONS,
     CostModel,
     PrinterRoom,
@@ -57,10 +58,31 @@ def test_a_needle_takes_the_least_time_of_its_layers() -> None:
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
     faster = replace(cost, least_s_mm=0.0)
     upright = POSE_ROTATIONS[4:5]
-    body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0
+    body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - INSET_AT_MOST)
     slowed = pose_seconds(*needle.arrays(), upright, cost) - pose_seconds(*needle.arrays(), upright, faster)
     assert slowed[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
     assert pose_costs(*block.arrays(), cost) == pytest.approx(pose_costs(*block.arrays(), faster))
+
+
+def test_walls_inside_the_outline_are_shorter() -> None:
+    """A block of 40 mm: the loops of two walls are squares of 39.6 and 38.8 mm."""
+    recipe = Recipe(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
+    walls = terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
+    assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
+
+
+def test_the_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
+    recipe = Recipe(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, speeding_layers=2)
+    on_bed, above = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
+    assert recipe.skin_s_mm == pytest.approx((on_bed + above) / 2.0)
+
+
+def test_walls_cover_the_rim_of_a_skin() -> None:
+    cost = one(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
+    large, small = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
+    upright = POSE_ROTATIONS[4:5]
+    assert pose_seconds(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
+    assert pose_seconds(*small.arrays(), upright, cost)[0] == 0.0
 
 
 def test_only_overhangs_off_the_bed_cost_support() -> None:
@@ -99,7 +121,10 @@ def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls(
         ({"layer_height_mm": 0.125}, "support", 2.0),
         ({"layer_height_mm": 0.125}, "brim", 1.0),
         ({"outer_wall_mm_s": 20.0, "inner_wall_mm_s": 25.0}, "walls", 2.0),
-        ({"skin_mm_s": 15.0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "brim_mm_s": 15.0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "speeding_layers": 0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "speeding_layers": 0}, "skin rim", 2.0),
+        ({"infill_connected": False}, "infill ends", 2.0),
         ({"skin_layers": 6.0}, "skin", 2.0),
         ({"travel_mm_s": 75.0}, "travel", 2.0),
         ({"acceleration_mm_s2": 1500.0}, "slope ends", 2.0),
