@@ -83,6 +83,13 @@ class HoldCode(StrEnum):
     NEEDS_A_LOOK = "needs_a_look"
     PRINTER_ABSENT = "printer_absent"
     PRINTER_CONNECTING = "printer_connecting"
+    REEL_TOO_SHORT = "reel_too_short"
+    START_TIME = "start_time"  # its job starts later (--at, --overnight)
+    QUIET_HOURS = "quiet_hours"
+    UNATTENDED = "unattended"  # somebody has to be there
+    TOO_LONG = "too_long"  # for the hours of fleet.yaml
+    HEATING_LIMIT = "heating_limit"
+    KEPT_AS_SPARE = "kept_as_spare"
 
 
 class Engine(StrEnum):
@@ -194,6 +201,11 @@ class Plate(Entity):
     def prelude_s(self) -> float:
         """What it takes beside its layers."""
         return self.estimated_s - self.print_time_s * self.time_factor
+
+    @property
+    def first_layer_s(self) -> float:
+        """From its start until its first layer lies, which is printed at half the speed of the others."""
+        return self.prelude_s + 2.0 * self.print_time_s * self.time_factor / max(1, self.layers)
 
     def seconds(self, time_factor: float) -> float:
         """What it takes on a printer with this factor."""

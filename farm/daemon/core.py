@@ -7,6 +7,7 @@ event, new state, commit, and only then what follows from it.
 from __future__ import annotations
 
 import logging
+import math
 import uuid
 from collections import Counter
 from collections.abc import Callable
@@ -27,11 +28,14 @@ from farm.model import (
     Link,
     PlanProgress,
     Plate,
+    Print,
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.scheduling.assign import Box, Need, PlateView, PrinterView, assign
+from farm.scheduling.assign import assign
 from farm.scheduling.front import begin, unmatched
+from farm.scheduling.rules import Rules
+from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
@@ -76,6 +80,7 @@ class Core:
         self.stopping = False
         self._store = store
         self._room = rooms
+        self._rules = Rules.of(fleet.fleet)
         self._hands = hands
         self._least: dict[int, int] = {}  # parts that a job was seen to need
         self._refusals: Counter[str] = Counter()
@@ -135,8 +140,8 @@ class Core:
         if self.stopping:
             return
         waiting = [self._plate_view(plate) for plate in self.books.waiting_plates()]
-        given, holds = assign(waiting, self.printer_views())
         now_s = self.clock.now()
+        given, holds = assign(waiting, self.printer_views(), self._rules, now_s)
         for assignment in given:
             self.happened(
                 ev.PlateAssigned(
@@ -316,18 +321,27 @@ class Core:
         look = entry.look
         if snapshot is not None and link is Link.FAULT and look is None:
             look = snapshot.reason or "its agent reports a fault"
+        attempt = self.books.open_print_on(section.name)
+        verified = snapshot is None or snapshot.reset_verified
         return PrinterView(
             name=section.name,
-            room=self._room(section),
-            material=section.material,
-            colour=section.colour,
-            nozzle_mm=section.nozzle_mm,
+            kind=Kind(self._room(section), section.material, section.colour, section.nozzle_mm),
             bed=entry.bed,
             filament=entry.filament,
             link=link,
-            booked=self.books.open_print_on(section.name) is not None,
+            booked=attempt is not None,
             look=look,
+            heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
+            free_s=None if attempt is None else self._expected_end_s(attempt, entry.time_factor),
+            time_factor=entry.time_factor,
+            unattended=section.unattended and verified,
+            why_attended="fleet.yaml says so" if verified else "its board was not seen to reset",
         )
+
+    def _expected_end_s(self, attempt: Print, factor: float) -> float:
+        """When a print should end, as expected when it began: in whole minutes, so that it is seldom news."""
+        begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+        return math.ceil((begun_s + self.books.plates[attempt.plate].seconds(factor)) / 60) * 60.0
 
     def _plate_view(self, plate: Plate) -> PlateView:
         failed = {p.printer for p in self.books.prints_of(plate) if p.state is PrintState.FAILED}
@@ -345,6 +359,9 @@ class Core:
             need=need,
             planned=plate.printer,
             estimated_s=plate.estimated_s,
+            grams=plate.grams,
+            heating_s=plate.prelude_s,
+            first_layer_s=plate.first_layer_s,
             failed_on=frozenset(failed),
             places=None if options.printers is None else max(0, options.printers - used),
         )

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from farm.model import Hold, HoldCode, Link
-from farm.scheduling.assign import Need, PrinterView
+from farm.scheduling.snapshot import Need, PrinterView
 
 _PASSING = (HoldCode.PRINTER_BUSY, HoldCode.BED_NOT_CLEAR, HoldCode.FILAMENT_UNKNOWN)
 
@@ -21,7 +21,7 @@ class Begin:
 
 def unmatched(need: Need, printers: Iterable[PrinterView]) -> Hold | None:
     """Why a job waits for nobody: since it was submitted, `fleet.yaml` may have changed."""
-    if any(need.matches(printer) for printer in printers):
+    if any(need.matches(printer.kind) for printer in printers):
         return None
     return Hold(
         code=HoldCode.NO_SUCH_PRINTER,
@@ -57,7 +57,7 @@ def begin(
     patient
         Wait for printers that are still connecting: true while the farm has just started.
     """
-    matching = sorted((p for p in printers if need.matches(p)), key=lambda p: p.name)
+    matching = sorted((p for p in printers if need.matches(p.kind)), key=lambda p: p.name)
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
     if arriving and patient:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
@@ -83,5 +83,5 @@ def begin(
             return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
         return Begin(tuple(p.name for p in idle[:given]), rounds=-(-least // given))
     # The roomiest first: a person who gives two printers gives the best two.
-    idle.sort(key=lambda p: (-p.height_mm, p.name))
+    idle.sort(key=lambda p: (-p.kind.height_mm, p.name))
     return Begin(tuple(sorted(p.name for p in idle[:given])))

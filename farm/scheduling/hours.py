@@ -27,7 +27,7 @@ class Hours:
     zone: tzinfo
 
     def span(self, at_s: float) -> Span | None:
-        """The span that `at_s` is in, half-open; None where it is in none. One without an end has infinity."""
+        """The half-open span that `at_s` is in; None where it is in none. A last one ends at infinity."""
         return next((span for span in self._near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:

@@ -1,25 +1,37 @@
 """Printers and plates as the scheduler sees them, for tests."""
 
+from zoneinfo import ZoneInfo
+
 from farm.model import Bed, FilamentState, Link
-from farm.scheduling.assign import Need, PlateView, PrinterView
+from farm.scheduling.hours import Hours
+from farm.scheduling.rules import Rules
+from farm.scheduling.snapshot import Kind, Need, PlateView, PrinterView
+from farm.windows import parse_window
 
 LOW = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
 TALL = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
 
 
-def printer(name, **changes):
+UTC = ZoneInfo("UTC")
+
+
+def hours(*texts):
+    return Hours(tuple(map(parse_window, texts)), UTC)
+
+
+def rules(attended=(), quiet=(), **changes):
+    return Rules(hours(*attended), hours(*quiet), **changes)
+
+
+def printer(name, room=LOW, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
     facts = {
-        "room": LOW,
-        "material": "generic_pla",
-        "colour": None,
-        "nozzle_mm": 0.4,
         "bed": Bed.CLEAR,
         "filament": FilamentState.PARKED,
         "link": Link.READY,
         "booked": False,
         "look": None,
     }
-    return PrinterView(name=name, **{**facts, **changes})
+    return PrinterView(name=name, kind=Kind(room, material, colour, nozzle_mm), **{**facts, **changes})
 
 
 def box(height_mm, half_mm=50.0):

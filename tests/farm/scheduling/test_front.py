@@ -1,8 +1,8 @@
 """Whether the job in front can begin, and with which printers."""
 
 from farm.model import Bed, Hold, HoldCode, Link
-from farm.scheduling.assign import Need
 from farm.scheduling.front import Begin, begin, unmatched
+from farm.scheduling.snapshot import Need
 from make_views import TALL, printer
 
 ANY = Need(None, None, None)

@@ -1,0 +1,129 @@
+"""The house's rules for starting a print: hours, the breaker, and enough on the reel. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, tzinfo
+from zoneinfo import ZoneInfo
+
+from farm.config import FleetSection
+from farm.model import Hold, HoldCode
+from farm.scheduling.hours import Hours
+from farm.scheduling.snapshot import PlateView, PrinterView
+
+LATE = 1.05
+"""A print may take this much longer than expected."""
+GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
+"""What must be on a reel beside a plate's grams: priming, and what a ledger does not see."""
+_FARTHEST_S = 15 * 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """When a plate may start on a printer; never where `at_s` is None. `why` says what made it wait."""
+
+    at_s: float | None
+    why: Hold | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What `fleet.yaml` says of the house."""
+
+    attended: Hours
+    quiet: Hours
+    first_layers_attended: bool = False
+    max_heating: int | None = None
+
+    @staticmethod
+    def of(section: FleetSection) -> Rules:
+        zone = ZoneInfo(section.timezone)
+        return Rules(
+            attended=Hours(section.attended, zone),
+            quiet=Hours(section.quiet, zone),
+            first_layers_attended=section.first_layers_attended,
+            max_heating=section.max_heating,
+        )
+
+    @property
+    def zone(self) -> tzinfo:
+        return self.attended.zone
+
+    def words(self, at_s: float) -> str:
+        """A moment as a person reads it."""
+        return datetime.fromtimestamp(at_s, self.zone).strftime("%a %H:%M")
+
+    def start(self, plate: PlateView, printer: PrinterView, from_s: float) -> Start:
+        """The first moment from `from_s` on at which a plate may start there, as far as hours decide it.
+
+        Nothing starts that would print into quiet hours, nothing that needs somebody who is not there.
+        """
+        at_s, why = from_s, None
+        if plate.not_before_s is not None and plate.not_before_s > at_s:
+            at_s = plate.not_before_s
+            why = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.words(at_s)}")
+        while at_s < from_s + _FARTHEST_S:
+            for moved in (self._out_of_quiet(plate, at_s), self._attended(plate, printer, at_s)):
+                if moved is not None:
+                    break
+            else:
+                return Start(at_s, why)
+            why = moved.why
+            if moved.at_s is None:
+                return moved
+            at_s = moved.at_s
+        text = f"it takes {_hours(plate.estimated_s)}: longer than the hours of fleet.yaml ever let it print"
+        return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
+
+    def _out_of_quiet(self, plate: PlateView, at_s: float) -> Start | None:
+        """When these quiet hours end, or those into which it would print; None where there are none."""
+        span = self.quiet.span(at_s) or self.quiet.following(at_s)
+        if span is None or at_s + plate.estimated_s * LATE <= span[0]:
+            return None
+        text = f"it takes {_hours(plate.estimated_s)}, quiet hours are from {self.words(span[0])}"
+        if span[1] == float("inf"):
+            return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
+        return Start(span[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.words(span[1])}"))
+
+    def _attended(self, plate: PlateView, printer: PrinterView, at_s: float) -> Start | None:
+        """When somebody comes, where somebody has to be there and is not, or not long enough."""
+        if not printer.unattended:
+            asks = f"{printer.name} prints only while somebody is there ({printer.why_attended})"
+            needed_s = plate.estimated_s * LATE
+        elif self.first_layers_attended:
+            asks, needed_s = "first layers are printed only while somebody is there", plate.first_layer_s
+        else:
+            return None
+        span = self.attended.span(at_s)
+        if span is not None and at_s + needed_s <= span[1]:
+            return None
+        then = self.attended.following(at_s)
+        if then is None:
+            text = f"{asks}, and fleet.yaml names no such hours (`attended`)"
+            return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
+        text = f"{asks}: from {self.words(then[0])}"
+        return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
+
+    def cleared_s(self, ended_s: float, clearing_s: float) -> float:
+        """When the bed of a print that ended can be clear: somebody has to be there."""
+        if not self.attended.windows or self.attended.span(ended_s) is not None:
+            return ended_s + clearing_s
+        then = self.attended.following(ended_s)
+        return (then[0] if then is not None else ended_s) + clearing_s
+
+
+def short_of_filament(plate: PlateView, printer: PrinterView) -> Hold | None:
+    """Whether a reel has too little for a plate, with the margin; of an unknown one nothing is said."""
+    needed = max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
+    if printer.grams is None or printer.grams >= needed:
+        return None
+    return Hold(
+        code=HoldCode.REEL_TOO_SHORT,
+        text=f"{printer.name} has {printer.grams:.0f} g, it needs {needed:.0f} g: load a reel, then "
+        f"`farm load {printer.name}`",
+    )
+
+
+def _hours(seconds: float) -> str:
+    hours, minutes = divmod(round(seconds / 60), 60)
+    return f"{hours}h{minutes:02d}"
