@@ -141,6 +141,6 @@ class _Matching:
         return (
             plate.need.matches(printer.kind)
             and (name not in self._kept or bool(plate.failed_on))
-            and short_of_filament(plate, printer) is None
+            and short_of_filament(plate, printer, printer.grams) is None
             and self._rules.start(plate, printer, self._now_s).at_s == self._now_s
         )

@@ -75,7 +75,7 @@ class Reasons:
     def _held(self, plate: PlateView, name: str) -> Hold | None:
         """Why it does not go to a printer that is idle and clear."""
         printer = self._fleet[name]
-        short = short_of_filament(plate, printer)
+        short = short_of_filament(plate, printer, printer.grams)
         if short is not None:
             return short
         start = self._rules.start(plate, printer, self._now_s)

@@ -112,14 +112,14 @@ class Rules:
         return (then[0] if then is not None else ended_s) + clearing_s
 
 
-def short_of_filament(plate: PlateView, printer: PrinterView) -> Hold | None:
-    """Whether a reel has too little for a plate, with the margin; of an unknown one nothing is said."""
+def short_of_filament(plate: PlateView, printer: PrinterView, grams: float | None) -> Hold | None:
+    """Whether a reel with so many grams has too little for a plate; of an unknown one nothing is said."""
     needed = max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
-    if printer.grams is None or printer.grams >= needed:
+    if grams is None or grams >= needed:
         return None
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
-        text=f"{printer.name} has {printer.grams:.0f} g, it needs {needed:.0f} g: load a reel, then "
+        text=f"{printer.name} has {grams:.0f} g, it needs {needed:.0f} g: load a reel, then "
         f"`farm load {printer.name}`",
     )
 

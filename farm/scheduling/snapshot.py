@@ -128,7 +128,8 @@ class PlateView:
     estimated_s: float
     priority: int = 0  # higher is earlier
     grams: float = 0.0
-    heating_s: float = 0.0  # of `estimated_s`
+    heating_s: float = 0.0  # of `estimated_s`: what is not layers
+    time_factor: float = 1.0  # of the planned printer, in `estimated_s`
     first_layer_s: float = 0.0  # from its start until its first layer lies
     failed_on: frozenset[str] = frozenset()
     places: int | None = None  # on how many more printers its job may print now; None: on all

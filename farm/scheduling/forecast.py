@@ -1,0 +1,168 @@
+"""When every plate of a job should print, and where: the night ahead, with its lower bound. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from farm.model import HoldCode
+from farm.scheduling.rules import Rules, Start, short_of_filament
+from farm.scheduling.snapshot import PlateView, PrinterView
+
+CLEARING_S = 900.0
+"""A person takes a part off and says so, once somebody is there."""
+_COMING = (None, HoldCode.PRINTER_BUSY, HoldCode.BED_NOT_CLEAR, HoldCode.FILAMENT_UNKNOWN)
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A plate's time on a printer, in seconds since the epoch."""
+
+    plate: str
+    printer: str
+    starts_s: float
+    ends_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """The slots in order of their start; plates that no printer can ever take have none."""
+
+    slots: tuple[Slot, ...]
+    left: tuple[str, ...]
+    ends_s: float  # of the last slot; now where there is none
+    lower_bound_s: float  # no order of the plates ends sooner
+
+    @property
+    def starts_s(self) -> float:
+        return min((slot.starts_s for slot in self.slots), default=self.ends_s)
+
+
+def forecast(
+    plates: Iterable[PlateView], printers: Iterable[PrinterView], rules: Rules, now_s: float
+) -> Forecast:
+    """Foresee a night by list scheduling: longest first, each plate to the printer where it ends soonest.
+
+    Between two plates on a printer its bed is cleared, for which somebody has to be there. Printers that are
+    away or broken are not counted on, unless there is no other. Where all printers are alike and free, the
+    end is at most 4/3 of the least (Graham 1969, LPT), and the longest plate's end where there are no more
+    plates than printers.
+
+    Parameters
+    ----------
+    plates, printers
+        What is to be printed and the fleet, in any order: the answer is the same.
+    rules
+        The house's; at most `max_heating` printers heat at once.
+    now_s
+        Farm time, from which the night is foreseen.
+    """
+    turns = sorted(plates, key=lambda plate: plate.turn)
+    fleet = sorted(printers, key=lambda printer: printer.name)
+    coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _COMING] or fleet
+    ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
+    grams = {p.name: p.grams for p in coming}
+    can = {plate.id: [p for p in coming if _fits(plate, p, grams)] for plate in turns}
+    bound_s = _lower_bound_s(turns, can, dict(ready_s), rules, now_s)
+    heating: list[tuple[float, float]] = []
+    slots: list[Slot] = []
+    left: list[str] = []
+    for plate in turns:
+        choices = []
+        for printer in (p for p in can[plate.id] if _fits(plate, p, grams)):
+            start_s = _start_s(plate, printer, ready_s[printer.name], rules, heating)
+            if start_s is not None:
+                end_s = start_s + seconds_on(plate, printer)
+                choices.append((end_s, printer.name != plate.planned, printer.name, start_s))
+        if not choices:
+            left.append(plate.id)
+            continue
+        end_s, _, name, start_s = min(choices)
+        slots.append(Slot(plate.id, name, start_s, end_s))
+        heating.append((start_s, start_s + plate.heating_s))
+        ready_s[name] = rules.cleared_s(end_s, CLEARING_S)
+        on_reel = grams[name]
+        grams[name] = None if on_reel is None else on_reel - plate.grams
+    slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
+    ends_s = max((slot.ends_s for slot in slots), default=now_s)
+    return Forecast(tuple(slots), tuple(left), ends_s, min(bound_s, ends_s))
+
+
+def seconds_on(plate: PlateView, printer: PrinterView) -> float:
+    """What a plate takes on a printer: as expected on the planned one, by how much faster or slower it is."""
+    layers_s = plate.estimated_s - plate.heating_s
+    return plate.heating_s + layers_s * printer.time_factor / plate.time_factor
+
+
+def _ready_s(printer: PrinterView, rules: Rules, now_s: float) -> float:
+    """When a printer is idle and clear."""
+    if printer.obstacle() is None:
+        return now_s
+    return rules.cleared_s(max(now_s, printer.free_s or now_s), CLEARING_S)
+
+
+def _fits(plate: PlateView, printer: PrinterView, grams: Mapping[str, float | None]) -> bool:
+    if not plate.need.matches(printer.kind):
+        return False
+    return short_of_filament(plate, printer, grams[printer.name]) is None
+
+
+def _start_s(
+    plate: PlateView,
+    printer: PrinterView,
+    from_s: float,
+    rules: Rules,
+    heating: Sequence[tuple[float, float]],
+) -> float | None:
+    """The first moment when hours and breaker let it start there."""
+    while True:
+        start: Start = rules.start(plate, printer, from_s)
+        if start.at_s is None or rules.max_heating is None:
+            return start.at_s
+        at_s = start.at_s
+        ends = sorted(end for begin, end in heating if begin < at_s + plate.heating_s and end > at_s)
+        if len(ends) < rules.max_heating:
+            return at_s
+        from_s = ends[len(ends) - rules.max_heating]
+
+
+def _lower_bound_s(
+    plates: Sequence[PlateView],
+    can: Mapping[str, Sequence[PrinterView]],
+    ready_s: Mapping[str, float],
+    rules: Rules,
+    now_s: float,
+) -> float:
+    """The end that no schedule on these printers can beat.
+
+    The greatest of: each plate alone on the printer where it ends soonest; and, for the plates that can go
+    to some set of printers only, all their seconds spread evenly over it from when each is ready.
+    """
+    bound_s = now_s
+    work_s: dict[frozenset[str], float] = {}
+    for plate in plates:
+        if not can[plate.id]:
+            continue
+        starts = [(p, rules.start(plate, p, ready_s[p.name]).at_s) for p in can[plate.id]]
+        ends = [at_s + seconds_on(plate, p) for p, at_s in starts if at_s is not None]
+        if not ends:
+            continue
+        bound_s = max(bound_s, min(ends))
+        names = frozenset(p.name for p in can[plate.id])
+        work_s[names] = work_s.get(names, 0.0) + min(seconds_on(plate, p) for p in can[plate.id])
+    for names in work_s:
+        total_s = sum(seconds for some, seconds in work_s.items() if some <= names)
+        bound_s = max(bound_s, _filled_s(total_s, sorted(ready_s[name] for name in names)))
+    return bound_s
+
+
+def _filled_s(work_s: float, ready: Sequence[float]) -> float:
+    """When so much work is done by machines that are ready at these moments (in order)."""
+    level_s = ready[0]
+    for count, following in enumerate([*ready[1:], float("inf")], 1):
+        room_s = (following - level_s) * count
+        if work_s <= room_s:
+            return level_s + work_s / count
+        work_s -= room_s
+        level_s = following
+    raise AssertionError("the last machine takes whatever is left")

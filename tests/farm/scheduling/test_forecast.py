@@ -1,0 +1,113 @@
+"""The night foreseen: plates do not overlap, hours are kept, and the bound is one."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import Bed, Link
+from farm.scheduling.forecast import CLEARING_S, forecast, seconds_on
+from farm.scheduling.snapshot import Need
+from make_views import LOW, TALL, box, plate, printer, rules
+
+MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
+HOUR = 3600.0
+
+fleets = st.lists(
+    st.builds(
+        printer,
+        st.sampled_from("abcd"),
+        room=st.sampled_from([LOW, TALL]),
+        booked=st.booleans(),
+        free_s=st.none() | st.floats(MONDAY_S, MONDAY_S + 10 * HOUR),
+        bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
+        grams=st.none() | st.floats(0, 300),
+        time_factor=st.sampled_from([0.9, 1.0, 1.2]),
+    ),
+    min_size=1,
+    unique_by=lambda p: p.name,
+)
+waiting = st.lists(
+    st.builds(
+        plate,
+        st.uuids().map(str),
+        st.sampled_from("abcd"),
+        need=st.builds(Need, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])),
+        estimated_s=st.floats(600, 9 * HOUR),
+        heating_s=st.just(300.0),
+        first_layer_s=st.just(500.0),
+        grams=st.floats(0, 100),
+        job=st.integers(1, 2),
+        priority=st.integers(0, 1),
+    ),
+    max_size=8,
+    unique_by=lambda p: p.id,
+)
+houses = st.builds(
+    rules,
+    attended=st.sampled_from([(), ("08:00-18:00",), ("mon-fri 08:00-12:00", "13:00-17:00")]),
+    quiet=st.sampled_from([(), ("22:00-06:00",), ("sat,sun 00:00-24:00",)]),
+    first_layers_attended=st.booleans(),
+    max_heating=st.none() | st.integers(1, 3),
+)
+
+
+@given(waiting, fleets, houses, st.floats(0, 7 * 24 * HOUR), st.randoms())
+def test_the_laws_of_a_forecast(plates, fleet, house, after_s, random):
+    now_s = MONDAY_S + after_s
+    seen = forecast(plates, fleet, house, now_s)
+    by_id, by_name = {p.id: p for p in plates}, {p.name: p for p in fleet}
+    assert sorted([slot.plate for slot in seen.slots] + list(seen.left)) == sorted(by_id)
+    for name, slots in itertools.groupby(sorted(seen.slots, key=lambda s: s.printer), lambda s: s.printer):
+        mine = sorted(slots, key=lambda slot: slot.starts_s)
+        for one, following in itertools.pairwise(mine):
+            assert following.starts_s >= one.ends_s + CLEARING_S
+        on_reel = by_name[name].grams
+        assert on_reel is None or sum(by_id[slot.plate].grams for slot in mine) <= on_reel
+    for slot in seen.slots:
+        what, where = by_id[slot.plate], by_name[slot.printer]
+        assert what.need.matches(where.kind)
+        assert slot.starts_s >= now_s
+        assert slot.ends_s - slot.starts_s == pytest.approx(seconds_on(what, where))
+        assert house.start(what, where, slot.starts_s).at_s == slot.starts_s
+        heats = [s for s in seen.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
+        assert house.max_heating is None or len(heats) <= house.max_heating
+    assert now_s <= seen.lower_bound_s <= seen.ends_s
+    for mixed in (plates, fleet):
+        random.shuffle(mixed)
+    assert forecast(plates, fleet, house, now_s) == seen
+
+
+@given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
+def test_the_bound_is_below_every_order_of_the_plates(times, count):
+    names = "abc"[:count]
+    plates = [plate(f"1/{i}", "a", estimated_s=seconds) for i, seconds in enumerate(times)]
+    seen = forecast(plates, [printer(name) for name in names], rules(), 0.0)
+    best = min(
+        max(sum(t for t, where in zip(times, places, strict=True) if where == name) for name in names)
+        for places in itertools.product(names, repeat=len(times))
+    )
+    assert seen.lower_bound_s <= best * (1 + 1e-9)
+    rounds = -(-len(times) // count)
+    assert seen.ends_s <= 4 / 3 * best + len(times) * CLEARING_S
+    assert rounds > 1 or seen.ends_s == pytest.approx(best)
+
+
+def test_a_second_round_waits_for_somebody_to_clear_the_bed():
+    house = rules(attended=("mon-fri 08:00-18:00",))
+    plates = [plate("1/01", "a", estimated_s=4 * HOUR), plate("1/02", "a", estimated_s=2 * HOUR)]
+    seen = forecast(plates, [printer("a")], house, MONDAY_S + 17 * HOUR)
+    assert [slot.starts_s - MONDAY_S for slot in seen.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
+
+
+def test_heating_up_is_staggered():
+    plates = [plate(f"1/{i}", "abc"[i], estimated_s=HOUR, heating_s=600.0) for i in range(3)]
+    seen = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
+    assert [slot.starts_s for slot in seen.slots] == [0.0, 0.0, 600.0]
+
+
+def test_a_printer_that_is_away_is_not_counted_on():
+    plates = [plate(f"1/{i}", "a", estimated_s=HOUR) for i in range(2)]
+    seen = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
+    assert {slot.printer for slot in seen.slots} == {"a"}
