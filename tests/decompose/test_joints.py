@@ -1,0 +1,140 @@
+"""Where parts touch: the glue's area and width, and the pieces that are bad to glue."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.joints import Joint, faults, joints
+from decompose.piece import Piece, cut_faces, pieces_in_box
+from decompose.solid import Solid
+
+FAR = 1e3
+
+
+def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
+    return Solid.box(lo, hi)
+
+
+def cut(
+    solid: Solid, x: tuple[float, ...] = (), y: tuple[float, ...] = (), z: tuple[float, ...] = ()
+) -> list[Piece]:
+    """The pieces between these planes, all of them right through."""
+    spans = [list(pairwise([-FAR, *sorted(at), FAR])) for at in (x, y, z)]
+    return [
+        piece
+        for (x0, x1), (y0, y1), (z0, z1) in product(*spans)
+        for piece in pieces_in_box(solid, (x0, y0, z0), (x1, y1, z1))
+    ]
+
+
+def joints_of(pieces: list[Piece]) -> list[Joint]:
+    return joints([p.solid for p in pieces], [p.planes for p in pieces])
+
+
+def test_two_halves() -> None:
+    (joint,) = joints_of(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    assert (joint.a, joint.b) == (0, 1)
+    assert joint.area_mm2 == pytest.approx(1200.0)
+    assert joint.width_mm == pytest.approx(30.0, rel=0.02)
+
+
+def test_a_frame_is_as_wide_as_its_rim() -> None:
+    frame = block((0, 0, 0), (60, 60, 30)).subtract(block((4, 4, -1), (56, 56, 31)))
+    pieces = cut(frame, z=(15.0,))
+    (joint,) = joints_of(pieces)
+    assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
+    assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # in a corner
+
+
+def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
+    pieces = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
+    assert [(j.a, j.b) for j in joints_of(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
+
+
+@settings(max_examples=15, deadline=None)
+@given(*[st.lists(st.floats(-35.0, 70.0).map(lambda v: round(v, 2)), max_size=2, unique=True)] * 3)
+def test_each_cut_face_is_glued_on_both_sides(
+    lump: Solid, x: list[float], y: list[float], z: list[float]
+) -> None:
+    pieces = cut(lump, tuple(x), tuple(y), tuple(z))
+    cut_mm2 = 0.0
+    for piece in pieces:
+        vertices, faces = piece.solid.arrays()
+        t = vertices[faces[cut_faces(vertices, faces, piece.planes)]]
+        cut_mm2 += float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2.0)
+    found = joints_of(pieces)
+    assert 2.0 * sum(j.area_mm2 for j in found) == pytest.approx(cut_mm2, rel=1e-6, abs=1e-3)
+    assert all(0.0 < j.width_mm <= 2.0 * np.sqrt(j.area_mm2 / np.pi) + 1e-6 for j in found)
+
+
+def test_oblique_planes() -> None:
+    solid = block((0, 0, 0), (40, 40, 40))
+    normal = np.array([0.6, 0.0, 0.8])
+    plane = np.array([*normal, 28.0])[None]
+    below, above = solid.manifold.split_by_plane(tuple(normal), 28.0)[::-1]
+    (joint,) = joints([Solid(below), Solid(above)], [plane, -plane])
+    assert joint.area_mm2 == pytest.approx(40.0 * 40.0 / 0.8)
+
+
+def test_a_thin_slice_is_a_sliver_and_a_thin_model_is_none() -> None:
+    slab = block((0, 0, 0), (100, 60, 4))
+    assert faults(cut(slab, x=(50.0,))) == []
+    (fault,) = faults(cut(slab, x=(94.0,)))
+    assert fault.piece == 1
+    assert fault.what.startswith("is 6.0 mm thin")
+
+
+def test_a_film_with_a_rib_is_a_flake() -> None:
+    model = Solid.union([block((0, 0, 0), (60, 60, 30.5)), block((0, 30, 0), (60, 30.6, 40))])
+    (fault,) = faults(cut(model, z=(30.0,)))
+    assert fault.piece == 1
+    assert "flake" in fault.what
+
+
+def dumbbell(bar_mm: float) -> Solid:
+    at = 20.0 - bar_mm / 2.0, 20.0 + bar_mm / 2.0
+    return Solid.union(
+        [
+            block((0, 0, 0), (40, 40, 40)),
+            block((80, 0, 0), (130, 40, 40)),
+            block((20, at[0], at[0]), (100, at[1], at[1])),
+        ]
+    )
+
+
+def test_a_piece_that_hangs_by_a_thread_is_loose() -> None:
+    pieces = cut(dumbbell(4.0), x=(60.0,))
+    (fault,) = faults(pieces)
+    assert fault.piece == 0  # the lighter one
+    assert "16.0 mm2 of glue, of 25 mm2" in fault.what
+    assert faults(pieces, min_glue_mm2=15.0) == []
+    assert faults(cut(dumbbell(6.0), x=(60.0,))) == []
+
+
+def test_a_weak_joint_beside_a_strong_one_is_none_to_rely_on() -> None:
+    """Three boxes in a T: two of them touch each other by a strip, and both are held by the third."""
+    solids = [
+        block((0, 0, 0), (60, 30, 30)),
+        block((0, 30, 0), (30, 60, 30)),
+        block((30, 30, 0), (60, 60, 30)),
+    ]
+    pieces = [
+        Piece(s, np.array([[0.0, 1.0, 0.0, 30.0], [1.0, 0.0, 0.0, 30.0]]), np.zeros((0, 2, 3)))
+        for s in solids
+    ]
+    assert [round(j.area_mm2) for j in joints_of(pieces)] == [900, 900, 900]
+    assert faults(pieces) == []
+    thin = block((30, 30, 0), (60, 60, 0.5))
+    pieces[2] = Piece(thin, pieces[2].planes, pieces[2].boxes_mm)
+    weak = min(joints_of(pieces), key=lambda j: j.area_mm2)
+    assert weak.area_mm2 == pytest.approx(15.0)
+    assert [f.piece for f in faults(pieces)] == [2]
+
+
+def test_bodies_that_touch_nothing_are_not_loose() -> None:
+    assert faults([*cut(block((0, 0, 0), (40, 40, 40))), *cut(block((50, 0, 0), (60, 10, 10)))]) == []
