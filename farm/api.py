@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState
+from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
 
 SCHEMA = 1
 
@@ -21,14 +21,17 @@ class PrintView(_View):
 
     printer: str
     state: PrintState
+    fault: str | None
     reason: str | None
+    verdict: Verdict | None
+    why: str | None  # the verdict
     started: str | None
     ended: str | None
 
 
 class PartView(_View):
     id: str
-    verdict: str | None
+    verdict: Verdict | None
     plate: str
     file: str
     prints: list[PrintView]
@@ -55,6 +58,7 @@ class JobView(_View):
     state: JobState
     error: str | None
     reason: str | None
+    paused: bool
     exit_code: int
     hold: Hold | None
     progress: PlanProgress | None  # while it is being planned
@@ -120,6 +124,7 @@ class PrinterView(_View):
     time_factor: float  # its layers' time, reached over expected, as learned from its prints
     print: PrintProgress | None
     look: str | None
+    maintenance: str | None  # why a person has taken it out of use
     hold: Hold | None
 
 
@@ -179,9 +184,26 @@ class Problem(_View):
     exit_code: int
 
 
-class ClearedRequest(_View):
-    filament: FilamentState | None = None
+class Reason(_View):
+    """Why a person does something, and who."""
+
+    why: str = Field(default="", max_length=200)
     by: str = "a person"
+
+
+class ClearedRequest(_View):
+    """A bed is clear; what was printed there is good, or bad."""
+
+    filament: FilamentState | None = None
+    bad: bool = False
+    why: str | None = Field(default=None, max_length=200)
+    by: str = "a person"
+
+
+class Named(_View):
+    """The part, or the printer, that was meant."""
+
+    name: str
 
 
 class DownRequest(_View):

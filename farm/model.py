@@ -23,13 +23,15 @@ class JobState(StrEnum):
     QUEUED = "queued"
     PLANNING = "planning"  # being repaired, decomposed and sliced
     PRINTING = "printing"  # planned and committed; plates go to printers
-    PRINTED = "printed"  # every part has been printed
+    PRINTED = "printed"  # every part has been printed; not every one has been looked at
+    DONE = "done"  # every part is good, by a person's word
     FAILED = "failed"
     CANCELLED = "cancelled"
 
     @property
     def ended(self) -> bool:
-        return self in (JobState.PRINTED, JobState.FAILED, JobState.CANCELLED)
+        """Whether nothing more of it is printed, unless a person asks."""
+        return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 
 class PrintState(StrEnum):
@@ -45,6 +47,13 @@ class PrintState(StrEnum):
     @property
     def ended(self) -> bool:
         return self in (PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED)
+
+
+class Verdict(StrEnum):
+    """A person's word on what was printed."""
+
+    GOOD = "good"
+    BAD = "bad"
 
 
 class Bed(StrEnum):
@@ -90,6 +99,11 @@ class HoldCode(StrEnum):
     TOO_LONG = "too_long"  # for the hours of fleet.yaml
     HEATING_LIMIT = "heating_limit"
     KEPT_AS_SPARE = "kept_as_spare"
+    MAINTENANCE = "maintenance"
+    PAUSED = "paused"
+    OUT_OF_ATTEMPTS = "out_of_attempts"
+    JUST_LOST = "just_lost"
+    OUTAGE = "outage"
 
 
 class Engine(StrEnum):
@@ -144,6 +158,7 @@ class Job(Entity):
     picture: str | None = None
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
+    paused: bool = False  # by a person: none of its plates starts
     planned_s: float | None = None
     ended_s: float | None = None
 
@@ -171,7 +186,6 @@ class Part(Entity):
     min_mm: tuple[float, float, float]
     max_mm: tuple[float, float, float]
     volume_mm3: float
-    verdict: str | None = None  # a person's word; none yet
 
 
 class Plate(Entity):
@@ -195,6 +209,8 @@ class Plate(Entity):
     cached: bool = False  # sliced before: the engine did not run
     warnings: tuple[str, ...] = ()  # what of it will not be printed, in sentences
     prints: tuple[str, ...] = ()
+    counted_from: int = 0  # a person asked for it again: only failures of these prints count
+    cancelled: bool = False  # by a person: never tried again, unless a person asks
     hold: Hold | None = None
 
     @property
@@ -227,6 +243,10 @@ class Print(Entity):
     reason: str | None = None
     extruded: bool = False
     cancel_asked: str | None = None
+    fail_asked: str | None = None  # a person saw it go wrong: what they said of it
+    charged: bool = True  # its failure counts as an attempt
+    verdict: Verdict | None = None  # once it is done
+    verdict_why: str | None = None
     pause_asked: bool = False  # a person wants it to wait
     paused: bool = False  # it did at some time: how long it took says nothing of its printer
     starved_s: float = 0.0
@@ -239,6 +259,7 @@ class Printer(Entity):
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
     look: str | None = None  # why a person has to look before it prints again
+    maintenance: str | None = None  # why a person has taken it out of use
     time_factor: float = 1.0  # its layers' time, reached over expected, as learned from its prints
 
 

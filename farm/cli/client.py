@@ -45,11 +45,11 @@ class Client:
     def cleared(self, printer: str, request: api.ClearedRequest) -> None:
         self._call("POST", f"/printers/{printer}/cleared", body=request)
 
-    def pause(self, printer: str) -> None:
-        self._call("POST", f"/printers/{printer}/pause")
-
-    def resume(self, printer: str) -> None:
-        self._call("POST", f"/printers/{printer}/resume")
+    def tell(self, path: str, why: str = "", by: str | None = None) -> str:
+        """Ask something of a job, a part or a printer; the name of what was meant."""
+        body = None if by is None else api.Reason(why=why, by=by)
+        answer = self._call("POST", path, body=body)
+        return api.Named.model_validate(answer).name if answer else ""
 
     def down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))

@@ -101,7 +101,7 @@ def _progress(view: api.JobView) -> tuple[float, str]:
     if view.progress is not None:
         return view.progress.done / (view.progress.of or 1), planning(view.progress)
     if view.state != JobState.PRINTING or not view.estimated_s:
-        return (1.0 if view.state == JobState.PRINTED else 0.0), str(view.state)
+        return (1.0 if view.state in (JobState.PRINTED, JobState.DONE) else 0.0), str(view.state)
     done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
     share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)
     return share, f"{done}/{len(view.parts)} parts, ends {view.eta or '?'}"

@@ -14,11 +14,11 @@ from pydantic import ValidationError
 
 import farm
 from drivers.profiles import PROFILES
-from farm.cli import follow, local, pause, ports, render, stop
+from farm.cli import follow, local, operate, pause, ports, render, stop
 from farm.cli.client import Client
 from farm.config import Fleet, load_fleet
-from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError, NoSuchThing
-from farm.model import Engine, FilamentState, JobOptions
+from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError
+from farm.model import Engine, JobOptions
 from farm.paths import Places, find_places
 
 app = typer.Typer(
@@ -242,47 +242,11 @@ def status(
         print(whole.model_dump_json(by_alias=True, indent=2)) if json else render.status(whole)
 
 
-@app.command()
-def cleared(
-    printers: Annotated[list[str], typer.Argument(help="The printers whose beds are clear, or all.")],
-    filament: Annotated[FilamentState | None, typer.Option(help="Where the filament is, if known.")] = None,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
-) -> None:
-    """Say that a bed is clear (and that whatever was wrong with the printer has been looked at)."""
-    client = Client(find_places(state, socket, fleet).socket)
-    fleet_now = {p.name: p for p in client.status().printers}
-    if printers == ["all"]:
-        printers = [p.name for p in fleet_now.values() if p.print is None and p.hold is not None]
-        if not printers:
-            print("there is nothing to clear")
-    unknown = [name for name in printers if name not in fleet_now]
-    if unknown:
-        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet_now)}")
-    from farm.api import ClearedRequest
-
-    request = ClearedRequest(filament=filament, by=os.environ.get("USER") or f"uid {os.getuid()}")
-    for printer in printers:
-        client.cleared(printer, request)
-        print(f"{printer}: bed clear")
-
-
-@app.command()
-def cancel(
-    job: Annotated[int, typer.Argument(help="The job.")],
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
-) -> None:
-    """End a job: what prints is ended safely, what waits is not printed."""
-    client = Client(find_places(state, socket, fleet).socket)
-    answer = client.cancel(job)
-    printing = sorted({plate.printer for plate in answer.job.plates if plate.printing})
-    ends = f"; {' '.join(printing)} end safely, their beds have to be cleared" if printing else ""
-    print(f"job {job} is cancelled{ends}")
-
-
+app.command()(operate.cleared)
+app.command()(operate.fail)
+app.command()(operate.reprint)
+app.command()(operate.cancel)
+app.command()(operate.maintenance)
 app.command()(local.decompose)
 app.command("slice")(local.slice_model)
 app.command()(pause.pause)

@@ -1,32 +1,34 @@
-"""`farm pause` and `farm resume`: a print that waits for a person."""
+"""`farm pause` and `farm resume`: prints that wait for a person."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from farm.cli.client import Client
+from farm.cli.operate import FleetFile, Socket, State, place_of
 from farm.paths import find_places
 
-Printers = Annotated[list[str], typer.Argument(help="The printers.")]
-State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
-Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).")]
-FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
+Targets = Annotated[list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).")]
 
 
-def pause(printers: Printers, state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
+def pause(targets: Targets, state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
     """Let prints wait: filament parked, head aside, nozzle off, bed warm; at most two hours."""
     client = Client(find_places(state, socket, fleet).socket)
-    for printer in printers:
-        client.pause(printer)
-        print(f"{printer}: pausing; `farm resume {printer}` lets it go on")
+    for target in targets:
+        client.tell(f"{place_of(target)}/pause")
+        more = ", and nothing more of it starts" if target.isdigit() else ""
+        print(f"{_named(target)}: pausing{more}; `farm resume {target}` lets it go on")
 
 
-def resume(printers: Printers, state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
+def resume(targets: Targets, state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
     """Let paused prints go on: the nozzle is heated first."""
     client = Client(find_places(state, socket, fleet).socket)
-    for printer in printers:
-        client.resume(printer)
-        print(f"{printer}: goes on")
+    for target in targets:
+        client.tell(f"{place_of(target)}/resume")
+        print(f"{_named(target)}: goes on")
+
+
+def _named(target: str) -> str:
+    return f"job {target}" if target.isdigit() else target

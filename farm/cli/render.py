@@ -77,7 +77,7 @@ def result(view: api.JobView) -> None:
     """The end of a job."""
     console = _console()
     console.print(_job(view))
-    if view.state == JobState.PRINTED:
+    if view.state in (JobState.PRINTED, JobState.DONE):
         printers = sorted({plate.printer for plate in view.plates})
         console.print(f"Now: take the parts off {' '.join(printers)}, then `farm cleared PRINTER` for each.")
 
@@ -145,7 +145,7 @@ def _job(view: api.JobView) -> RenderableType:
     if view.estimated_s is not None:
         facts.add_row("parallel printing time expected", span(view.estimated_s))
     if view.elapsed_s is not None:
-        reached = view.state == JobState.PRINTED
+        reached = view.state in (JobState.PRINTED, JobState.DONE)
         words = "parallel printing time reached" if reached else "printing for"
         off = ""
         if reached and view.estimated_s:

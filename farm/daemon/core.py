@@ -30,6 +30,7 @@ from farm.model import (
     Plate,
     Print,
     PrintState,
+    Verdict,
 )
 from farm.paths import StateFolder
 from farm.scheduling.assign import assign
@@ -39,6 +40,7 @@ from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
+from farm.tracking.outcome import Standing
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.rules import apply
 from farm.tracking.store import Store
@@ -139,7 +141,11 @@ class Core:
         self._remind()
         if self.stopping:
             return
-        waiting = [self._plate_view(plate) for plate in self.books.waiting_plates()]
+        waiting = [
+            self._plate_view(plate)
+            for plate in self.books.waiting_plates()
+            if not self.books.job(plate.job).paused
+        ]
         now_s = self.clock.now()
         given, holds = assign(waiting, self.printer_views(), self._rules, now_s)
         for assignment in given:
@@ -148,10 +154,28 @@ class Core:
                     at_s=now_s, plate=assignment.plate, printer=assignment.printer, print_id=uuid.uuid4().hex
                 )
             )
-        news = {name: hold for name, hold in holds.items() if self.books.plates[name].hold != hold}
+        news = {
+            name: hold
+            for name, hold in (holds | self._held_back()).items()
+            if self.books.plates[name].hold != hold
+        }
         if news:
             self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
         self._settle_front(holds)
+
+    def _held_back(self) -> dict[str, Hold]:
+        """The plates that are not offered to any printer, and what a person would have to say."""
+        held = {}
+        for job in self.books.jobs.values():
+            for plate in self.books.plates_of(job) if not job.state.ended else ():
+                standing = self.books.standing(plate)
+                if standing is Standing.OUT_OF_ATTEMPTS:
+                    text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
+                    held[plate.id] = Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
+                elif standing is Standing.WAITING and job.paused:
+                    text = f"job {job.id} is paused: `farm resume {job.id}`"
+                    held[plate.id] = Hold(code=HoldCode.PAUSED, text=text)
+        return held
 
     def _remind(self) -> None:
         """Tell agents again what they were told while they were away."""
@@ -193,6 +217,8 @@ class Core:
                 front = job
             elif nobody is not None:
                 self._hold(job, nobody)
+            elif job.paused:
+                self._hold(job, Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`"))
             elif front is not None:
                 self._hold(job, Hold(code=HoldCode.NOT_FRONT, text=f"job {front.id} is in front of it"))
             else:
@@ -284,11 +310,24 @@ class Core:
         self.progress.pop(number, None)
         self.settle()
 
-    def cleared(self, printer: str, by: str, filament: FilamentState | None) -> None:
+    def cleared(
+        self,
+        printer: str,
+        by: str,
+        filament: FilamentState | None,
+        verdict: Verdict = Verdict.GOOD,
+        why: str | None = None,
+    ) -> None:
+        """A person cleared a bed, and says how what was printed on it is."""
         self.books.printer(printer)
         if self.books.open_print_on(printer) is not None:
             raise Refused(f"{printer} is printing: its bed cannot be clear")
-        self.happened(ev.BedCleared(at_s=self.clock.now(), printer=printer, by=by, filament=filament))
+        if verdict is Verdict.BAD and self.books.to_judge(printer) is None:
+            raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
+        now_s = self.clock.now()
+        self.happened(
+            ev.BedCleared(at_s=now_s, printer=printer, by=by, filament=filament, verdict=verdict, why=why)
+        )
         self.settle()
 
     def pause(self, printer: str, wanted: bool) -> None:
@@ -321,6 +360,8 @@ class Core:
         look = entry.look
         if snapshot is not None and link is Link.FAULT and look is None:
             look = snapshot.reason or "its agent reports a fault"
+        if entry.maintenance is not None:
+            look = f"in maintenance: {entry.maintenance}"
         attempt = self.books.open_print_on(section.name)
         verified = snapshot is None or snapshot.reset_verified
         return PrinterView(

@@ -20,6 +20,7 @@ from farm.model import (
     Printer,
     PrintState,
 )
+from farm.tracking.outcome import Standing, standing
 
 E = TypeVar("E", bound=Entity)
 
@@ -49,6 +50,10 @@ class Books:
         """The attempts at a plate, oldest first."""
         return (self.prints[name] for name in plate.prints)
 
+    def standing(self, plate: Plate) -> Standing:
+        """Where a plate is."""
+        return standing(plate, list(self.prints_of(plate)))
+
     def plates_of(self, job: Job) -> Iterator[Plate]:
         return (self.plates[name] for name in job.plates)
 
@@ -59,15 +64,17 @@ class Books:
     def open_print_on(self, printer: str) -> Print | None:
         return next((p for p in self.open_prints() if p.printer == printer), None)
 
+    def to_judge(self, printer: str) -> Print | None:
+        """The last print that was done on a printer, where nobody has said yet how it is."""
+        done = [p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE]
+        last = max(done, key=lambda p: p.ended_s or 0.0, default=None)
+        return last if last is not None and last.verdict is None else None
+
     def waiting_plates(self) -> Iterator[Plate]:
-        """Plates of printing jobs that are neither printed nor being printed, in order of submission."""
+        """Plates of printing jobs to be printed that are not being printed, in order of submission."""
         for job in sorted(self.jobs.values(), key=lambda j: j.id):
             if job.state is JobState.PRINTING:
-                for plate in self.plates_of(job):
-                    if not any(
-                        p.state is PrintState.DONE or not p.state.ended for p in self.prints_of(plate)
-                    ):
-                        yield plate
+                yield from (p for p in self.plates_of(job) if self.standing(p) is Standing.WAITING)
 
     def queue(self) -> list[Job]:
         """The job that is being planned, and those that are to be, in order of submission."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState
+from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Verdict
 
 
 class Event(BaseModel):
@@ -105,12 +105,59 @@ class PrintEnded(Event):
     starved_s: float = 0.0
 
 
+class PrintFailAsked(Event):
+    """A person saw an open print go wrong: it is ended, and its plate printed again."""
+
+    print_id: str
+    why: str
+    by: str
+
+
+class PlateCancelled(Event):
+    """A person wants nothing more of a plate."""
+
+    plate: str
+    by: str
+
+
+class ReprintAsked(Event):
+    """A person wants a plate printed again, whatever became of it."""
+
+    plate: str
+    why: str
+    by: str
+
+
+class JobPaused(Event):
+    """A person wants a job to wait (what prints is parked, nothing of it starts), or to go on."""
+
+    job: int
+    wanted: bool
+
+
+class MaintenanceBegun(Event):
+    """A person takes a printer out of use; what it prints goes on to its end."""
+
+    printer: str
+    why: str
+    by: str
+
+
+class MaintenanceDone(Event):
+    """It can be used again; what had to be looked at has been looked at."""
+
+    printer: str
+    by: str
+
+
 class BedCleared(Event):
-    """A person cleared the bed, and looked at what had to be looked at."""
+    """A person cleared the bed, looked at what had to be looked at, and judged what was printed there."""
 
     printer: str
     by: str
     filament: FilamentState | None = None
+    verdict: Verdict = Verdict.GOOD
+    why: str | None = None
 
 
 class PrinterSeen(Event):
@@ -142,6 +189,12 @@ AnyEvent = (
     | PrintProgressed
     | PauseAsked
     | PrintEnded
+    | PrintFailAsked
+    | PlateCancelled
+    | ReprintAsked
+    | JobPaused
+    | MaintenanceBegun
+    | MaintenanceDone
     | BedCleared
     | PrinterSeen
     | PrinterDoubted

@@ -8,13 +8,15 @@ from __future__ import annotations
 from functools import singledispatch
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, JobState, Print, Printer, PrintState
+from farm.model import Bed, FilamentState, Job, JobState, Plate, Print, Printer, PrintState, Verdict
 from farm.tracking import events as ev
 from farm.tracking.books import Books, edited, put
 from farm.tracking.factor import learned
+from farm.tracking.outcome import Standing, failures, job_state, printed
 
-ATTEMPTS = 3
-"""How often a plate may fail before its job does."""
+BY_A_PERSON = "cancelled by a person"
+BY_A_PERSON_FAULT = "by_a_person"
+"""The fault of a print that a person saw go wrong."""
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
@@ -91,7 +93,7 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 def _(event: ev.JobCancelled, books: Books) -> Result:
     planning = books.job(event.job).state is JobState.PLANNING
     books, instructions = _end_job(
-        books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, "cancelled by a person"
+        books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, BY_A_PERSON
     )
     return books, (ev.StopPlanning(job=event.job), *instructions) if planning else instructions
 
@@ -146,14 +148,20 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     if attempt.state.ended:
         return books, (forget,)
     state = event.state
+    fault, reason = event.fault, event.reason
     begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
-    if state is PrintState.CANCELLED and attempt.cancel_asked is None and begun:
+    if state is PrintState.CANCELLED and attempt.fail_asked is not None:
+        state, fault, reason = PrintState.FAILED, BY_A_PERSON_FAULT, attempt.fail_asked
+    elif state is PrintState.CANCELLED and attempt.cancel_asked is None and begun:
         state = PrintState.FAILED  # nobody here asked for it
+    if state is PrintState.DONE and attempt.fail_asked is not None:  # it ended before it was told
+        attempt = edited(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_asked)
     attempt = edited(
         attempt,
         state=state,
-        fault=event.fault,
-        reason=event.reason,
+        fault=fault,
+        reason=reason,
+        charged=fault != BY_A_PERSON_FAULT,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=attempt.extruded or event.extruded,
@@ -166,13 +174,12 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         factor = learned(printer.time_factor, plate.print_time_s, reached_s, event.starved_s)
         printer = edited(printer, time_factor=factor)
     if state is PrintState.FAILED:
-        printer = edited(printer, look=event.reason or event.fault or "its print failed")
+        printer = edited(printer, look=reason or fault or "its print failed")
     books = put(books, attempt, printer)
     # A print that failed may have extruded without anybody having seen it.
     if attempt.extruded or state is PrintState.FAILED:
         books = _soil(books, attempt.printer)
-    books, more = _settle(books, attempt, event.at_s)
-    return books, (forget, *more)
+    return _settle(books, attempt.job, event.at_s), (forget,)
 
 
 @apply.register
@@ -181,8 +188,58 @@ def _(event: ev.BedCleared, books: Books) -> Result:
     if books.open_print_on(printer.name) is not None:
         raise ValueError(f"{printer.name} is printing")
     filament = event.filament or printer.filament
+    judged = books.to_judge(printer.name)
     books = put(books, edited(printer, bed=Bed.CLEAR, look=None, filament=filament))
+    if judged is not None:
+        books = put(books, edited(judged, verdict=event.verdict, verdict_why=event.why))
+        books = _settle(books, judged.job, event.at_s)
     return books, (ev.SendCleared(printer=printer.name, filament=event.filament),)
+
+
+@apply.register
+def _(event: ev.PrintFailAsked, books: Books) -> Result:
+    attempt = books.prints[event.print_id]
+    if attempt.state.ended or attempt.cancel_asked is not None:
+        return books, ()
+    stopped, stop = _stop(edited(attempt, fail_asked=event.why), event.why)
+    return put(books, stopped), (stop,)
+
+
+@apply.register
+def _(event: ev.PlateCancelled, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    books, stops = _give_up(books, plate, BY_A_PERSON)
+    return _settle(books, plate.job, event.at_s), stops
+
+
+@apply.register
+def _(event: ev.ReprintAsked, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    done = printed(books.prints_of(plate))
+    if done is not None:
+        books = put(books, edited(done, verdict=Verdict.BAD, verdict_why=event.why))
+    books = put(books, edited(plate, cancelled=False, counted_from=len(plate.prints)))
+    return _settle(books, plate.job, event.at_s, again=True), ()
+
+
+@apply.register
+def _(event: ev.JobPaused, books: Books) -> Result:
+    books = put(books, edited(books.job(event.job), paused=event.wanted))
+    instructions: list[ev.AnyInstruction] = []
+    for attempt in list(books.open_prints(event.job)):
+        books, sends = apply(ev.PauseAsked(at_s=event.at_s, print_id=attempt.id, wanted=event.wanted), books)
+        instructions += sends
+    return books, tuple(instructions)
+
+
+@apply.register
+def _(event: ev.MaintenanceBegun, books: Books) -> Result:
+    return put(books, edited(books.printer(event.printer), maintenance=event.why)), ()
+
+
+@apply.register
+def _(event: ev.MaintenanceDone, books: Books) -> Result:
+    return put(books, edited(books.printer(event.printer), maintenance=None, look=None)), ()
 
 
 @apply.register
@@ -200,24 +257,48 @@ def _(event: ev.PrinterDoubted, books: Books) -> Result:
     return put(books, doubted), ()
 
 
-def _settle(books: Books, attempt: Print, at_s: float) -> Result:
-    """Whether the end of a print ends its job."""
-    job = books.jobs[attempt.job]
-    if job.state is not JobState.PRINTING:
+def _settle(books: Books, number: int, at_s: float, again: bool = False) -> Books:
+    """The state that a job's plates give it; `again` also one that was cancelled."""
+    job = books.jobs[number]
+    if not job.plates or (job.state is JobState.CANCELLED and not again):
+        return books
+    state = job_state([books.standing(plate) for plate in books.plates_of(job)])
+    ends_s = [p.ended_s or 0.0 for plate in books.plates_of(job) if (p := printed(books.prints_of(plate)))]
+    error, reason, ended_s = None, None, None
+    match state:
+        case JobState.PRINTED | JobState.DONE:
+            ended_s = max(ends_s)
+        case JobState.CANCELLED:
+            error, reason, ended_s = ErrorCode.CANCELLED, BY_A_PERSON, at_s
+        case JobState.FAILED:
+            error, reason, ended_s = ErrorCode.ATTEMPTS, _why_failed(books, job), at_s
+    if state is job.state and state is not JobState.PRINTED:
+        return books
+    return put(books, edited(job, state=state, error=error, reason=reason, ended_s=ended_s))
+
+
+def _why_failed(books: Books, job: Job) -> str:
+    lost = [p for p in books.plates_of(job) if books.standing(p) is Standing.OUT_OF_ATTEMPTS]
+    failed = failures(lost[0], books.prints_of(lost[0]))
+    more = f" (and {len(lost) - 1} more plates)" if len(lost) > 1 else ""
+    return (
+        f"plate {lost[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "
+        f"{failed[-1].reason or failed[-1].fault}{more}"
+    )
+
+
+def _stop(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
+    stopped = edited(attempt, cancel_asked=attempt.cancel_asked or reason)
+    return stopped, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
+
+
+def _give_up(books: Books, plate: Plate, reason: str) -> Result:
+    """Never try a plate again, unless a person asks; end its print where it is being printed."""
+    if books.standing(plate) in (Standing.PRINTED, Standing.GOOD, Standing.CANCELLED):
         return books, ()
-    plate = books.plates[attempt.plate]
-    failures = [p for p in books.prints_of(plate) if p.state is PrintState.FAILED]
-    if len(failures) >= ATTEMPTS:
-        reason = f"plate {plate.id} failed {len(failures)} times, last on {attempt.printer}: {attempt.reason}"
-        return _end_job(books, job.id, JobState.FAILED, at_s, ErrorCode.ATTEMPTS, reason)
-    done = [
-        next((p for p in books.prints_of(plate) if p.state is PrintState.DONE), None)
-        for plate in books.plates_of(job)
-    ]
-    if all(p is not None for p in done):
-        ended_s = max(p.ended_s or 0.0 for p in done if p is not None)
-        return put(books, edited(job, state=JobState.PRINTED, ended_s=ended_s)), ()
-    return books, ()
+    stopped = [_stop(p, reason) for p in books.prints_of(plate) if not p.state.ended]
+    books = put(books, edited(plate, cancelled=True, hold=None), *(attempt for attempt, _ in stopped))
+    return books, tuple(instruction for _, instruction in stopped)
 
 
 def _end_job(
@@ -227,12 +308,11 @@ def _end_job(
     if job.state.ended:
         return books, ()
     instructions: list[ev.AnyInstruction] = []
-    stopped = []
-    for attempt in books.open_prints(job.id):
-        stopped.append(edited(attempt, cancel_asked=reason))
-        instructions.append(ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason))
+    for plate in books.plates_of(job):
+        books, stops = _give_up(books, plate, reason)
+        instructions += stops
     job = edited(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
-    return put(books, job, *stopped), tuple(instructions)
+    return put(books, job), tuple(instructions)
 
 
 def _soil(books: Books, printer: str) -> Books:

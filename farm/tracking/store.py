@@ -15,7 +15,7 @@ from farm.tracking.events import Event
 
 E = TypeVar("E", bound=Entity)
 
-SCHEMA = 1
+SCHEMA = 2
 _TABLES: dict[type[Entity], str] = {
     Job: "job",
     Part: "part",
@@ -52,6 +52,8 @@ class Store:
                 f"the books {path} are of a newer farm ({version}): upgrade, or use another --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
+        if version == 1:  # a verdict was the part's; it is the print's
+            self._db.execute("UPDATE part SET body = json_remove(body, '$.verdict')")
         for table in _TABLES.values():
             self._db.execute(f"CREATE TABLE IF NOT EXISTS {table} (id TEXT PRIMARY KEY, body TEXT NOT NULL)")
         self._db.execute(

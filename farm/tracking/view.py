@@ -21,7 +21,9 @@ from farm.model import (
     PlanProgress,
     Plate,
     Print,
+    Printer,
     PrintState,
+    Verdict,
 )
 from farm.paths import StateFolder
 from farm.tracking.books import Books
@@ -57,7 +59,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
     prints = [attempt for plate in plates for attempt in books.prints_of(plate)]
     elapsed_s = _elapsed_s(job, prints, scene.now_s)
     remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(scene, plates)
-    ended = job.state is JobState.PRINTED
+    ended = job.state in (JobState.PRINTED, JobState.DONE)
     makespan_s = None
     if ended or not job.state.ended:  # a job that failed or was cancelled was no quicker for it
         makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
@@ -73,6 +75,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         state=job.state,
         error=job.error,
         reason=job.reason,
+        paused=job.paused,
         exit_code=int(exit_code),
         hold=job.hold,
         progress=scene.progress.get(job.id) if job.state is JobState.PLANNING else None,
@@ -106,7 +109,7 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
     return api.PrinterView(
         name=section.name,
         model=section.model,
-        state=_printer_state(entry.look, snapshot, attempt, section.enabled),
+        state=_printer_state(entry, snapshot, attempt, section.enabled),
         bed=entry.bed,
         filament=entry.filament,
         reel=api.Reel(material=section.material, colour=section.colour, grams=None),
@@ -118,6 +121,7 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
         time_factor=entry.time_factor,
         print=_progress(scene, attempt) if attempt else None,
         look=entry.look or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
+        maintenance=entry.maintenance,
         hold=hold,
     )
 
@@ -131,6 +135,8 @@ def todo(scene: Scene) -> list[api.Todo]:
         away = snapshot.link is Link.ABSENT or (
             snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
         )
+        if entry.maintenance is not None and attempt is None:
+            continue  # a person has it in hand
         why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
         if section.enabled and away:
             also = f"; and look at it: {entry.look}" if entry.look else ""
@@ -246,20 +252,29 @@ def _part_view(scene: Scene, name: str) -> api.PartView:
     plate = scene.books.plates[part.plate]
     return api.PartView(
         id=part.id,
-        verdict=part.verdict,
+        verdict=_verdict(scene.books, plate),
         plate=part.plate,
         file=str(scene.state.files / part.file),
         prints=[
             api.PrintView(
                 printer=attempt.printer,
                 state=attempt.state,
+                fault=attempt.fault,
                 reason=attempt.reason,
+                verdict=attempt.verdict,
+                why=attempt.verdict_why,
                 started=scene.moment(attempt.started_s),
                 ended=scene.moment(attempt.ended_s),
             )
             for attempt in scene.books.prints_of(plate)
         ],
     )
+
+
+def _verdict(books: Books, plate: Plate) -> Verdict | None:
+    """A person's word on the last print that was done."""
+    done = [attempt for attempt in books.prints_of(plate) if attempt.state is PrintState.DONE]
+    return done[-1].verdict if done else None
 
 
 def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
@@ -297,11 +312,13 @@ def _progress(scene: Scene, attempt: Print) -> api.PrintProgress:
     )
 
 
-def _printer_state(look: str | None, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool) -> str:
+def _printer_state(entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool) -> str:
     if not enabled:
         return "disabled"
     if attempt is not None:
         return str(attempt.state)
-    if look is not None and snapshot.link is not Link.ABSENT:
+    if entry.maintenance is not None:
+        return "maintenance"
+    if entry.look is not None and snapshot.link is not Link.ABSENT:
         return "look"
     return "idle" if snapshot.link is Link.READY else str(snapshot.link)

@@ -4,15 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock import Clock
-from farm.config import Fleet
-from farm.daemon.core import Core
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
     Bed,
-    FilamentState,
     HoldCode,
     JobOptions,
     JobState,
@@ -23,46 +19,12 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
-from farm.services.rooms import bed_boxes
 from farm.tracking import events as ev
-from farm.tracking.store import Store
 from farm.tracking.view import job_view, printer_view, todo
 from make_books import plan as planned
+from one_core import MODEL, Farm
 
 STATE = StateFolder(Path("/state"))
-MODEL = Inspected("m.npz", ("closed 3 holes",), 1000.0)
-
-
-class Hands:
-    def __init__(self):
-        self.told = []
-        self.plans = []
-
-    def perform(self, instruction):
-        self.told.append(instruction)
-
-    def plan(self, job, printers, rounds):
-        self.plans.append((job.id, [p.name for p in printers], rounds))
-
-
-def fleet():
-    printers = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in ("a", "b")]
-    return Fleet.model_validate({"printers": printers})
-
-
-class Farm:
-    """A core on a store in a folder; made again, it is a daemon that was killed and started again."""
-
-    def __init__(self, folder):
-        self.hands = Hands()
-        self.store = Store(folder / "farm.db")
-        self.core = Core(fleet(), self.store, Clock(), bed_boxes, self.hands)
-        self.core.start()
-
-    def ready(self, *names, **changes):
-        facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED, "bed_clear": True}
-        for name in names:
-            self.core.heard(AgentSnapshot(printer=name, **{**facts, **changes}))
 
 
 @pytest.fixture

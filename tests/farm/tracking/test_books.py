@@ -16,7 +16,8 @@ from farm.model import (
 )
 from farm.tracking import events as ev
 from farm.tracking.books import Books
-from farm.tracking.rules import ATTEMPTS, apply
+from farm.tracking.outcome import ATTEMPTS
+from farm.tracking.rules import apply
 from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
 

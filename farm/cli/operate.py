@@ -1,0 +1,124 @@
+"""What an operator says: this is clear, this is good or bad, this goes wrong, print it again, leave it."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from farm.api import ClearedRequest
+from farm.cli.client import Client
+from farm.errors import NoSuchThing
+from farm.model import FilamentState
+from farm.paths import find_places
+
+State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
+Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).")]
+FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
+Why = Annotated[str, typer.Option(help="What you saw; it goes into the history.")]
+Printer = Annotated[str, typer.Argument(help="The printer.")]
+
+
+def me() -> str:
+    """Who runs this command."""
+    return os.environ.get("USER") or f"uid {os.getuid()}"
+
+
+def place_of(target: str) -> str:
+    """Where the daemon has what a person names: a job (3), a part (3/p01 or 3/01) or a printer."""
+    if target.isdigit():
+        return f"/jobs/{target}"
+    if re.fullmatch(r"\d+/p?\d+", target):
+        job, _, part = target.partition("/")
+        return f"/jobs/{job}/parts/{part}"
+    return f"/printers/{target}"
+
+
+def cleared(
+    printers: Annotated[list[str], typer.Argument(help="The printers whose beds are clear, or all.")],
+    bad: Annotated[bool, typer.Option("--bad", help="What was printed is bad: print it again.")] = False,
+    why: Annotated[str | None, typer.Option(help="What is wrong with it; says --bad too.")] = None,
+    filament: Annotated[FilamentState | None, typer.Option(help="Where the filament is, if known.")] = None,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """Say that a bed is clear, what was printed there good (or --bad), and the printer looked at."""
+    client = Client(find_places(state, socket, fleet).socket)
+    fleet_now = {p.name: p for p in client.status().printers}
+    if printers == ["all"]:
+        if bad:
+            raise typer.BadParameter("name the printers whose parts are bad", param_hint="--bad")
+        printers = [p.name for p in fleet_now.values() if p.print is None and p.hold is not None]
+        if not printers:
+            print("there is nothing to clear")
+    unknown = [name for name in printers if name not in fleet_now]
+    if unknown:
+        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet_now)}")
+    request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why, by=me())
+    for printer in printers:
+        client.cleared(printer, request)
+        print(f"{printer}: bed clear" + ("; its part is printed again" if request.bad else ""))
+
+
+def fail(
+    printer: Printer, why: Why = "", state: State = None, socket: Socket = None, fleet: FleetFile = None
+) -> None:
+    """End a print that goes wrong, safely, and print its part again."""
+    Client(find_places(state, socket, fleet).socket).tell(f"/printers/{printer}/fail", why, me())
+    print(f"{printer}: its print ends, its part is printed again; take it off, then `farm cleared {printer}`")
+
+
+def reprint(
+    job: Annotated[int, typer.Argument(help="The job.")],
+    part: Annotated[str, typer.Argument(help="The part, as `farm status JOB` names it.")],
+    why: Why = "",
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """Print a part again, whatever became of it, at any later time."""
+    path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
+    name = Client(find_places(state, socket, fleet).socket).tell(path, why, me())
+    print(f"part {name} is printed again")
+
+
+def cancel(
+    target: Annotated[str, typer.Argument(help="A job (3), a part (3/p01), or a printer: what it prints.")],
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """End what prints safely, and never try it again; what waits is not printed."""
+    client = Client(find_places(state, socket, fleet).socket)
+    if not target.isdigit():
+        name = client.tell(f"{place_of(target)}/cancel", by=me())
+        print(f"part {name} is cancelled; where it was being printed, the bed has to be cleared")
+        return
+    answer = client.cancel(int(target))
+    printing = sorted({plate.printer for plate in answer.job.plates if plate.printing})
+    ends = f"; {' '.join(printing)} end safely, their beds have to be cleared" if printing else ""
+    print(f"job {target} is cancelled{ends}")
+
+
+def maintenance(
+    printer: Printer,
+    why: Why = "",
+    done: Annotated[bool, typer.Option("--done", help="It can be used again.")] = False,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """Take a printer out of use (what it prints goes on to its end), or put it back (--done)."""
+    client = Client(find_places(state, socket, fleet).socket)
+    if done:
+        client.tell(f"/printers/{printer}/maintained", by=me())
+        print(f"{printer}: in use again")
+    elif not why:
+        raise typer.BadParameter("say why, for those who come after you", param_hint="--why")
+    else:
+        client.tell(f"/printers/{printer}/maintenance", why, me())
+        print(f"{printer}: in maintenance; `farm maintenance {printer} --done` puts it back")

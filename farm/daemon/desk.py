@@ -1,0 +1,116 @@
+"""What people ask of prints, parts and printers: each wish is checked, then booked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from farm.daemon.core import Core
+from farm.errors import NoSuchThing, Refused
+from farm.model import Plate, PrintState
+from farm.tracking import events as ev
+from farm.tracking.outcome import Standing
+
+_UNWANTED = {
+    Standing.PRINTED: "is printed already",
+    Standing.GOOD: "is printed already",
+    Standing.CANCELLED: "is cancelled already",
+}
+_COMING = {
+    Standing.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
+    Standing.WAITING: "waits to be printed already",
+}
+
+
+class Desk:
+    """Where a person's wish becomes an event. Every method raises NoSuchThing or Refused."""
+
+    def __init__(self, core: Core) -> None:
+        self._core = core
+
+    def fail(self, printer: str, why: str, by: str) -> None:
+        """End what is printed there, because it goes wrong, and print its parts again."""
+        books = self._core.books
+        books.printer(printer)
+        attempt = books.open_print_on(printer)
+        if attempt is None:
+            raise Refused(f"{printer} prints nothing; of what is printed, `farm cleared {printer} --bad`")
+        if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
+            raise Refused(f"{printer}: its print is ending")
+        self._happened(lambda at_s: ev.PrintFailAsked(at_s=at_s, print_id=attempt.id, why=why, by=by))
+
+    def reprint(self, job: int, part: str, why: str, by: str) -> str:
+        """Print a part again, whatever became of it. Returns its name."""
+        plate = self._plate(job, part)
+        stands = self._core.books.standing(plate)
+        printer = self._printing(plate)
+        if stands in _COMING:
+            raise Refused(f"part {plate.parts[0]} {_COMING[stands].format(printer=printer)}")
+        self._happened(lambda at_s: ev.ReprintAsked(at_s=at_s, plate=plate.id, why=why, by=by))
+        return plate.parts[0]
+
+    def cancel_part(self, job: int, part: str, by: str) -> str:
+        """Never print a part. Returns its name."""
+        return self._cancel(self._plate(job, part), by)
+
+    def cancel_printer(self, printer: str, by: str) -> str:
+        """End what is printed there, and never try it again. Returns the part's name."""
+        self._core.books.printer(printer)
+        attempt = self._core.books.open_print_on(printer)
+        if attempt is None:
+            raise Refused(f"{printer} prints nothing")
+        return self._cancel(self._core.books.plates[attempt.plate], by)
+
+    def pause_part(self, job: int, part: str, wanted: bool) -> str:
+        """Have the printer of a part wait, or go on. Returns the printer."""
+        plate = self._plate(job, part)
+        printer = self._printing(plate)
+        if printer is None:
+            raise Refused(f"part {plate.parts[0]} is not being printed")
+        self._core.pause(printer, wanted)
+        return printer
+
+    def pause_job(self, job: int, wanted: bool) -> None:
+        """Have all that is printed of a job wait, and start nothing of it; or go on."""
+        entry = self._core.books.job(job)
+        if entry.state.ended:
+            raise Refused(f"job {job} has ended already: it is {entry.state}")
+        if entry.paused is wanted:
+            raise Refused(f"job {job} is {'paused already' if wanted else 'not paused'}")
+        self._happened(lambda at_s: ev.JobPaused(at_s=at_s, job=job, wanted=wanted))
+
+    def maintenance(self, printer: str, why: str, by: str) -> None:
+        """Take a printer out of use; what it prints goes on to its end."""
+        self._core.books.printer(printer)
+        self._happened(lambda at_s: ev.MaintenanceBegun(at_s=at_s, printer=printer, why=why, by=by))
+
+    def maintained(self, printer: str, by: str) -> None:
+        """A printer can be used again."""
+        if self._core.books.printer(printer).maintenance is None:
+            raise Refused(f"{printer} is not in maintenance")
+        self._happened(lambda at_s: ev.MaintenanceDone(at_s=at_s, printer=printer, by=by))
+
+    def _cancel(self, plate: Plate, by: str) -> str:
+        stands = self._core.books.standing(plate)
+        if stands in _UNWANTED:
+            raise Refused(f"part {plate.parts[0]} {_UNWANTED[stands]}")
+        self._happened(lambda at_s: ev.PlateCancelled(at_s=at_s, plate=plate.id, by=by))
+        return plate.parts[0]
+
+    def _plate(self, job: int, part: str) -> Plate:
+        """The plate of a part, by its name with or without its job: 3/p01, p01, 01 or 1."""
+        books = self._core.books
+        entry = books.job(job)
+        number = part.rpartition("/")[2].removeprefix("p").lstrip("0")
+        for name in entry.parts:
+            if name.rpartition("/")[2].removeprefix("p").lstrip("0") == number:
+                return books.plates[books.parts[name].plate]
+        known = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
+        raise NoSuchThing(f"job {job} has no part {part}; its parts are {known}")
+
+    def _printing(self, plate: Plate) -> str | None:
+        attempts = self._core.books.prints_of(plate)
+        return next((attempt.printer for attempt in attempts if not attempt.state.ended), None)
+
+    def _happened(self, event: Callable[[float], ev.AnyEvent]) -> None:
+        self._core.happened(event(self._core.clock.now()))
+        self._core.settle()

@@ -1,0 +1,118 @@
+"""What a person asks of prints, parts and printers, through the daemon's own rules."""
+
+import pytest
+
+from farm.daemon.desk import Desk
+from farm.errors import NoSuchThing, Refused
+from farm.model import AgentPrint, AgentSnapshot, HoldCode, JobOptions, JobState, Link, PrintState, Verdict
+from farm.services.planning import Plan
+from farm.tracking import events as ev
+from make_books import plan as planned
+from one_core import MODEL, Farm
+
+
+@pytest.fixture
+def farm(tmp_path):
+    """A job of three parts on two printers: two are being printed, one waits."""
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 3)
+    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    return farm
+
+
+def ends(farm, printer, state=PrintState.DONE):
+    attempt = farm.core.books.open_print_on(printer)
+    said = AgentPrint(
+        print_id=attempt.id, state=state, fault=None, reason="so", progress_s=5.0, print_time_s=90.0,
+        extruded=True, started_s=2.0, ended_s=50.0,
+    )  # fmt: skip
+    farm.core.heard(AgentSnapshot(printer=printer, link=Link.READY, agent_pid=9, print=said))
+    farm.ready(printer)
+    return attempt
+
+
+def test_a_print_that_goes_wrong_is_ended_and_its_part_printed_elsewhere(farm):
+    desk = Desk(farm.core)
+    desk.fail("a", "a blob", "ann")
+    with pytest.raises(Refused, match="ending"):
+        desk.fail("a", "a blob", "ann")
+    attempt = ends(farm, "a", PrintState.CANCELLED)
+    assert farm.core.books.prints[attempt.id].fault == "by_a_person"
+    with pytest.raises(Refused, match="a prints nothing"):
+        desk.fail("a", "a blob", "ann")
+    ends(farm, "b")
+    farm.core.cleared("b", "ann", None)
+    plates = {plate.id: farm.core.books.standing(plate).name for plate in farm.core.books.plates.values()}
+    assert plates == {"1/01": "PRINTING", "1/02": "GOOD", "1/03": "WAITING"}
+
+
+def test_parts_are_named_as_a_person_writes_them(farm):
+    desk = Desk(farm.core)
+    for name in ("1/p03", "p03", "03", "3"):
+        with pytest.raises(Refused, match="1/p03 waits to be printed already"):
+            desk.reprint(1, name, "", "ann")
+    with pytest.raises(NoSuchThing, match="no part p9; its parts are p01 p02 p03"):
+        desk.reprint(1, "p9", "", "ann")
+    with pytest.raises(Refused, match=r"being printed: `farm fail a`"):
+        desk.reprint(1, "1", "", "ann")
+
+
+def test_a_part_or_what_a_printer_prints_is_cancelled_for_good(farm):
+    desk = Desk(farm.core)
+    assert desk.cancel_part(1, "p03", "ann") == "1/p03"
+    with pytest.raises(Refused, match="cancelled already"):
+        desk.cancel_part(1, "p03", "ann")
+    assert desk.cancel_printer("a", "ann") == "1/p01"
+    ends(farm, "a", PrintState.CANCELLED)
+    ends(farm, "b")
+    farm.core.cleared("a", "ann", None)
+    with pytest.raises(Refused, match="a prints nothing"):
+        desk.cancel_printer("a", "ann")
+    with pytest.raises(Refused, match="1/p02 is printed already"):
+        desk.cancel_part(1, "p02", "ann")
+    assert farm.core.books.jobs[1].state is JobState.PRINTED
+    assert not list(farm.core.books.open_prints())
+    assert desk.reprint(1, "p01", "after all", "ann") == "1/p01"
+    assert farm.core.books.open_print_on("a").plate == "1/01"
+
+
+def test_nothing_of_a_paused_job_starts(farm):
+    desk = Desk(farm.core)
+    desk.pause_job(1, True)
+    with pytest.raises(Refused, match="paused already"):
+        desk.pause_job(1, True)
+    ends(farm, "a")
+    farm.core.cleared("a", "ann", None)
+    assert farm.core.books.open_print_on("a") is None
+    assert farm.core.books.plates["1/03"].hold.code is HoldCode.PAUSED
+    desk.pause_job(1, False)
+    assert farm.core.books.open_print_on("a").plate == "1/03"
+    assert desk.pause_part(1, "p03", True) == "a"
+    with pytest.raises(Refused, match="not being printed"):
+        desk.pause_part(1, "p01", True)
+
+
+def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
+    desk = Desk(farm.core)
+    desk.maintenance("a", "a new belt", "ann")
+    assert farm.core.books.open_print_on("a").cancel_asked is None
+    ends(farm, "a")
+    farm.core.cleared("a", "ann", None)
+    assert farm.core.books.open_print_on("a") is None
+    desk.maintained("a", "ann")
+    assert farm.core.books.open_print_on("a").plate == "1/03"
+    with pytest.raises(Refused, match="not in maintenance"):
+        desk.maintained("a", "ann")
+
+
+def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
+    ends(farm, "a")
+    farm.core.cleared("a", "ann", None, Verdict.BAD, "warped")
+    assert farm.core.books.plates["1/01"].prints
+    assert farm.core.books.open_print_on("a").plate in ("1/01", "1/03")
+    farm.ready("b")
+    with pytest.raises(Refused, match="its bed cannot be clear"):
+        farm.core.cleared("b", "ann", None, Verdict.BAD)
+    assert ev.SendCleared(printer="a", filament=None) in farm.hands.told
