@@ -33,6 +33,10 @@ class BadGcode(DriverError):
     """A G-code file that must not go to a printer; the message names its line."""
 
 
+class Unreadable(DriverError):
+    """A print's own copy of its file is not to be had any more."""
+
+
 class Fault(StrEnum):
     """Why a print failed: the names that a daemon keeps in its books."""
 

@@ -77,8 +77,7 @@ class Walk:
 
     def __init__(self, program: Program, done: int) -> None:
         start = max(0, done - WINDOW_LINES)
-        self.relative = _last(program, start, b"G91", b"G90")
-        self.relative_e = _last(program, start, b"M83", b"M82")
+        self.relative, self.relative_e = program.relative(start), program.relative_e(start)
         if self.relative or self.relative_e:  # what E counts is the sum of all
             self.relative = self.relative_e = False
             start = 0
@@ -146,26 +145,15 @@ class Walk:
         return found_mm
 
 
-def _end(program: Program, line: int) -> int:
-    """Where line `line` begins in the text."""
-    rest = program.lines(line - line % 256, line)
-    return (program.offsets[line // 256] if line else 0) + sum(len(part) + 1 for part in rest)
-
-
 def _last_feed(program: Program, line: int) -> float:
     """The last F before `line`; NaN where there was none."""
-    text, at = program.text, _end(program, line)
-    while (at := text.rfind(b"F", 0, at)) >= 0:
-        move = text[text.rfind(b"\n", 0, at) + 1 : text.find(b"\n", at)]
-        if move.startswith(_MOVES) and (found := _FEED.search(move)) is not None:
-            return float(found[1])
+    while line > 0:
+        first = max(0, line - WINDOW_LINES)
+        for move in reversed(program.lines(first, line)):
+            if move.startswith(_MOVES) and (found := _FEED.search(move)) is not None:
+                return float(found[1])
+        line = first
     return math.nan
-
-
-def _last(program: Program, line: int, yes: bytes, no: bytes) -> bool:
-    """Whether of two lines the one was the last before `line`."""
-    end = _end(program, line)
-    return program.text.rfind(b"\n" + yes + b"\n", 0, end) > program.text.rfind(b"\n" + no + b"\n", 0, end)
 
 
 def _shifted(point: list[float], axis: int, by_mm: float) -> list[float]:

@@ -10,12 +10,15 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from bisect import bisect_right
+from bisect import bisect_left
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import Protocol
+from zlib import crc32
 
-from drivers.errors import BadGcode
+from drivers.errors import BadGcode, Unreadable
+from drivers.timeline import Mark, Timeline
 
 COMMAND_BYTES = 80
 """What is left of the firmware's 94 for a command once ``N1234567 `` and ``*255`` are around it."""
@@ -27,6 +30,8 @@ _FEEDS = re.compile(rb"G0*[0-3](?!\d)[^E]*E")
 _HEATS = frozenset((b"M104", b"M109", b"M140", b"M190"))
 _RISES = re.compile(rb"G0*[01](?!\d)[^Z]*Z *(-?[0-9.]+)")
 _TARGET = re.compile(rb"S(\d+(?:\.\d*)?)(?: |\Z)")
+_MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # of all axes, of E; relative
+_PEAK_MM = 1.0  # a spiral rises with every line: its height is kept in steps of this
 _NEEDLESS = frozenset((b"M105", b"M117"))  # the link asks; a text is read as commands
 _NEVER = {
     b"M0": "waits for the knob for ever",
@@ -54,45 +59,6 @@ class HeaterName(StrEnum):
 MOST_C = {HeaterName.NOZZLE: 260.0, HeaterName.BED: 115.0}  # the firmware stops above 275 and 130
 
 
-class Feature(StrEnum):
-    """What a move prints, by the names of Cura's ``;TYPE:`` comments."""
-
-    SKIRT = "SKIRT"  # a brim too
-    SUPPORT = "SUPPORT"
-    SUPPORT_INTERFACE = "SUPPORT-INTERFACE"
-    WALL_OUTER = "WALL-OUTER"
-    WALL_INNER = "WALL-INNER"
-    SKIN = "SKIN"
-    FILL = "FILL"
-    PRIME_TOWER = "PRIME-TOWER"
-
-
-_FEATURES = {feature.value.encode(): feature for feature in Feature}
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """How far a print is from a line on (0-based, of the stripped file).
-
-    Attributes
-    ----------
-    seconds
-        Print time, by the slicer's clock: without heating, homing, start and end.
-    layer
-        From 0, as the file counts; None before the first.
-    z_mm
-        The layer's height; 0 before the first.
-    feature
-        What is printed; None where the file does not say.
-    """
-
-    line: int
-    seconds: float
-    layer: int | None = None
-    z_mm: float = 0.0
-    feature: Feature | None = None
-
-
 @dataclass(frozen=True, slots=True)
 class Heat:
     """A line that sets a temperature (M104, M140) or also waits for it (M109, M190)."""
@@ -103,56 +69,102 @@ class Heat:
     waits: bool
 
 
+class Store(Protocol):
+    """Where the bytes of a program are kept."""
+
+    def write(self, data: bytes, /) -> object:
+        """Put more of them behind those that are there."""
+
+    def read(self, start: int, end: int, /) -> bytes:
+        """Bytes `start` to `end` (excluded). Raises OSError where they cannot be had."""
+
+
+class Memory:
+    """A store that is no file."""
+
+    def __init__(self) -> None:
+        self._text = bytearray()
+
+    def write(self, data: bytes) -> None:
+        self._text += data
+
+    def read(self, start: int, end: int) -> bytes:
+        return bytes(self._text[start:end])
+
+
 @dataclass(frozen=True, slots=True)
 class Program:
     """A stripped file. Lines count from 0.
 
     Attributes
     ----------
-    text
+    store
         All lines, each with its newline.
-    offsets
-        Where every 256th line starts in `text`.
+    offsets, sums
+        Where every 256th line starts in the store, and last where it ends; the CRC-32 of each such block.
     homes
         First G28; `count` where there is none.
     extrudes
         First move with an E; `count` where there is none.
     timeline
-        Rising in line and seconds; time between two marks passes evenly over the lines.
-    layers
-        How many there are.
+        How far the print is.
+    heats
+        Lines that set a temperature.
     """
 
-    text: bytes
+    store: Store
     count: int
     offsets: array[int]
-    timeline: tuple[Mark, ...]
+    sums: array[int]
+    timeline: Timeline
     heats: tuple[Heat, ...]
     homes: int
     extrudes: int
-    time_s: float
-    layers: int
+    _relative: array[int]  # lines of which every second one begins a stretch under G91, the others end it
+    _relative_e: array[int]  # the same of M83
+    _peak_lines: array[int]
+    _peaks_mm: array[float]
+
+    @property
+    def time_s(self) -> float:
+        """Print time of the whole file, in seconds."""
+        return self.timeline.time_s
+
+    @property
+    def layers(self) -> int:
+        """How many layers there are."""
+        return self.timeline.layers
 
     def lines(self, start: int, stop: int) -> list[bytes]:
-        """Lines `start` to `stop` (excluded), without newlines."""
+        """Lines `start` to `stop` (excluded), without newlines.
+
+        Raises
+        ------
+        Unreadable
+            The store does not give them back as they were.
+        """
         stop = min(stop, self.count)
+        found: list[bytes] = []
         if start >= stop:
-            return []
-        first, last = start // _BLOCK_LINES, (stop - 1) // _BLOCK_LINES + 1
-        end = self.offsets[last] if last < len(self.offsets) else len(self.text)
-        block = self.text[self.offsets[first] : end].split(b"\n")
+            return found
+        first = start // _BLOCK_LINES
+        for block in range(first, (stop - 1) // _BLOCK_LINES + 1):
+            found += self._block(block).split(b"\n")[:-1]
         skip = first * _BLOCK_LINES
-        return block[start - skip : stop - skip]
+        return found[start - skip : stop - skip]
+
+    def _block(self, block: int) -> bytes:
+        try:
+            data = self.store.read(self.offsets[block], self.offsets[block + 1])
+        except OSError as error:
+            raise Unreadable(f"its copy cannot be read ({error.strerror}): see to the disk") from error
+        if crc32(data) != self.sums[block]:
+            raise Unreadable("its copy on the disk is not what it was: see to the disk")
+        return data
 
     def at(self, line: int) -> Mark:
         """How far the print is when `line` lines are done."""
-        at = bisect_right(self.timeline, line, key=lambda mark: mark.line)
-        before = self.timeline[at - 1] if at else Mark(0, 0.0)
-        if line >= self.count or at == len(self.timeline):
-            return replace(before, line=line, seconds=self.time_s if line >= self.count else before.seconds)
-        after = self.timeline[at]
-        share = (line - before.line) / (after.line - before.line)
-        return replace(before, line=line, seconds=before.seconds + share * (after.seconds - before.seconds))
+        return self.timeline.at(line, self.count)
 
     def seconds_at(self, line: int) -> float:
         """Print time in seconds when `line` lines are done, by the slicer's clock."""
@@ -165,29 +177,45 @@ class Program:
                 return heat.target_c
         return None
 
+    def highest_mm(self, line: int) -> float:
+        """As high as the first `line` lines may have printed, to the next `_PEAK_MM` above."""
+        at = bisect_left(self._peak_lines, line)
+        return self._peaks_mm[at - 1] if at else 0.0
 
-def strip(raw_lines: Iterable[bytes]) -> Program:
+    def relative(self, line: int) -> bool:
+        """Whether G91 is in force when `line` lines are done."""
+        return bisect_left(self._relative, line) % 2 == 1
+
+    def relative_e(self, line: int) -> bool:
+        """Whether M83 is in force when `line` lines are done."""
+        return bisect_left(self._relative_e, line) % 2 == 1
+
+
+def strip(raw_lines: Iterable[bytes], store: Store | None = None) -> Program:
     """Make a file ready for the wire.
 
     Parameters
     ----------
     raw_lines
         The file's lines, as iterating a file opened in binary gives them.
+    store
+        Gets them as they go over the wire; empty so far.
 
     Raises
     ------
     BadGcode
         Where a line cannot be sent as it is, or the file is meant for another way of printing.
     """
-    text = bytearray()
-    offsets = array("Q")
-    timeline = _Timeline()
+    text = _Text(store or Memory())
+    timeline = Timeline()
     heats: list[Heat] = []
-    count = 0
+    relative, relative_e = toggles = array("Q"), array("Q")
+    peak_lines, peaks_mm = array("Q"), array("d")
     homes = extrudes = -1
     is_move = _MOVE.match
     for number, raw in enumerate(raw_lines, 1):
         line = raw.strip()
+        count = text.count
         if len(line) > COMMAND_BYTES or not is_move(line):
             if b";" in line:
                 line, _, comment = line.partition(b";")
@@ -197,7 +225,7 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
                 elif comment.startswith(b"LAYER:"):
                     timeline.layer(count, int(_number(comment[6:], number)))
                 elif comment.startswith(b"TYPE:"):
-                    timeline.feature(count, _FEATURES.get(comment[5:].rstrip()))
+                    timeline.feature(count, comment[5:].rstrip().decode("ascii", "replace"))
                 elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
                     raise BadGcode(
                         f"line {number}: {_shown(comment[7:])} does not print over USB: slice for Marlin"
@@ -210,94 +238,64 @@ def strip(raw_lines: Iterable[bytes]) -> Program:
             if homes < 0 and line.startswith(b"G28"):
                 homes = count
             elif (rises := _RISES.match(line)) is not None:
-                timeline.height(_number(rises[1], number))
+                z_mm = _number(rises[1], number)
+                timeline.height(z_mm)
+                if not len(relative) % 2 and z_mm > (peaks_mm[-1] if peaks_mm else 0.0):
+                    peak_lines.append(count)
+                    peaks_mm.append(z_mm + _PEAK_MM)
+            elif line in _MODES:
+                mode, on = _MODES[line]
+                if len(toggles[mode]) % 2 != on:
+                    toggles[mode].append(count)
         if extrudes < 0 and b"E" in line and _FEEDS.match(line):
             if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in heats):
                 raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
             extrudes = count
-        if not count % _BLOCK_LINES:
-            offsets.append(len(text))
-        text += line
-        text += b"\n"
-        count += 1
-    if not count:
+        text.add(line)
+    if not text.count:
         raise BadGcode("line 1: the file has no command in it")
+    timeline.close()
+    text.close()
     return Program(
-        text=bytes(text),
-        count=count,
-        offsets=offsets,
-        timeline=timeline.marks(),
+        store=text.store,
+        count=text.count,
+        offsets=text.offsets,
+        sums=text.sums,
+        timeline=timeline,
         heats=tuple(heats),
-        homes=count if homes < 0 else homes,
-        extrudes=count if extrudes < 0 else extrudes,
-        time_s=timeline.time_s,
-        layers=timeline.layers,
+        homes=text.count if homes < 0 else homes,
+        extrudes=text.count if extrudes < 0 else extrudes,
+        _relative=relative,
+        _relative_e=relative_e,
+        _peak_lines=peak_lines,
+        _peaks_mm=peaks_mm,
     )
 
 
-class _Timeline:
-    """The marks of a file, gathered from its comments; seconds are NaN where it does not say them."""
+class _Text:
+    """The lines of a file on their way to its store, in blocks."""
 
-    def __init__(self) -> None:
-        self.time_s = 0.0
-        self.layers = 0
-        self._lines: list[int] = []
-        self._seconds: list[float] = []
-        self._states: list[tuple[int | None, float, Feature | None]] = []  # layer, height, feature
-        self._layer: int | None = None
-        self._z_mm = 0.0
-        self._feature: Feature | None = None
+    def __init__(self, store: Store) -> None:
+        self.store = store
+        self.count = 0
+        self.offsets, self.sums = array("Q", (0,)), array("L")
+        self._block = bytearray()
 
-    def elapsed(self, line: int, seconds: float) -> None:
-        self.time_s = max(self.time_s, seconds)
-        self._mark(line, self.time_s)
+    def add(self, line: bytes) -> None:
+        self._block += line
+        self._block += b"\n"
+        self.count += 1
+        if not self.count % _BLOCK_LINES:
+            self.close()
 
-    def layer(self, line: int, layer: int) -> None:
-        self.layers = max(self.layers, layer + 1)
-        self._layer, self._feature = layer, None
-        self._mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first
-
-    def feature(self, line: int, feature: Feature | None) -> None:
-        self._feature = feature
-        self._mark(line, math.nan)
-
-    def height(self, z_mm: float) -> None:
-        """A move names its height; a layer's is named before its first feature."""
-        self._z_mm = z_mm
-        if self._states and self._feature is None:
-            self._states[-1] = (self._layer, z_mm, None)
-
-    def _mark(self, line: int, seconds: float) -> None:
-        state = (self._layer, self._z_mm, self._feature)
-        if self._lines and self._lines[-1] == line:
-            self._states[-1] = state
-            if not math.isnan(seconds):
-                self._seconds[-1] = seconds
-            return
-        self._lines.append(line)
-        self._seconds.append(seconds)
-        self._states.append(state)
-
-    def marks(self) -> tuple[Mark, ...]:
-        """All of them, with seconds by the lines where the file does not say them."""
-        seconds = self._seconds
-        before = (0, 0.0)
-        unknown: list[int] = []
-        for i, line in enumerate(self._lines):
-            if math.isnan(seconds[i]):
-                unknown.append(i)
-                continue
-            for j in unknown:
-                share = (self._lines[j] - before[0]) / (line - before[0])
-                seconds[j] = before[1] + share * (seconds[i] - before[1])
-            unknown.clear()
-            before = (line, seconds[i])
-        for j in unknown:
-            seconds[j] = before[1]
-        return tuple(
-            Mark(line, at_s, *state)
-            for line, at_s, state in zip(self._lines, seconds, self._states, strict=True)
-        )
+    def close(self) -> None:
+        """Keep what is there as a block."""
+        if self._block:
+            data = bytes(self._block)
+            self._block.clear()
+            self.store.write(data)
+            self.offsets.append(self.offsets[-1] + len(data))
+            self.sums.append(crc32(data))
 
 
 def _check(line: bytes, number: int, count: int) -> Heat | None:

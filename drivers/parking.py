@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from drivers.errors import Fault
-from drivers.filament import Point, Walk
+from drivers.errors import Fault, Unreadable
+from drivers.filament import Point, Walk, retracted_mm
 from drivers.gcode import Heat, HeaterName, Program
 from drivers.marlin import Link
 from drivers.messages import Filament, PrintPhase
@@ -63,8 +63,10 @@ class Parking(Steps):
         self.filament = Filament.AT_NOZZLE
 
     def _park(self, back_mm: float, hot: bool) -> Script:
-        """Draw the filament, which is so far back already, to where a print ends with it."""
-        if abs(PARKED_MM - back_mm) <= PARKED_SLACK_MM:
+        """Draw the filament, so far back already (NaN: nobody knows), to where a print ends with it."""
+        if math.isnan(back_mm):
+            self.filament = Filament.UNKNOWN
+        elif abs(PARKED_MM - back_mm) <= PARKED_SLACK_MM:
             self.filament = Filament.PARKED
         elif hot:
             self.filament = Filament.UNKNOWN
@@ -75,10 +77,16 @@ class Parking(Steps):
         elif back_mm > PARKED_SLACK_MM:
             self.filament = Filament.UNKNOWN
 
+    def _back_mm(self, program: Program, done: int, stood: Point | None = None) -> float:
+        """See `retracted_mm`; NaN where the file is not to be had any more."""
+        try:
+            return retracted_mm(program, done, stood)
+        except Unreadable:
+            return math.nan
+
     def _lift_mm(self, z_mm: float, done: int) -> float:
         """How far the bed goes down before the head leaves its part: others may be finished, and higher."""
-        printed = () if self.program is None else self.program.timeline
-        highest_mm = max((mark.z_mm for mark in printed if mark.line <= done), default=0.0)
+        highest_mm = 0.0 if self.program is None else self.program.highest_mm(done)
         return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, self.profile.home_mm[2]) - z_mm)
 
     def _pausable(self) -> bool:

@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator
 
-from drivers.errors import Fault
-from drivers.filament import place, retracted_mm
+from drivers.errors import Fault, Unreadable
+from drivers.filament import place
 from drivers.gcode import Heat, HeaterName, Program
 from drivers.identify import Identifying
 from drivers.marlin import Event, Events, Link, Report, Said, Trouble, Up
@@ -94,6 +94,7 @@ class Session(Identifying):
         self._strange = 0  # reports in a row with targets that nobody here set
         self._carried_out = 0  # lines of the file up to the last heating line that was carried out here
         self._streamed: int | None = None  # once the stream is over
+        self._unreadable: Unreadable | None = None
         self._script = self._run()
         self._wait = next(self._script)
 
@@ -227,7 +228,8 @@ class Session(Identifying):
         outcome = PrintPhase.DONE
         try:
             yield from self._print()
-        except Ended as ended:
+        except (Ended, Unreadable) as why:
+            ended = why if isinstance(why, Ended) else Ended(Fault.BAD_FILE, str(why))
             self.fault, self.reason = ended.fault, ended.reason
             outcome = PrintPhase.CANCELLED if ended.fault is None else PrintPhase.FAILED
             self.phase = PrintPhase.ENDING
@@ -284,7 +286,7 @@ class Session(Identifying):
         yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, limit_s=math.inf)
         if self.filament is Filament.AT_NOZZLE:
             # as far back as the file's end code left it: it cools already
-            yield from self._park(retracted_mm(program, program.count), hot=False)
+            yield from self._park(self._back_mm(program, program.count), hot=False)
         if not (yield from self._shown_off()):
             if self.report is not None and self.report.off:
                 raise Ended(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
@@ -294,11 +296,13 @@ class Session(Identifying):
     def _stream(self, program: Program, start: int, stop: int) -> Script:
         while start < stop:
             self.link.poll_every_s = self._pace.printing_s
-            self.link.stream(self._now_s, program.lines, start, stop)
+            self.link.stream(self._now_s, self._lines, start, stop)
             self._heard_s = self._now_s
             while not (yield Wait(self._sent_or_paused, self._heard_s + self._blind_s)):
                 if self._now_s - self._heard_s >= self._blind_s:
                     raise Ended(Fault.NO_ANSWER, "the board prints, but tells no temperatures")
+            if self._unreadable is not None:
+                raise self._unreadable
             if self.link.drained:
                 return
             self.link.halt()
@@ -306,8 +310,18 @@ class Session(Identifying):
             start = self.link.streamed
             yield from self._pause(program, start)
 
+    def _lines(self, start: int, stop: int) -> list[bytes]:
+        """Lines for the link. Once some cannot be had there are no more: none must be left out."""
+        assert self.program is not None
+        if self._unreadable is None:
+            try:
+                return self.program.lines(start, stop)
+            except Unreadable as error:
+                self._unreadable = error
+        return []
+
     def _sent_or_paused(self) -> bool:
-        return self.link.drained or (self._pause_wanted and self._pausable())
+        return self.link.drained or self._unreadable is not None or (self._pause_wanted and self._pausable())
 
     # --- ways out ---
 
@@ -334,7 +348,7 @@ class Session(Identifying):
             yield from self._commands(b"M114")
             if self.filament is Filament.AT_NOZZLE and self.program is not None:
                 hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
-                yield from self._park(retracted_mm(self.program, done, self._place), hot)
+                yield from self._park(self._back_mm(self.program, done, self._place), hot)
             z_mm = math.nan if self._place is None else self._place[2]
             lift_mm = LIFT_MM if math.isnan(z_mm) else self._lift_mm(z_mm, done)
             away = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)

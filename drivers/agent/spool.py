@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
+import weakref
+from collections import deque
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,7 +16,6 @@ from drivers.errors import AgentError, BadGcode
 from drivers.gcode import Program, strip
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-_CHUNK_BYTES = 1 << 20
 _PART = ".part"
 
 
@@ -56,7 +59,7 @@ class Spool:
         return self._path(print_id).with_suffix(_PART)
 
     def take(self, print_id: str, source: Path, sha256: str) -> Program:
-        """Copy a file, and make it ready for the wire.
+        """Make a file ready for the wire, and keep what goes over it: all of it is on the disk then.
 
         Raises
         ------
@@ -67,17 +70,28 @@ class Spool:
         """
         path = self._path(print_id)
         digest = hashlib.sha256()
+        refusal: BadGcode | None = None
+
+        def hashed(lines: Iterable[bytes]) -> Iterator[bytes]:
+            for line in lines:
+                digest.update(line)
+                yield line
+
         try:
-            with source.open("rb") as read, path.open("wb") as copy:
-                while chunk := read.read(_CHUNK_BYTES):
-                    digest.update(chunk)
-                    copy.write(chunk)
+            with source.open("rb") as raw:
+                lines = hashed(raw)
+                try:
+                    program = strip(lines, _Copy(path))
+                except BadGcode as error:
+                    refusal = error
+                    deque(lines, maxlen=0)
             if digest.hexdigest() != sha256.lower():
                 raise BadGcode(
                     f"{source}: is not the file that was meant: its sha256 is {digest.hexdigest()}"
                 )
-            with path.open("rb") as lines:
-                return strip(lines)
+            if refusal is not None:
+                raise refusal
+            return program
         except OSError as error:
             with suppress(OSError):
                 path.unlink()  # half a file is of no use, and its disk may be full
@@ -89,6 +103,21 @@ class Spool:
         """Delete the copy, if there is one."""
         self._path(print_id).unlink(missing_ok=True)
         self.part(print_id).unlink(missing_ok=True)
+
+
+class _Copy:
+    """A new file, to be read for as long as this lives, whatever becomes of its name."""
+
+    def __init__(self, path: Path) -> None:
+        self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+        weakref.finalize(self, os.close, self._fd)
+
+    def write(self, data: bytes) -> None:
+        if os.write(self._fd, data) < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def read(self, start: int, end: int) -> bytes:
+        return os.pread(self._fd, end - start, start)
 
 
 def _unwritten(path: Path, error: OSError) -> AgentError:

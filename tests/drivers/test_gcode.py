@@ -1,11 +1,13 @@
 import io
+import tracemalloc
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import BadGcode
-from drivers.gcode import COMMAND_BYTES, Feature, HeaterName, Mark, Program, strip
+from drivers.gcode import COMMAND_BYTES, HeaterName, Program, strip
+from drivers.timeline import Feature, Mark
 
 
 def program(text: str) -> Program:
@@ -38,7 +40,7 @@ def test_comments_blanks_and_questions_do_not_reach_the_wire():
     p = program(SLICED)
     assert p.lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
     assert p.count == 11
-    assert b";" not in p.text and b"M105" not in p.text
+    assert not any(b";" in line or b"M105" in line for line in p.lines(0, p.count))
 
 
 def test_heats_say_what_is_set_and_what_is_waited_for():
@@ -86,7 +88,7 @@ G28
 
 def test_a_mark_says_time_layer_height_and_feature():
     p = program(FEATURES)
-    assert p.timeline == (
+    assert tuple(p.timeline) == (
         Mark(1, 0.0, 0, 0.27, None),
         Mark(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
         Mark(3, 4.0, 0, 0.27, Feature.WALL_OUTER),
@@ -200,3 +202,39 @@ def test_heats_are_found_however_they_are_written():
 def test_setting_the_place_of_the_extruder_extrudes_nothing():
     p = program("G92 E0\nM109 S210\nG1 X1 E1\n")
     assert p.extrudes == 2
+
+
+def test_a_long_file_is_neither_held_in_memory_nor_are_its_marks_many_objects():
+    part = "".join(f";TYPE:FILL\n{'G1 X1 Y1 E1' + chr(10)}" * 50 + f"G0 Z{i}\n" for i in range(1, 400))
+    tracemalloc.start()
+    try:
+        p = strip(io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), Nowhere())
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(p.timeline) > 15_000
+    assert held < 60 * len(p.timeline)
+
+
+class Nowhere:
+    """A store that forgets."""
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def read(self, start: int, end: int) -> bytes:
+        raise OSError
+
+
+@given(st.lists(st.sampled_from(["G90", "G91", "M82", "M83", "G1 X1", "G1 Z2", "G1 Z7"]), min_size=1))
+def test_the_modes_and_the_height_at_a_line_are_those_of_the_lines_before(lines: list[str]):
+    p = program("\n".join(lines))
+    relative = relative_e = False
+    highest_mm = 0.0
+    for n, line in enumerate(lines):
+        assert (p.relative(n), p.relative_e(n)) == (relative, relative_e)
+        assert highest_mm <= p.highest_mm(n) <= highest_mm + 1.0
+        relative = {"G91": True, "G90": False}.get(line, relative)
+        relative_e = {"M83": True, "M82": False}.get(line, relative_e)
+        if line.startswith("G1 Z") and not relative:
+            highest_mm = max(highest_mm, float(line[4:]))

@@ -10,7 +10,7 @@ import pytest
 from drivers import messages as m
 from drivers.agent.journal import Journal
 from drivers.agent.spool import Spool
-from drivers.errors import AgentError, BadGcode, JournalError
+from drivers.errors import AgentError, BadGcode, JournalError, Unreadable
 
 
 def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
@@ -67,9 +67,14 @@ def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
     program = spool.take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
     assert program.count == 1
     assert (tmp_path / "spool" / "p-1.gcode").read_bytes() == b"G28\n"
+    source.unlink()
     spool.drop("p-1")
     spool.drop("p-1")
     assert os.listdir(tmp_path / "spool") == []  # noqa: PTH208
+    assert program.lines(0, 1) == [b"G28"]  # whoever prints has it still
+    source.write_bytes(b"M0\n")
+    with pytest.raises(BadGcode, match="knob"):
+        spool.take("p-1", source, hashlib.sha256(b"M0\n").hexdigest())
     with pytest.raises(BadGcode, match="sha256"):
         spool.take("p-1", source, "0" * 64)
     with pytest.raises(BadGcode, match="cannot be read"):
@@ -108,3 +113,12 @@ def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
     assert not spool.part("p-2").exists()
     with pytest.raises(AgentError):
         spool.put("../p", 0, b"")
+
+
+def test_a_copy_that_is_written_over_is_not_printed(tmp_path: Path):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    program = Spool(tmp_path / "spool").take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
+    (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
+    with pytest.raises(Unreadable):
+        program.lines(0, 1)

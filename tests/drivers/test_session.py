@@ -1,5 +1,8 @@
 """Whole prints against the emulator's firmware, in one process and on a clock of its own."""
 
+import errno
+import os
+
 import pytest
 
 from drivers.clock import Clock
@@ -7,6 +10,7 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Phase
 from drivers.errors import Fault
 from drivers.filament import Walk
+from drivers.gcode import Memory
 from drivers.messages import Filament, PrintPhase
 from drivers.parking import PAUSE_LIMIT_S
 from drivers.session import Pace, Session
@@ -490,3 +494,45 @@ def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
     assert_ended_off(rig, PrintPhase.CANCELLED, None)
     cut = rig.sent.rindex(b"M110")
     assert rig.sent.index(b"G28 Z0", cut) < rig.sent.index(b"G28 X0 Y0", cut)
+
+
+class DyingDisk(Memory):
+    """Gives its first blocks back, and then none, or others."""
+
+    def __init__(self, bad: bytes | None) -> None:
+        super().__init__()
+        self._bad = bad
+        self.mended = False
+
+    def read(self, start: int, end: int) -> bytes:
+        if start < 10_000 or self.mended:
+            return super().read(start, end)
+        if self._bad is None:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return self._bad
+
+
+@pytest.mark.parametrize(("bad", "says"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "not what it was")])
+def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad: bytes | None, says: str):
+    text = gcode(1500)
+    disk = DyingDisk(bad)
+    rig = Rig(text=text, store=disk).run()
+    assert_ended_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
+    assert rig.session.reason is not None and says in rig.session.reason
+    disk.mended = True
+    sent = rig.moves()
+    assert 0 < len(sent) < 1500
+    whole = [line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent)]
+    assert sent == whole[: len(sent)]
+    assert rig.session.filament is not Filament.AT_NOZZLE
+
+
+@pytest.mark.parametrize("layers", [True, False])
+def test_the_head_passes_over_the_highest_part_also_where_the_file_names_no_layers(layers: bool):
+    moves = ["G1 F3000 X90 Y50 E1", "G0 F9000 Z80", "G1 F3000 X90 Y80 E2", "G0 F9000 X150 Y150 Z0.27"]
+    moves += [f"G1 F3000 X{150 + i % 2} Y150 E{2 + 0.1 * i:.1f}" for i in range(300)]
+    text = GCODE.format(moves="\n".join(moves), end=25.5)
+    rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).printing(60)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0

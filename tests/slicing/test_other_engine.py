@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.gcode import Feature, strip
+from drivers.gcode import strip
+from drivers.timeline import Feature
 from slicing.errors import EngineFailed, EngineMissing, Rule, SliceRejected
 from slicing.plate import slice_plate
 from slicing.settings import Settings

@@ -5,8 +5,9 @@ import pytest
 import trimesh
 
 from drivers.emulator.planner import CAPACITY, Limits, Planner
-from drivers.gcode import Feature, strip
+from drivers.gcode import strip
 from drivers.profiles import PROFILES
+from drivers.timeline import Feature
 from slicing.plate import slice_plate
 from slicing.timeline import with_times
 from slicing.toolpath import read_toolpath

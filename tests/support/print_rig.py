@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
-from drivers.gcode import strip
+from drivers.gcode import Store, strip
 from drivers.marlin import Link
 from drivers.messages import Filament
 from drivers.profiles import PROFILES
@@ -62,11 +62,12 @@ class Rig:
         filament: Filament = Filament.PARKED,
         seed: int = 0,
         identity: str | None = None,
+        store: Store | None = None,
     ) -> None:
         self.now_s = 1000.0
         self.firmware = Firmware(PROFILES[model], faults, random.Random(seed), self.now_s)
         self.link = Link(2.0)
-        self.program = strip(io.BytesIO((text or gcode()).encode()))
+        self.program = strip(io.BytesIO((text or gcode()).encode()), store)
         self.session = Session(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
         self.plugged = True
         self.back_s = math.inf  # when it is plugged in again
@@ -114,7 +115,7 @@ class Rig:
         """The file's own moves in the order of their numbers, as they were sent."""
         frames = (line.partition(b" ") for line in self.sent.splitlines())
         numbered = {number: rest.partition(b"*")[0] for number, _, rest in frames}
-        file = set(self.program.text.splitlines())
+        file = set(self.program.lines(0, self.program.count))
         return [command for command in numbered.values() if command.startswith(b"G1 ") and command in file]
 
 
