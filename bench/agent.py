@@ -1,7 +1,7 @@
 """What an agent costs, and how soon it answers an ok, against peers that only acknowledge.
 
-``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--json]``. Real agents on real
-pseudo-terminals and wall time; the peers, all in this process, say `ok` to a line when the last one was said
+``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``. Real agents
+on real pseudo-terminals and wall time; the peers, all in this process, say `ok` to a line when the last one was said
 1/rate ago. Turnaround is from the writing of that ok to the reading of the next line, so this process and
 the kernel are in it. CPU and memory are the kernel's figures for each agent while it streams.
 """
@@ -155,8 +155,8 @@ def _waits(process: subprocess.Popen[bytes]) -> bool:
     return False
 
 
-async def one(folder: Path, port: Path, gcode: Path, sha256: str) -> dict[str, float]:
-    """Print on one printer: its agent's share of a core and its memory while it streamed."""
+async def one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | None) -> dict[str, float]:
+    """Print on one printer, to the end or `most` lines: its agent's share of a core and memory meanwhile."""
     process = spawn(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
     cleared = asked = False
@@ -189,6 +189,8 @@ async def one(folder: Path, port: Path, gcode: Path, sha256: str) -> dict[str, f
                     began = began or (time.monotonic(), cpu_s)
                     if time.monotonic() > began[0]:
                         share = (cpu_s - began[1]) / (time.monotonic() - began[0])
+                    if most is not None and said.print.line > most:
+                        break
                 elif said.print.phase.ended:
                     if said.print.phase is not m.PrintPhase.DONE:
                         raise RuntimeError(f"the print ended {said.print.phase}: {said.print.reason}")
@@ -202,12 +204,25 @@ async def one(folder: Path, port: Path, gcode: Path, sha256: str) -> dict[str, f
     return {"cpu_share": share, "memory_mb": memory_mb}
 
 
-async def measure(agents: int, lines: int, rate: float) -> dict[str, float]:
-    """Run the prints at the same time."""
-    moves = "".join(
-        f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n" for i in range(lines)
-    )
-    text = (HEAD + "G0 F9000 X100 Y100 Z0.3\n" + moves + TAIL).encode()
+def file(lines: int, megabytes: int) -> bytes:
+    """A G-code file of so many moves in layers and features, and then as large as that with more of them."""
+    text = [HEAD, "G0 F9000 X100 Y100 Z0.3\n"]
+    size = i = 0
+    while i < lines or size < megabytes * 1_000_000:
+        part = f"G1 X{100 + i % 2 * 0.2:.3f} Y{100 + i % 7 * 0.1:.3f} E{i * 0.01:.5f}\n"
+        if not i % 1200:
+            part += f";LAYER:{i // 1200}\n"
+        if not i % 12:
+            part += f";TYPE:{('WALL-INNER', 'FILL')[i // 12 % 2]}\n"
+        text.append(part)
+        size += len(part)
+        i += 1
+    return "".join((*text, TAIL)).encode()
+
+
+async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> dict[str, float]:
+    """Run the prints at the same time; of a large file only the first `lines` moves are printed."""
+    text = file(lines, megabytes)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         gcode = folder / "bench.gcode"
@@ -217,7 +232,16 @@ async def measure(agents: int, lines: int, rate: float) -> dict[str, float]:
         hands.start()
         sha256 = hashlib.sha256(text).hexdigest()
         ended = await asyncio.gather(
-            *(one(folder / f"p{number}", folder / f"tty{number}", gcode, sha256) for number in range(agents)),
+            *(
+                one(
+                    folder / f"p{number}",
+                    folder / f"tty{number}",
+                    gcode,
+                    sha256,
+                    lines if megabytes else None,
+                )
+                for number in range(agents)
+            ),
             return_exceptions=True,  # every agent is ended before one failure is told
         )
         hands.over = True
@@ -242,9 +266,10 @@ def main() -> None:
     parser.add_argument("--agents", type=int, default=8)
     parser.add_argument("--lines", type=int, default=1000, help="an agent")
     parser.add_argument("--rate", type=float, default=50.0, help="lines a second, an agent")
+    parser.add_argument("--megabytes", type=int, default=0, help="of the file, of which --lines are printed")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    result = asyncio.run(measure(given.agents, given.lines, given.rate))
+    result = asyncio.run(measure(given.agents, given.lines, given.rate, given.megabytes))
     print(
         json.dumps({"schema": 1, **result})
         if given.json

@@ -1,11 +1,16 @@
-"""Lines a second through agents and emulators on ptys, what a line costs, and printcore beside them.
+"""All figures of links and agents in one run: some minutes, on a machine that does nothing else.
 
-``python -m bench.link [--agents N] [--lines N] [--scale S] [--beside PYTHON] [--json]``. Real processes, and
-nothing is left out: every agent resets its board, heats, streams short moves and ends. The clock is so quick
-that the moves take next to no time, so the first figures are what host and link can carry.
+``python -m bench.link [--part PART]... [--agents N] [--lines N] [--scale S] [--beside PYTHON] [--json]``. Real
+processes, and nothing is left out: every agent resets its board, heats, streams short moves and ends.
 
-Where PYTHON can import Printrun (`make interop` makes such an environment), an agent and then printcore print
-the same moves to one emulator, on wall time and with the time that bytes take at 250000 baud.
+* ``throughput``: lines a second through agents and emulators on ptys, and what a line costs. The clock is so
+  quick that the moves take next to no time: this is what host and link can carry.
+* ``printcore``: an agent and then printcore print the same moves to one emulator, on wall time and with the
+  time that bytes take at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
+* ``agent``: N agents at 50 lines/s against peers that only acknowledge: turnaround, CPU, memory (`bench.agent`).
+* ``peers``: the same of 50 agents.
+* ``memory``: one agent that prints a file of 50 MB.
+* ``estop``: daemon and agents stopped by SIGSTOP, until all targets are 0 (`bench.estop`).
 """
 
 from __future__ import annotations
@@ -19,16 +24,20 @@ import shutil
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
+from bench import agent, estop
 from drivers import messages as m
 from drivers.client import AgentClient, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import DriverError
 
+PARTS = ("throughput", "printcore", "agent", "peers", "memory", "estop")
+INTEROP = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "python"
 MODEL = "ultimaker2_plus"
 PEER = Path(__file__).parents[1] / "tests" / "interop" / "printcore_peer.py"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
@@ -144,21 +153,34 @@ def beside(lines: int, python: Path) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this; may be given again")
     parser.add_argument("--agents", type=int, default=8)
     parser.add_argument("--lines", type=int, default=10_000, help="an agent")
     parser.add_argument("--scale", type=float, default=300.0, help="farm seconds in a wall second")
-    parser.add_argument("--beside", type=Path, help="a Python that has Printrun")
+    parser.add_argument("--beside", type=Path, default=INTEROP, help="a Python that has Printrun")
     parser.add_argument("--json", action="store_true")
     given = parser.parse_args()
-    result = asyncio.run(measure(given.agents, given.lines, given.scale))
-    if given.beside is not None:
-        result |= beside(given.lines, given.beside)
-    print(
-        json.dumps({"schema": 1, **result})
-        if given.json
-        else "\n".join(f"{k}: {v}" for k, v in result.items())
-    )
+    works: dict[str, Callable[[], dict[str, float]]] = {
+        "throughput": lambda: asyncio.run(measure(given.agents, given.lines, given.scale)),
+        "printcore": lambda: beside(given.lines, given.beside),
+        "agent": lambda: asyncio.run(agent.measure(given.agents, 1000, 50.0)),
+        "peers": lambda: asyncio.run(agent.measure(50, 1000, 50.0)),
+        "memory": lambda: asyncio.run(agent.measure(1, 1000, 50.0, megabytes=50)),
+        "estop": lambda: estop.measure(2),
+    }
+    if given.part is None and not given.beside.exists():
+        del works["printcore"]
+    results = {part: works[part]() for part in given.part or works}
+    if given.json:
+        print(json.dumps({"schema": 1, **results}))
+        return
+    for part, result in results.items():
+        print(part)
+        for name, value in result.items():
+            print(f"  {name}: {value}")
 
 
 if __name__ == "__main__":
