@@ -1,9 +1,10 @@
 """What an agent costs, and how soon it answers an ok, against peers that only acknowledge.
 
-``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``. Real agents
-on real pseudo-terminals and wall time; the peers, all in this process, say `ok` to a line when the last one was said
-1/rate ago. Turnaround is from the writing of that ok to the reading of the next line, so this process and
-the kernel are in it. CPU and memory are the kernel's figures for each agent while it streams.
+``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``. Real
+agents on real pseudo-terminals and wall time; the peers, all in this process, say `ok` to a line when the
+last one was said 1/rate ago. Turnaround is from the writing of that ok to the reading of the next line, so
+this process and the kernel are in it. CPU and memory are the kernel's figures for each agent while it
+streams.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """All figures of links and agents in one run: some minutes, on a machine that does nothing else.
 
-``python -m bench.link [--part PART]... [--agents N] [--lines N] [--scale S] [--beside PYTHON] [--json]``. Real
-processes, and nothing is left out: every agent resets its board, heats, streams short moves and ends.
+``python -m bench.link [--part PART]... [--agents N] [--lines N] [--scale S] [--beside PYTHON] [--json]``.
+Real processes, and nothing is left out: every agent resets its board, heats, streams short moves and ends.
 
 * ``throughput``: lines a second through agents and emulators on ptys, and what a line costs. The clock is so
   quick that the moves take next to no time: this is what host and link can carry.
 * ``printcore``: an agent and then printcore print the same moves to one emulator, on wall time and with the
   time that bytes take at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
-* ``agent``: N agents at 50 lines/s against peers that only acknowledge: turnaround, CPU, memory (`bench.agent`).
+* ``agent``: N agents at 50 lines/s, peers that only acknowledge: turnaround, CPU, memory (`bench.agent`).
 * ``peers``: the same of 50 agents.
 * ``memory``: one agent that prints a file of 50 MB.
 * ``estop``: daemon and agents stopped by SIGSTOP, until all targets are 0 (`bench.estop`).
