@@ -1,4 +1,4 @@
-"""A decomposition as a folder: one STL a part, decomposition.json, and a picture of the assembly."""
+"""A decomposition as a folder: one STL a part, decomposition.json, a picture and a GLB of the assembly."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ from pathlib import Path
 
 from decompose.assembly import draw_assembly
 from decompose.check import check_stl
+from decompose.glb import write_glb
 from decompose.report import Decomposition
 from decompose.stl import write_stl
 
 
 def write(decomposition: Decomposition, folder: Path) -> Decomposition:
-    """Write one binary STL a part, decomposition.json and assembly.png, and read each STL back.
+    """Write one binary STL a part, decomposition.json, assembly.png and assembly.glb; read each STL back.
 
     Returns
     -------
@@ -36,4 +37,5 @@ def write(decomposition: Decomposition, folder: Path) -> Decomposition:
     text = json.dumps(written.as_dict(), indent=1) + "\n"
     (folder / "decomposition.json").write_text(text, encoding="utf-8")
     draw_assembly(written.parts, folder / "assembly.png")
+    write_glb(written.parts, folder / "assembly.glb")
     return written

@@ -106,7 +106,7 @@ def _empty_for_parts(out: Path) -> None:
     report = out / "decomposition.json"
     try:
         out.mkdir(parents=True, exist_ok=True)
-        ours = {"decomposition.json", "assembly.png"}
+        ours = {"decomposition.json", "assembly.png", "assembly.glb"}
         if report.is_file():
             ours |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
         others = sorted(path.name for path in out.iterdir() if path.name not in ours)
