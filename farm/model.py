@@ -260,7 +260,17 @@ class Printer(Entity):
     filament: FilamentState = FilamentState.UNKNOWN
     look: str | None = None  # why a person has to look before it prints again
     maintenance: str | None = None  # why a person has taken it out of use
+    lost_s: float | None = None  # when its board was last found to be gone
     time_factor: float = 1.0  # its layers' time, reached over expected, as learned from its prints
+
+
+class Outage(Entity):
+    """Several printers were lost at once. Until a person has confirmed that all is well, nothing starts."""
+
+    id: int
+    at_s: float
+    printers: tuple[str, ...]
+    confirmed_s: float | None = None
 
 
 class AgentPrint(Entity):

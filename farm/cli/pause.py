@@ -7,10 +7,12 @@ from typing import Annotated
 import typer
 
 from farm.cli.client import Client
-from farm.cli.operate import FleetFile, Socket, State, place_of
+from farm.cli.operate import FleetFile, Socket, State, me, place_of
 from farm.paths import find_places
 
 Targets = Annotated[list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).")]
+
+Again = Annotated[list[str] | None, typer.Argument(help="Printers, jobs or parts; none after an outage.")]
 
 
 def pause(targets: Targets, state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
@@ -22,10 +24,15 @@ def pause(targets: Targets, state: State = None, socket: Socket = None, fleet: F
         print(f"{_named(target)}: pausing{more}; `farm resume {target}` lets it go on")
 
 
-def resume(targets: Targets, state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
-    """Let paused prints go on: the nozzle is heated first."""
+def resume(
+    targets: Again = None, state: State = None, socket: Socket = None, fleet: FleetFile = None
+) -> None:
+    """Let paused prints go on (the nozzle is heated first); without a name, the farm after an outage."""
     client = Client(find_places(state, socket, fleet).socket)
-    for target in targets:
+    if not targets:
+        lost = client.tell("/outage/confirm", by=me())
+        print(f"the farm goes on; {lost} were lost: `farm cleared PRINTER` for each, once looked at")
+    for target in targets or ():
         client.tell(f"{place_of(target)}/resume")
         print(f"{_named(target)}: goes on")
 

@@ -40,6 +40,7 @@ from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.services.models import Inspected
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
+from farm.tracking.outage import LOSSES, WINDOW_S
 from farm.tracking.outcome import Standing
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.rules import apply
@@ -120,6 +121,9 @@ class Core:
         if attempt is not None:
             self.happened(*reconcile(attempt, snapshot, now_s))
         else:
+            before = self.snapshots.get(snapshot.printer)
+            if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:
+                self.happened(ev.PrinterLost(at_s=now_s, printer=snapshot.printer))
             self.happened(*observe(self.books.printer(snapshot.printer), snapshot, now_s))
         said = snapshot.print
         if said is not None and (attempt is None or said.print_id != attempt.id):
@@ -141,12 +145,11 @@ class Core:
         self._remind()
         if self.stopping:
             return
-        waiting = [
-            self._plate_view(plate)
-            for plate in self.books.waiting_plates()
-            if not self.books.job(plate.job).paused
-        ]
         now_s = self.clock.now()
+        held_back = self._held_back(now_s)
+        waiting = [
+            self._plate_view(plate) for plate in self.books.waiting_plates() if plate.id not in held_back
+        ]
         given, holds = assign(waiting, self.printer_views(), self._rules, now_s)
         for assignment in given:
             self.happened(
@@ -155,27 +158,40 @@ class Core:
                 )
             )
         news = {
-            name: hold
-            for name, hold in (holds | self._held_back()).items()
-            if self.books.plates[name].hold != hold
+            name: hold for name, hold in (holds | held_back).items() if self.books.plates[name].hold != hold
         }
         if news:
             self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
         self._settle_front(holds)
 
-    def _held_back(self) -> dict[str, Hold]:
-        """The plates that are not offered to any printer, and what a person would have to say."""
+    def _held_back(self, now_s: float) -> dict[str, Hold]:
+        """The plates that are offered to no printer, and why."""
         held = {}
         for job in self.books.jobs.values():
             for plate in self.books.plates_of(job) if not job.state.ended else ():
-                standing = self.books.standing(plate)
-                if standing is Standing.OUT_OF_ATTEMPTS:
-                    text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
-                    held[plate.id] = Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
-                elif standing is Standing.WAITING and job.paused:
-                    text = f"job {job.id} is paused: `farm resume {job.id}`"
-                    held[plate.id] = Hold(code=HoldCode.PAUSED, text=text)
+                hold = self._own_hold(job, plate, now_s)
+                if hold is not None:
+                    held[plate.id] = hold
         return held
+
+    def _own_hold(self, job: Job, plate: Plate, now_s: float) -> Hold | None:
+        """Why a plate would start on no printer at all."""
+        standing = self.books.standing(plate)
+        if standing is Standing.OUT_OF_ATTEMPTS:
+            text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
+            return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
+        if standing is not Standing.WAITING:
+            return None
+        if self.books.outage is not None:
+            text = f"{' '.join(self.books.outage.printers)} were lost at once: look, then `farm resume`"
+            return Hold(code=HoldCode.OUTAGE, text=text)
+        if job.paused:
+            return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
+        last = self.books.prints[plate.prints[-1]] if plate.prints else None
+        if last is not None and last.fault in LOSSES and now_s - (last.ended_s or 0.0) <= WINDOW_S:
+            text = f"{last.printer} was lost just now: others may be lost with it"
+            return Hold(code=HoldCode.JUST_LOST, text=text)
+        return None
 
     def _remind(self) -> None:
         """Tell agents again what they were told while they were away."""
@@ -183,6 +199,8 @@ class Core:
             snapshot = self.snapshots.get(attempt.printer)
             if snapshot is not None:
                 for instruction in owed(attempt, snapshot):
+                    if self.books.outage is not None and isinstance(instruction, ev.SendStart):
+                        continue  # nothing heats until a person has confirmed
                     self._hands.perform(instruction)
 
     def refused(self, print_id: str, reason: str) -> None:

@@ -89,6 +89,14 @@ class Desk:
             raise Refused(f"{printer} is not in maintenance")
         self._happened(lambda at_s: ev.MaintenanceDone(at_s=at_s, printer=printer, by=by))
 
+    def confirm(self, by: str) -> str:
+        """What took several printers at once has been seen to. Returns the printers."""
+        outage = self._core.books.outage
+        if outage is None:
+            raise Refused("no printers were lost at once: name what to resume (a printer, a job, a part)")
+        self._happened(lambda at_s: ev.OutageConfirmed(at_s=at_s, by=by))
+        return " ".join(outage.printers)
+
     def _cancel(self, plate: Plate, by: str) -> str:
         stands = self._core.books.standing(plate)
         if stands in _UNWANTED:

@@ -177,6 +177,10 @@ def make_app(
 def add_desk(app: FastAPI, desk: Desk) -> None:
     """The routes of what people ask of prints, parts and printers."""
 
+    @app.post("/outage/confirm")
+    async def confirm(request: api.Reason) -> api.Named:
+        return api.Named(name=desk.confirm(request.by))
+
     @app.post("/printers/{name}/fail")
     async def fail(name: str, request: api.Reason) -> None:
         desk.fail(name, request.why or "it went wrong", request.by)

@@ -14,6 +14,7 @@ from farm.model import (
     Entity,
     Job,
     JobState,
+    Outage,
     Part,
     Plate,
     Print,
@@ -32,6 +33,12 @@ class Books:
     plates: Mapping[str, Plate] = field(default_factory=dict)
     prints: Mapping[str, Print] = field(default_factory=dict)
     printers: Mapping[str, Printer] = field(default_factory=dict)
+    outages: Mapping[int, Outage] = field(default_factory=dict)
+
+    @property
+    def outage(self) -> Outage | None:
+        """The one that no person has confirmed."""
+        return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     def job(self, number: int) -> Job:
         try:
@@ -112,12 +119,14 @@ def _place(entity: Entity) -> tuple[str, object]:
             return "prints", entity.id
         case Printer():
             return "printers", entity.name
+        case Outage():
+            return "outages", entity.id
     raise TypeError(f"the books keep no {type(entity).__name__}")
 
 
 def changed(before: Books, after: Books) -> Iterable[Entity]:
     """The entities of `after` that `before` has not, or has otherwise."""
-    for kind in ("jobs", "parts", "plates", "prints", "printers"):
+    for kind in ("jobs", "parts", "plates", "prints", "printers", "outages"):
         old, new = getattr(before, kind), getattr(after, kind)
         if new is not old:
             yield from (entity for key, entity in new.items() if old.get(key) is not entity)

@@ -150,6 +150,18 @@ class MaintenanceDone(Event):
     by: str
 
 
+class PrinterLost(Event):
+    """The board of an idle printer, or the way to it, is gone."""
+
+    printer: str
+
+
+class OutageConfirmed(Event):
+    """A person has seen to what took several printers at once."""
+
+    by: str
+
+
 class BedCleared(Event):
     """A person cleared the bed, looked at what had to be looked at, and judged what was printed there."""
 
@@ -195,6 +207,8 @@ AnyEvent = (
     | JobPaused
     | MaintenanceBegun
     | MaintenanceDone
+    | PrinterLost
+    | OutageConfirmed
     | BedCleared
     | PrinterSeen
     | PrinterDoubted

@@ -8,15 +8,17 @@ from __future__ import annotations
 from functools import singledispatch
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, Job, JobState, Plate, Print, Printer, PrintState, Verdict
+from farm.model import Bed, FilamentState, Job, JobState, Outage, Plate, Print, Printer, PrintState, Verdict
 from farm.tracking import events as ev
 from farm.tracking.books import Books, edited, put
 from farm.tracking.factor import learned
+from farm.tracking.outage import LOSSES, lost_together
 from farm.tracking.outcome import Standing, failures, job_state, printed
 
 BY_A_PERSON = "cancelled by a person"
 BY_A_PERSON_FAULT = "by_a_person"
 """The fault of a print that a person saw go wrong."""
+_BY_PEOPLE = (BY_A_PERSON_FAULT, "estop")
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
@@ -161,7 +163,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         state=state,
         fault=fault,
         reason=reason,
-        charged=fault != BY_A_PERSON_FAULT,
+        charged=fault not in _BY_PEOPLE,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=attempt.extruded or event.extruded,
@@ -179,7 +181,10 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     # A print that failed may have extruded without anybody having seen it.
     if attempt.extruded or state is PrintState.FAILED:
         books = _soil(books, attempt.printer)
-    return _settle(books, attempt.job, event.at_s), (forget,)
+    books = _settle(books, attempt.job, event.at_s)
+    if state is PrintState.FAILED and fault in LOSSES:
+        books = _lost(books, attempt.printer, event.ended_s, event.at_s)
+    return books, (forget,)
 
 
 @apply.register
@@ -240,6 +245,17 @@ def _(event: ev.MaintenanceBegun, books: Books) -> Result:
 @apply.register
 def _(event: ev.MaintenanceDone, books: Books) -> Result:
     return put(books, edited(books.printer(event.printer), maintenance=None, look=None)), ()
+
+
+@apply.register
+def _(event: ev.PrinterLost, books: Books) -> Result:
+    return _lost(books, event.printer, event.at_s, event.at_s), ()
+
+
+@apply.register
+def _(event: ev.OutageConfirmed, books: Books) -> Result:
+    outage = books.outage
+    return (books if outage is None else put(books, edited(outage, confirmed_s=event.at_s))), ()
 
 
 @apply.register
@@ -313,6 +329,25 @@ def _end_job(
         instructions += stops
     job = edited(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
     return put(books, job), tuple(instructions)
+
+
+def _lost(books: Books, name: str, lost_s: float, at_s: float) -> Books:
+    """A printer is gone; where others went with it, it is an outage, and no plate's fault."""
+    books = put(books, edited(books.printer(name), lost_s=lost_s))
+    together = lost_together(name, books.printers.values())
+    if len(together) < 2:
+        return books
+    outage = books.outage or Outage(id=len(books.outages) + 1, at_s=lost_s, printers=())
+    books = put(books, edited(outage, printers=tuple(sorted({*outage.printers, *together}))))
+    jobs = set()
+    for attempt in list(books.prints.values()):
+        printer = books.printers.get(attempt.printer)
+        if attempt.printer in together and printer is not None and attempt.ended_s == printer.lost_s:
+            books = put(books, edited(attempt, charged=False))
+            jobs.add(attempt.job)
+    for number in sorted(jobs):
+        books = _settle(books, number, at_s)
+    return books
 
 
 def _soil(books: Books, printer: str) -> Books:

@@ -9,7 +9,7 @@ from typing import Self, TypeVar
 from pydantic import ValidationError
 
 from farm.errors import FarmError
-from farm.model import Entity, Job, Part, Plate, Print, Printer
+from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
 from farm.tracking.books import Books, changed
 from farm.tracking.events import Event
 
@@ -22,6 +22,7 @@ _TABLES: dict[type[Entity], str] = {
     Plate: "plate",
     Print: "print",
     Printer: "printer",
+    Outage: "outage",
 }
 
 
@@ -72,6 +73,7 @@ class Store:
             plates={plate.id: plate for plate in self._rows(Plate)},
             prints={attempt.id: attempt for attempt in self._rows(Print)},
             printers={printer.name: printer for printer in self._rows(Printer)},
+            outages={outage.id: outage for outage in self._rows(Outage)},
         )
 
     def _rows(self, kind: type[E]) -> list[E]:
@@ -131,6 +133,6 @@ def _key(entity: Entity) -> str:
     match entity:
         case Printer():
             return entity.name
-        case Job() | Part() | Plate() | Print():
+        case Job() | Part() | Plate() | Print() | Outage():
             return str(entity.id)
     raise TypeError(f"the store keeps no {type(entity).__name__}")

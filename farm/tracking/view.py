@@ -129,6 +129,11 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
 def todo(scene: Scene) -> list[api.Todo]:
     """What a person has to do now: look, connect, clear; each printer once."""
     looks, absent, full, paused = [], [], [], []
+    outage = scene.books.outage
+    if outage is not None:
+        names = " ".join(outage.printers)
+        text = f"{names} were lost at once (power, a hub, the host?): look at them, then `farm resume`"
+        looks.append(api.Todo(code="outage", printers=list(outage.printers), text=text))
     for section in scene.fleet.printers:
         entry, snapshot = scene.books.printer(section.name), _snapshot(scene, section.name)
         attempt = scene.books.open_print_on(section.name)
@@ -137,6 +142,8 @@ def todo(scene: Scene) -> list[api.Todo]:
         )
         if entry.maintenance is not None and attempt is None:
             continue  # a person has it in hand
+        if outage is not None and section.name in outage.printers:
+            continue  # told once, for all of them
         why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
         if section.enabled and away:
             also = f"; and look at it: {entry.look}" if entry.look else ""

@@ -1,14 +1,31 @@
 """What a person asks of prints, parts and printers, through the daemon's own rules."""
 
+from pathlib import Path
+
 import pytest
 
+from drivers.clock import Clock
 from farm.daemon.desk import Desk
 from farm.errors import NoSuchThing, Refused
-from farm.model import AgentPrint, AgentSnapshot, HoldCode, JobOptions, JobState, Link, PrintState, Verdict
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    FilamentState,
+    HoldCode,
+    JobOptions,
+    JobState,
+    Link,
+    PrintState,
+    Verdict,
+)  # fmt: skip
+from farm.paths import StateFolder
 from farm.services.planning import Plan
 from farm.tracking import events as ev
+from farm.tracking.view import todo
 from make_books import plan as planned
 from one_core import MODEL, Farm
+
+STATE = StateFolder(Path("/state"))
 
 
 @pytest.fixture
@@ -22,13 +39,13 @@ def farm(tmp_path):
     return farm
 
 
-def ends(farm, printer, state=PrintState.DONE):
+def ends(farm, printer, state=PrintState.DONE, **changes):
     attempt = farm.core.books.open_print_on(printer)
-    said = AgentPrint(
-        print_id=attempt.id, state=state, fault=None, reason="so", progress_s=5.0, print_time_s=90.0,
-        extruded=True, started_s=2.0, ended_s=50.0,
-    )  # fmt: skip
-    farm.core.heard(AgentSnapshot(printer=printer, link=Link.READY, agent_pid=9, print=said))
+    facts = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+    facts |= {"started_s": 2.0, "ended_s": 50.0, **changes}
+    said = AgentPrint(print_id=attempt.id, state=state, **facts)
+    idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
+    farm.core.heard(AgentSnapshot(printer=printer, print=said, **idle))
     farm.ready(printer)
     return attempt
 
@@ -116,3 +133,33 @@ def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
     with pytest.raises(Refused, match="its bed cannot be clear"):
         farm.core.cleared("b", "ann", None, Verdict.BAD)
     assert ev.SendCleared(printer="a", filament=None) in farm.hands.told
+
+
+def test_after_an_outage_nothing_starts_until_a_person_confirms_it(farm):
+    desk = Desk(farm.core)
+    with pytest.raises(Refused, match="no printers were lost"):
+        desk.confirm("ann")
+    now_s = farm.core.clock.now()
+    ends(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
+    farm.core.cleared("a", "ann", None)
+    assert farm.core.books.plates["1/01"].hold.code is HoldCode.JUST_LOST
+    assert farm.core.books.open_print_on("a").plate == "1/03"
+    ends(farm, "a")
+    ends(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
+    for name in "ab":
+        farm.core.cleared(name, "ann", None)
+    assert {farm.core.books.plates[name].hold.code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
+    (item,) = todo(farm.core.scene(STATE))
+    assert (item.code, item.printers) == ("outage", ["a", "b"])
+    farm.core.clock = Clock(2.0, now_s - 60.0)  # a minute later
+    assert desk.confirm("ann") == "a b"
+    assert not todo(farm.core.scene(STATE))
+    assert {farm.core.books.open_print_on(name).plate for name in "ab"} == {"1/01", "1/02"}
+
+
+def test_idle_printers_that_vanish_together_are_an_outage(tmp_path):
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    for name in "ab":
+        farm.core.heard(AgentSnapshot(printer=name, link=Link.ABSENT, reason="the port is not there"))
+    assert farm.core.books.outage.printers == ("a", "b")

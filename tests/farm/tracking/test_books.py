@@ -13,10 +13,11 @@ from farm.model import (
     FilamentState,
     JobState,
     PrintState,
+    Verdict,
 )
 from farm.tracking import events as ev
 from farm.tracking.books import Books
-from farm.tracking.outcome import ATTEMPTS
+from farm.tracking.outcome import ATTEMPTS, Standing, failures
 from farm.tracking.rules import apply
 from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
@@ -142,15 +143,40 @@ class AnyNight(RuleBasedStateMachine):
             )
 
     @precondition(lambda self: any(True for _ in self.books.open_prints()))
-    @rule(data=st.data(), state=st.sampled_from([PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]))
-    def end(self, data, state):
+    @rule(
+        data=st.data(),
+        state=st.sampled_from([PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]),
+        fault=st.sampled_from(["maxtemp", "port_lost"]),
+    )
+    def end(self, data, state, fault):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
-        self.happen(ended(name, state, self.now, reason="because"))
+        self.happen(ended(name, state, self.now, reason="because", fault=fault))
+
+    @rule(printer=st.sampled_from(PRINTERS), verdict=st.sampled_from(Verdict))
+    def clear(self, printer, verdict):
+        if self.books.open_print_on(printer) is None:
+            self.happen(ev.BedCleared(at_s=self.now, printer=printer, by="ann", verdict=verdict))
+
+    @precondition(lambda self: any(True for _ in self.books.open_prints()))
+    @rule(data=st.data())
+    def fail(self, data):
+        name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
+        self.happen(ev.PrintFailAsked(at_s=self.now, print_id=name, why="a blob", by="ann"))
+
+    @precondition(lambda self: self.books.plates)
+    @rule(data=st.data(), again=st.booleans())
+    def cancel_or_ask_again(self, data, again):
+        plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
+        stands = self.books.standing(plate)
+        if again and stands not in (Standing.WAITING, Standing.PRINTING):
+            self.happen(ev.ReprintAsked(at_s=self.now, plate=plate.id, why="more", by="ann"))
+        elif not again:
+            self.happen(ev.PlateCancelled(at_s=self.now, plate=plate.id, by="ann"))
 
     @rule(printer=st.sampled_from(PRINTERS))
-    def clear(self, printer):
+    def lose(self, printer):
         if self.books.open_print_on(printer) is None:
-            self.happen(ev.BedCleared(at_s=self.now, printer=printer, by="ann"))
+            self.happen(ev.PrinterLost(at_s=self.now, printer=printer))
 
     @precondition(lambda self: self.books.jobs)
     @rule(data=st.data())
@@ -166,20 +192,45 @@ class AnyNight(RuleBasedStateMachine):
     def no_plate_is_printed_twice(self):
         for plate in self.books.plates.values():
             states = [p.state for p in self.books.prints_of(plate)]
-            assert states.count(PrintState.DONE) <= 1
+            done = [p for p in self.books.prints_of(plate) if p.state is PrintState.DONE]
+            assert sum(p.verdict is not Verdict.BAD for p in done) <= 1
             assert sum(not s.ended for s in states) <= 1
 
     @invariant()
-    def a_job_is_printed_if_and_only_if_all_its_plates_are(self):
+    def no_plate_has_more_attempts_than_its_budget(self):
+        for plate in self.books.plates.values():
+            prints = list(self.books.prints_of(plate))
+            assert len(failures(plate, prints)) <= ATTEMPTS
+            if len(failures(plate, prints)) == ATTEMPTS and prints[-1].state.ended:
+                assert plate not in list(self.books.waiting_plates())
+
+    @invariant()
+    def what_was_cancelled_is_not_tried(self):
+        assert not any(plate.cancelled for plate in self.books.waiting_plates())
+        for attempt in self.books.open_prints():
+            if self.books.plates[attempt.plate].cancelled:
+                assert attempt.cancel_asked is not None
+
+    @invariant()
+    def no_plate_is_lost(self):
         for one in self.books.jobs.values():
-            done = [
-                any(p.state is PrintState.DONE for p in self.books.prints_of(q))
-                for q in self.books.plates_of(one)
-            ]
-            if one.state is JobState.PRINTED:
-                assert all(done)
-            if one.state is JobState.PRINTING:
-                assert not all(done)
+            stand = {self.books.standing(plate) for plate in self.books.plates_of(one)}
+            coming = bool(stand & {Standing.WAITING, Standing.PRINTING})
+            match one.state:
+                case JobState.PRINTING:
+                    assert coming
+                case JobState.PRINTED:
+                    assert not coming and Standing.PRINTED in stand
+                case JobState.DONE:
+                    assert Standing.GOOD in stand and stand <= {Standing.GOOD, Standing.CANCELLED}
+                case JobState.FAILED:
+                    assert not coming and Standing.OUT_OF_ATTEMPTS in stand
+                case JobState.CANCELLED:
+                    assert not coming
+
+    @invariant()
+    def an_outage_is_told_once(self):
+        assert sum(outage.confirmed_s is None for outage in self.books.outages.values()) <= 1
 
     @invariant()
     def a_bed_after_an_extrusion_is_not_clear_until_a_person_says_so(self):

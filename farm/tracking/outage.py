@@ -1,0 +1,38 @@
+"""Several printers lost at once are one event: the power, a hub, or the host. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from farm.model import Printer
+from farm.tracking.reconcile import LOST_FAULT
+
+WINDOW_S = 10.0
+"""Printers that are lost no further apart than this were lost by one cause."""
+LOSSES = frozenset({"port_lost", "agent_died", "no_answer", "reboot", "kill", LOST_FAULT})
+"""Faults that say that a board, or the way to it, was gone; the others are a printer's own."""
+
+
+def lost_together(name: str, printers: Iterable[Printer]) -> tuple[str, ...]:
+    """The printers that were lost with this one, each within the window of another of them.
+
+    Parameters
+    ----------
+    name
+        A printer that has just been lost.
+    printers
+        The fleet, with when each was lost last.
+
+    Returns
+    -------
+    tuple of str
+        In the order of the names, this one among them.
+    """
+    when = {printer.name: printer.lost_s for printer in printers if printer.lost_s is not None}
+    group, todo = {name}, [name]
+    while todo:
+        at_s = when[todo.pop()]
+        near = {other for other, s in when.items() if abs(s - at_s) <= WINDOW_S} - group
+        group |= near
+        todo += near
+    return tuple(sorted(group))
