@@ -22,6 +22,7 @@ class Entity(BaseModel):
 class JobState(StrEnum):
     QUEUED = "queued"
     PLANNING = "planning"  # being repaired, decomposed and sliced
+    HELD = "held"  # planned and frozen, until a person approves it
     PRINTING = "printing"  # planned and committed; plates go to printers
     PRINTED = "printed"  # every part has been printed; not every one has been looked at
     DONE = "done"  # every part is good, by a person's word
@@ -99,6 +100,7 @@ class HoldCode(StrEnum):
     TOO_LONG = "too_long"  # for the hours of fleet.yaml
     HEATING_LIMIT = "heating_limit"
     KEPT_AS_SPARE = "kept_as_spare"
+    APPROVAL = "approval"  # `farm approve` lets it begin
     MAINTENANCE = "maintenance"
     PAUSED = "paused"
     OUT_OF_ATTEMPTS = "out_of_attempts"
@@ -129,6 +131,11 @@ class JobOptions(Entity):
     material: str | None = None  # None: whatever the printers have
     colour: str | None = None
     quality: str = "glue"
+    priority: int = Field(default=0, ge=-100, le=100)  # higher is earlier
+    at: str | None = Field(default=None, max_length=40)  # when it may start, as a person says it
+    overnight: bool = False  # when attended hours end
+    spares: int = Field(default=0, ge=0)  # free printers that are kept for plates that fail
+    hold: bool = False  # nothing of it prints before `farm approve`
 
 
 class OwnGcode(Entity):
@@ -153,6 +160,9 @@ class Job(Entity):
     reason: str | None = None
     repairs: tuple[str, ...] = ()
     scale: float | None = None
+    not_before_s: float | None = None
+    plan: str | None = None  # hash of the plan and its files, which `farm approve` releases
+    lower_bound_s: float | None = None  # no order of its plates takes less
     estimated_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None
     picture: str | None = None
@@ -252,6 +262,15 @@ class Print(Entity):
     starved_s: float = 0.0
 
 
+class Reel(Entity):
+    """The filament on a printer, and its nozzle, as a person said last."""
+
+    material: str
+    colour: str | None = None
+    grams: float | None = None  # left; None: nobody said
+    nozzle_mm: float
+
+
 class Printer(Entity):
     """What the books remember of a printer; the rest is telemetry."""
 
@@ -261,6 +280,7 @@ class Printer(Entity):
     look: str | None = None  # why a person has to look before it prints again
     maintenance: str | None = None  # why a person has taken it out of use
     lost_s: float | None = None  # when its board was last found to be gone
+    reel: Reel | None = None  # None: as fleet.yaml says
     time_factor: float = 1.0  # its layers' time, reached over expected, as learned from its prints
 
 

@@ -7,15 +7,14 @@ event, new state, commit, and only then what follows from it.
 from __future__ import annotations
 
 import logging
-import math
 import uuid
 from collections import Counter
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Protocol
 
 from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
-from farm.errors import FarmError, Refused
+from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import (
     AgentSnapshot,
     Bed,
@@ -28,21 +27,24 @@ from farm.model import (
     Link,
     PlanProgress,
     Plate,
-    Print,
     PrintState,
     Verdict,
 )
 from farm.paths import StateFolder
-from farm.scheduling.assign import assign
-from farm.scheduling.front import begin, unmatched
+from farm.scheduling.assign import assign, spare_printers
+from farm.scheduling.forecast import forecast, idle
+from farm.scheduling.front import Begin, begin, unmatched
+from farm.scheduling.moments import moment_s
 from farm.scheduling.rules import Rules
-from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
+from farm.scheduling.snapshot import PrinterView
 from farm.services.models import Inspected
+from farm.services.outlook import Rooms, job_need, plan_hash, plate_views, printer_views
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.outage import LOSSES, WINDOW_S
 from farm.tracking.outcome import Standing
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
+from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
 from farm.tracking.store import Store
 from farm.tracking.view import Scene
@@ -72,10 +74,10 @@ class Core:
         fleet: Fleet,
         store: Store,
         clock: Clock,
-        rooms: Callable[[PrinterSection], tuple[Box, ...]],
+        rooms: Rooms,
         hands: Hands,
     ) -> None:
-        self.fleet = fleet
+        self._written = fleet
         self.clock = clock
         self.since_s = clock.now()
         self.snapshots: dict[str, AgentSnapshot] = {}
@@ -83,11 +85,13 @@ class Core:
         self.stopping = False
         self._store = store
         self._room = rooms
-        self._rules = Rules.of(fleet.fleet)
+        self.rules = Rules.of(fleet.fleet)
         self._hands = hands
         self._least: dict[int, int] = {}  # parts that a job was seen to need
+        self._promised: dict[int, frozenset[str]] = {}  # the printers that a job is being planned for
         self._refusals: Counter[str] = Counter()
         self.books = store.load()
+        self.fleet = with_reels(fleet, self.books.printers)
 
     # -- events -----------------------------------------------------------------------------------------
 
@@ -97,6 +101,8 @@ class Core:
             after, instructions = apply(event, self.books)
             self._store.commit(event, self.books, after)
             self.books = after
+            if isinstance(event, ev.ReelLoaded):
+                self.fleet = with_reels(self._written, after.printers)
             log.info(
                 "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             )
@@ -147,10 +153,9 @@ class Core:
             return
         now_s = self.clock.now()
         held_back = self._held_back(now_s)
-        waiting = [
-            self._plate_view(plate) for plate in self.books.waiting_plates() if plate.id not in held_back
-        ]
-        given, holds = assign(waiting, self.printer_views(), self._rules, now_s)
+        offered = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
+        waiting = plate_views(offered, self.books)
+        given, holds = assign(waiting, self.printer_views(), self.rules, now_s, self._spares())
         for assignment in given:
             self.happened(
                 ev.PlateAssigned(
@@ -226,35 +231,68 @@ class Core:
         self.settle()
 
     def _settle_front(self, held: dict[str, Hold]) -> None:
-        """Begin the job in front. One that no printer matches (any more) is held, and others pass it."""
-        views = self.printer_views()
-        front: Job | None = None
+        """Begin the job in front. One that no printer matches (any more) is held, and others pass it.
+
+        G-code has a front of its own: it is planned in a moment, and never waits for a decomposition.
+        """
+        views, now_s = self.printer_views(), self.clock.now()
+        fronts: dict[bool, Job] = {}
         for job in self.books.queue():
-            nobody = unmatched(_need(job), views)
+            own = job.own_gcode is not None
+            nobody = unmatched(job_need(job), views)
             if job.state is JobState.PLANNING:
-                front = job
+                fronts[own] = job
             elif nobody is not None:
                 self._hold(job, nobody)
             elif job.paused:
                 self._hold(job, Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`"))
-            elif front is not None:
-                self._hold(job, Hold(code=HoldCode.NOT_FRONT, text=f"job {front.id} is in front of it"))
+            elif job.not_before_s is not None and now_s < job.not_before_s:
+                text = f"it starts {self.rules.words(job.not_before_s)}"
+                self._hold(job, Hold(code=HoldCode.START_TIME, text=text))
+            elif own in fronts:
+                text = f"job {fronts[own].id} is in front of it"
+                self._hold(job, Hold(code=HoldCode.NOT_FRONT, text=text))
             else:
-                front = job
+                fronts[own] = job
                 self._begin(job, views, held)
 
     def _begin(self, job: Job, views: list[PrinterView], held: dict[str, Hold]) -> None:
         """Plan a job, or say what it waits for."""
         taken = frozenset(self.books.plates[name].printer for name in held)
-        least = self._least.get(job.id, 0)
+        taken |= spare_printers(views, self._spares())
         wanted = job.options.printers if job.own_gcode is None else None  # its plan chooses one of them
-        answer = begin(_need(job), wanted, least, views, taken, patient=self._arriving())
+
+        def answer_without(promised: frozenset[str]) -> Begin | Hold:
+            return begin(
+                job_need(job),
+                wanted,
+                self._least.get(job.id, 0),
+                views,
+                taken | promised,
+                self._arriving(),
+                job.options.spares,
+                job.options.hold,
+            )
+
+        # A job that is being planned keeps its printers from those of less priority, and from others while
+        # there are more.
+        others = [(self.books.job(n).options.priority, names) for n, names in self._promised.items()]
+        answer = answer_without(frozenset().union(*(names for _, names in others)))
+        if isinstance(answer, Hold):
+            above = (names for priority, names in others if priority > job.options.priority)
+            answer = answer_without(frozenset().union(*above))
         if isinstance(answer, Hold):
             self._hold(job, answer)
             return
         self.happened(ev.PlanningStarted(at_s=self.clock.now(), job=job.id))
+        self._promised[job.id] = frozenset(answer.printers)
         sections = [self.fleet.printer(name) for name in answer.printers]
         self._hands.plan(self.books.job(job.id), sections, answer.rounds)
+
+    def _spares(self) -> int:
+        """How many printers are kept for what fails, by the jobs that are being printed."""
+        jobs = self.books.jobs.values()
+        return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
 
     def _hold(self, job: Job, hold: Hold) -> None:
         if job.hold != hold:
@@ -268,6 +306,7 @@ class Core:
         """A plan was made, or could not be made."""
         now_s = self.clock.now()
         self.progress.pop(number, None)
+        self._promised.pop(number, None)
         job = self.books.job(number)
         if job.state is not JobState.PLANNING:
             return  # cancelled meanwhile
@@ -277,20 +316,30 @@ class Core:
         elif isinstance(result, FarmError):
             self.happened(ev.JobFailed(at_s=now_s, job=number, error=result.code, reason=str(result)))
         else:
-            self.happened(
-                ev.JobPlanned(
-                    at_s=now_s,
-                    job=number,
-                    parts=result.parts,
-                    plates=result.plates,
-                    repairs=result.repairs,
-                    scale=result.scale,
-                    serial_s=result.serial_s,
-                    estimated_s=result.estimated_s,
-                    picture=result.picture,
-                )
-            )
+            self.happened(self._plan_made(job, result, now_s))
         self.settle()
+
+    def _plan_made(self, job: Job, plan: Plan, now_s: float) -> ev.JobPlanned:
+        """The plan with the night that it needs: rounds, hours and the breaker make it longer."""
+        used = {plate.printer for plate in plan.plates}
+        fleet = [idle(view) for view in self.printer_views() if view.name in used]
+        books = replace(self.books, plates={plate.id: plate for plate in plan.plates})
+        seen = forecast(plate_views(plan.plates, books), fleet, self.rules, now_s)
+        at_once = len(used) == len(plan.plates) and self.rules.max_heating is None
+        return ev.JobPlanned(
+            at_s=now_s,
+            job=job.id,
+            parts=plan.parts,
+            plates=plan.plates,
+            repairs=plan.repairs,
+            scale=plan.scale,
+            serial_s=plan.serial_s,
+            estimated_s=plan.estimated_s if at_once or seen.left else seen.ends_s - seen.starts_s,
+            lower_bound_s=max(0.0, seen.lower_bound_s - seen.starts_s),
+            picture=plan.picture,
+            plan=plan_hash(plan.parts, plan.plates),
+            held=job.options.hold,
+        )
 
     # -- what people ask --------------------------------------------------------------------------------
 
@@ -305,6 +354,8 @@ class Core:
             return known, True
         number = max(self.books.jobs, default=0) + 1
         now_s = self.clock.now()
+        if self.fleet.fleet.approve:
+            options = options.model_copy(update={"hold": True})
         job = Job(
             id=number,
             request_id=request_id,
@@ -314,6 +365,7 @@ class Core:
             own_gcode=model.own_gcode,
             repairs=model.repairs,
             scale=model.scale,
+            not_before_s=self.starts_s(options, now_s),
             submitted_s=now_s,
         )
         self.happened(ev.JobSubmitted(at_s=now_s, job=job))
@@ -326,7 +378,23 @@ class Core:
             raise Refused(f"job {number} has ended already: it is {job.state}")
         self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
         self.progress.pop(number, None)
+        self._promised.pop(number, None)
         self.settle()
+
+    def starts_s(self, options: JobOptions, now_s: float) -> float | None:
+        """When a person wants a job to start; None for at once.
+
+        Raises
+        ------
+        FarmError
+            Where what they said is no moment to come.
+        """
+        try:
+            if options.at is not None:
+                return moment_s(options.at, now_s, self.rules.zone)
+            return self.rules.evening_s(now_s) if options.overnight else None
+        except ValueError as error:
+            raise FarmError(str(error), ErrorCode.SETTINGS) from error
 
     def cleared(
         self,
@@ -369,61 +437,7 @@ class Core:
     # -- views ------------------------------------------------------------------------------------------
 
     def printer_views(self) -> list[PrinterView]:
-        return [self._printer_view(section) for section in self.fleet.printers if section.enabled]
-
-    def _printer_view(self, section: PrinterSection) -> PrinterView:
-        entry = self.books.printer(section.name)
-        snapshot = self.snapshots.get(section.name)
-        link = snapshot.link if snapshot is not None else Link.STARTING
-        look = entry.look
-        if snapshot is not None and link is Link.FAULT and look is None:
-            look = snapshot.reason or "its agent reports a fault"
-        if entry.maintenance is not None:
-            look = f"in maintenance: {entry.maintenance}"
-        attempt = self.books.open_print_on(section.name)
-        verified = snapshot is None or snapshot.reset_verified
-        return PrinterView(
-            name=section.name,
-            kind=Kind(self._room(section), section.material, section.colour, section.nozzle_mm),
-            bed=entry.bed,
-            filament=entry.filament,
-            link=link,
-            booked=attempt is not None,
-            look=look,
-            heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
-            free_s=None if attempt is None else self._expected_end_s(attempt, entry.time_factor),
-            time_factor=entry.time_factor,
-            unattended=section.unattended and verified,
-            why_attended="fleet.yaml says so" if verified else "its board was not seen to reset",
-        )
-
-    def _expected_end_s(self, attempt: Print, factor: float) -> float:
-        """When a print should end, as expected when it began: in whole minutes, so that it is seldom news."""
-        begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-        return math.ceil((begun_s + self.books.plates[attempt.plate].seconds(factor)) / 60) * 60.0
-
-    def _plate_view(self, plate: Plate) -> PlateView:
-        failed = {p.printer for p in self.books.prints_of(plate) if p.state is PrintState.FAILED}
-        options = self.books.job(plate.job).options
-        used = sum(1 for _ in self.books.open_prints(plate.job))
-        need = Need(
-            material=plate.material,
-            colour=options.colour,
-            nozzle_mm=plate.nozzle_mm,
-            box=(*plate.min_mm[:2], *plate.max_mm),
-        )
-        return PlateView(
-            id=plate.id,
-            job=plate.job,
-            need=need,
-            planned=plate.printer,
-            estimated_s=plate.estimated_s,
-            grams=plate.grams,
-            heating_s=plate.prelude_s,
-            first_layer_s=plate.first_layer_s,
-            failed_on=frozenset(failed),
-            places=None if options.printers is None else max(0, options.printers - used),
-        )
+        return printer_views(self.fleet.printers, self.books, self.snapshots, self._room)
 
     def scene(self, state: StateFolder) -> Scene:
         """All that a view is drawn from."""
@@ -440,14 +454,3 @@ class Core:
     def _arriving(self) -> bool:
         """Whether the farm has just started: printers that do not answer yet are still expected."""
         return self.clock.now() - self.since_s < PATIENCE_S * self.clock.scale
-
-
-def _need(job: Job) -> Need:
-    """What a job asks of a printer before it is planned."""
-    own = job.own_gcode
-    return Need(
-        material=job.options.material,
-        colour=job.options.colour,
-        nozzle_mm=own.nozzle_mm if own else None,
-        box=(*own.min_mm[:2], *own.max_mm) if own else None,
-    )

@@ -27,15 +27,14 @@ Progressed = Callable[[int, PlanProgress], None]
 
 
 class Planner:
-    """One job at a time; `done` is told the plan, or why there is none, and `progressed` how far it is."""
+    """Makes plans side by side; `done` is told each, or why there is none, and `progressed` how far it is."""
 
     def __init__(self, state: StateFolder, workers: Workers, done: Done, progressed: Progressed) -> None:
         self._state = state
         self._workers = workers
         self._done = done
         self._progressed = progressed
-        self._task: asyncio.Task[None] | None = None
-        self._job: int | None = None
+        self._tasks: dict[int, asyncio.Task[None]] = {}
 
     def start(
         self, job: Job, printers: list[PrinterSection], rounds: int, factors: Mapping[str, float]
@@ -50,13 +49,14 @@ class Planner:
             folder=self._state.work / f"job-{job.id}",
             factors=factors,
         )
-        self._job = job.id
-        self._task = asyncio.get_running_loop().create_task(self._run(job, task))
+        self._tasks = {number: making for number, making in self._tasks.items() if not making.done()}
+        self._tasks[job.id] = asyncio.get_running_loop().create_task(self._run(job, task))
 
     def stop(self, job: int | None = None) -> None:
-        """Give up the plan being made, if it is that job's (or whosever it is)."""
-        if self._task is not None and job in (None, self._job):
-            self._task.cancel()
+        """Give up that job's plan, or all that are being made."""
+        for number, task in self._tasks.items():
+            if job in (None, number):
+                task.cancel()
 
     async def _run(self, job: Job, task: DecomposeTask) -> None:
         result: Plan | FarmError

@@ -54,7 +54,7 @@ def assign(
     turns = sorted(plates, key=lambda plate: plate.turn)
     free = [name for name, printer in fleet.items() if printer.obstacle() is None]
     free.sort(key=lambda name: (fleet[name].kind.height_mm, name))
-    kept = frozenset(free[max(0, len(free) - spares) :])
+    kept = spare_printers(fleet.values(), spares)
     heating = sum(printer.heating for printer in fleet.values())
     matching = _Matching(fleet, free, kept, rules, now_s, frozenset(plate.planned for plate in turns))
     starts = len(free) if rules.max_heating is None else max(0, rules.max_heating - heating)
@@ -80,6 +80,14 @@ def assign(
             if plate.id not in given
         },
     )
+
+
+def spare_printers(printers: Iterable[PrinterView], spares: int) -> frozenset[str]:
+    """The free printers that are kept for plates that failed elsewhere: the roomiest."""
+    free = sorted(
+        (p for p in printers if p.obstacle() is None), key=lambda p: (p.kind.height_mm, p.name), reverse=True
+    )
+    return frozenset(printer.name for printer in free[:spares])
 
 
 class _Matching:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from farm.model import HoldCode
+from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.rules import Rules, Start, short_of_filament
 from farm.scheduling.snapshot import PlateView, PrinterView
 
@@ -86,6 +86,19 @@ def forecast(
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
     ends_s = max((slot.ends_s for slot in slots), default=now_s)
     return Forecast(tuple(slots), tuple(left), ends_s, min(bound_s, ends_s))
+
+
+def idle(printer: PrinterView) -> PrinterView:
+    """The printer as it is once it is used: for what a plan takes, not for when it begins."""
+    return replace(
+        printer,
+        bed=Bed.CLEAR,
+        filament=FilamentState.PARKED,
+        link=Link.READY,
+        booked=False,
+        look=None,
+        maintenance=None,
+    )
 
 
 def seconds_on(plate: PlateView, printer: PrinterView) -> float:

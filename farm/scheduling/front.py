@@ -36,6 +36,8 @@ def begin(
     printers: Iterable[PrinterView],
     taken: frozenset[str],
     patient: bool,
+    spares: int = 0,
+    later: bool = False,
 ) -> Begin | Hold:
     """The printers that the job in front takes.
 
@@ -56,12 +58,18 @@ def begin(
         Printers that waiting plates of earlier jobs will get.
     patient
         Wait for printers that are still connecting: true while the farm has just started.
+    spares
+        How many of the free printers it leaves, as long as it has one.
+    later
+        Nothing of it is printed yet (it waits for a person's approval): printers that print now count too.
     """
     matching = sorted((p for p in printers if need.matches(p.kind)), key=lambda p: p.name)
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
     if arriving and patient:
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
-    idle = [p for p in matching if p.obstacle() is None and p.name not in taken]
+    # A printer that is away or broken may never come back: it is not waited for.
+    coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
+    idle = coming if later else [p for p in matching if p.obstacle() is None and p.name not in taken]
     if not idle:
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
         if not obstacles:
@@ -73,10 +81,8 @@ def begin(
             sooner = f"`farm cleared {full[0]}` would let it begin now, if that bed is clear"
             return Hold(code=HoldCode.PRINTER_BUSY, text=f"{busy[0].text}; {sooner}")
         return (busy or obstacles)[0]
-    given = min(len(idle), wanted or len(idle))
-    # A printer that is away or broken may never come back: it is not waited for.
-    coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
-    ceiling = min(len(coming), wanted or len(coming))
+    given = min(max(1, len(idle) - spares), wanted or len(idle))
+    ceiling = min(max(1, len(coming) - spares), wanted or len(coming))
     if least > given:
         if least <= ceiling:
             text = f"it needs {least} printers in one round, {given} of {ceiling} are idle and clear"

@@ -15,6 +15,8 @@ LATE = 1.05
 """A print may take this much longer than expected."""
 GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
 """What must be on a reel beside a plate's grams: priming, and what a ledger does not see."""
+FIRST_LAYER_S = 3600.0
+"""Before the end of the attended hours, for first layers that need somebody."""
 _FARTHEST_S = 15 * 86400.0
 
 
@@ -103,6 +105,23 @@ class Rules:
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
         text = f"{asks}: from {self.words(then[0])}"
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
+
+    def evening_s(self, now_s: float) -> float | None:
+        """When the night begins: the end of the attended hours, or earlier where first layers need somebody.
+
+        None where it has begun already.
+
+        Raises
+        ------
+        ValueError
+            Where nobody said when somebody is there.
+        """
+        if not self.attended.windows:
+            raise ValueError("--overnight needs to know when somebody is there: `attended` in fleet.yaml")
+        span = self.attended.span(now_s)
+        if span is None:
+            return None
+        return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
 
     def cleared_s(self, ended_s: float, clearing_s: float) -> float:
         """When the bed of a print that ended can be clear: somebody has to be there."""

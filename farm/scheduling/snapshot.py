@@ -48,6 +48,7 @@ class PrinterView:
     link: Link
     booked: bool  # an open print is booked on it
     look: str | None
+    maintenance: str | None = None  # why a person has taken it out of use
     heating: bool = False
     free_s: float | None = None  # when its print should end, as expected when it began
     grams: float | None = None  # on its reel; None: nobody said
@@ -59,6 +60,12 @@ class PrinterView:
         """Why nothing can start on it now; None where it is idle and clear."""
         if self.booked or self.link is Link.BUSY:
             return Hold(code=HoldCode.PRINTER_BUSY, text=f"{self.name} is printing")
+        if self.maintenance is not None:
+            return Hold(
+                code=HoldCode.MAINTENANCE,
+                text=f"{self.name} is in maintenance ({self.maintenance}), until "
+                f"`farm maintenance {self.name} --done`",
+            )
         if self.look is not None:
             return Hold(
                 code=HoldCode.NEEDS_A_LOOK,

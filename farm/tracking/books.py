@@ -84,9 +84,9 @@ class Books:
                 yield from (p for p in self.plates_of(job) if self.standing(p) is Standing.WAITING)
 
     def queue(self) -> list[Job]:
-        """The job that is being planned, and those that are to be, in order of submission."""
-        waiting = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
-        return sorted(waiting, key=lambda job: (job.state is not JobState.PLANNING, job.id))
+        """The jobs that are being planned, and those that are to be, by priority and order of submission."""
+        jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
+        return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, -j.options.priority, j.id))
 
 
 def edited(entity: E, **changes: object) -> E:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Verdict
+from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Verdict
 
 
 class Event(BaseModel):
@@ -53,6 +53,16 @@ class JobPlanned(Event):
     serial_s: float
     estimated_s: float
     picture: str | None
+    lower_bound_s: float | None = None
+    plan: str | None = None
+    held: bool = False  # until a person approves this very plan
+
+
+class JobApproved(Event):
+    """A person lets a held job print as it was planned."""
+
+    job: int
+    by: str
 
 
 class JobFailed(Event):
@@ -103,6 +113,7 @@ class PrintEnded(Event):
     extruded: bool
     filament: FilamentState
     starved_s: float = 0.0
+    printed_share: float | None = None  # of its layers' time; None: not known
 
 
 class PrintFailAsked(Event):
@@ -172,6 +183,14 @@ class BedCleared(Event):
     why: str | None = None
 
 
+class ReelLoaded(Event):
+    """A person put a reel on a printer, or said how much is on it."""
+
+    printer: str
+    reel: Reel
+    by: str
+
+
 class PrinterSeen(Event):
     """An emulator's word on its bed and filament, taken where the books do not know."""
 
@@ -194,6 +213,7 @@ AnyEvent = (
     | PlanningStarted
     | PlanningAbandoned
     | JobPlanned
+    | JobApproved
     | JobFailed
     | JobCancelled
     | PlateAssigned
@@ -210,6 +230,7 @@ AnyEvent = (
     | PrinterLost
     | OutageConfirmed
     | BedCleared
+    | ReelLoaded
     | PrinterSeen
     | PrinterDoubted
 )

@@ -55,6 +55,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
             extruded=said.extruded,
             filament=snapshot.filament,
             starved_s=said.starved_s,
+            printed_share=said.progress_s / said.print_time_s if said.print_time_s else None,
         )
     elif said.state is not attempt.state or said.extruded != attempt.extruded:
         yield ev.PrintProgressed(

@@ -8,17 +8,33 @@ from __future__ import annotations
 from functools import singledispatch
 
 from farm.errors import ErrorCode
-from farm.model import Bed, FilamentState, Job, JobState, Outage, Plate, Print, Printer, PrintState, Verdict
+from farm.model import (
+    Bed,
+    FilamentState,
+    Hold,
+    HoldCode,
+    Job,
+    JobState,
+    Outage,
+    Plate,
+    Print,
+    Printer,
+    PrintState,
+    Verdict,
+)
 from farm.tracking import events as ev
 from farm.tracking.books import Books, edited, put
 from farm.tracking.factor import learned
 from farm.tracking.outage import LOSSES, lost_together
 from farm.tracking.outcome import Standing, failures, job_state, printed
+from farm.tracking.reels import less, used_grams
 
 BY_A_PERSON = "cancelled by a person"
 BY_A_PERSON_FAULT = "by_a_person"
 """The fault of a print that a person saw go wrong."""
 _BY_PEOPLE = (BY_A_PERSON_FAULT, "estop")
+
+_APPROVAL = Hold(code=HoldCode.APPROVAL, text="its plan is frozen until `farm approve` releases it")
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
@@ -72,18 +88,28 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         return books, ()
     job = edited(
         job,
-        state=JobState.PRINTING,
+        state=JobState.HELD if event.held else JobState.PRINTING,
         parts=tuple(part.id for part in event.parts),
         plates=tuple(plate.id for plate in event.plates),
         repairs=event.repairs,
         scale=event.scale,
         serial_s=event.serial_s,
         estimated_s=event.estimated_s,
+        lower_bound_s=event.lower_bound_s,
+        plan=event.plan,
         picture=event.picture,
         planned_s=event.at_s,
-        hold=None,
+        hold=_APPROVAL if event.held else None,
     )
     return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
+
+
+@apply.register
+def _(event: ev.JobApproved, books: Books) -> Result:
+    job = books.job(event.job)
+    if job.state is not JobState.HELD:
+        return books, ()
+    return put(books, edited(job, state=JobState.PRINTING, hold=None)), ()
 
 
 @apply.register
@@ -170,6 +196,8 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         starved_s=event.starved_s,
     )
     printer = edited(books.printer(attempt.printer), filament=event.filament)
+    grams = used_grams(books.plates[attempt.plate], state, attempt.extruded, event.printed_share)
+    printer = edited(printer, reel=less(printer.reel, grams))
     if state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
         plate = books.plates[attempt.plate]
         reached_s = event.ended_s - attempt.started_s - plate.prelude_s
@@ -259,6 +287,11 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 
 
 @apply.register
+def _(event: ev.ReelLoaded, books: Books) -> Result:
+    return put(books, edited(books.printer(event.printer), reel=event.reel)), ()
+
+
+@apply.register
 def _(event: ev.PrinterSeen, books: Books) -> Result:
     printer = books.printer(event.printer)
     bed = event.bed if printer.bed is Bed.UNKNOWN else printer.bed
@@ -277,6 +310,8 @@ def _settle(books: Books, number: int, at_s: float, again: bool = False) -> Book
     """The state that a job's plates give it; `again` also one that was cancelled."""
     job = books.jobs[number]
     if not job.plates or (job.state is JobState.CANCELLED and not again):
+        return books
+    if job.state is JobState.HELD:  # what is left of its plan is still frozen
         return books
     state = job_state([books.standing(plate) for plate in books.plates_of(job)])
     ends_s = [p.ended_s or 0.0 for plate in books.plates_of(job) if (p := printed(books.prints_of(plate)))]

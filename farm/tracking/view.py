@@ -112,7 +112,7 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
         state=_printer_state(entry, snapshot, attempt, section.enabled),
         bed=entry.bed,
         filament=entry.filament,
-        reel=api.Reel(material=section.material, colour=section.colour, grams=None),
+        reel=api.Reel(material=section.material, colour=section.colour, grams=_grams(entry)),
         agent_pid=snapshot.agent_pid,
         nozzle_c=snapshot.nozzle_c,
         bed_c=snapshot.bed_c,
@@ -124,6 +124,11 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
         maintenance=entry.maintenance,
         hold=hold,
     )
+
+
+def _grams(entry: Printer) -> float | None:
+    """What is left on its reel, where somebody said what was on it."""
+    return entry.reel.grams if entry.reel is not None else None
 
 
 def todo(scene: Scene) -> list[api.Todo]:

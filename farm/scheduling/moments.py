@@ -1,0 +1,46 @@
+"""Moments as a person says them: `22:00`, `fri 22:00`, `2026-11-21 22:00`. Pure."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timedelta, tzinfo
+
+from farm.windows import DAYS
+
+_TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
+
+
+def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
+    """The next such moment after now, in seconds since the epoch.
+
+    Raises
+    ------
+    ValueError
+        Where it cannot be read, or has passed, with what to write instead.
+    """
+    now = datetime.fromtimestamp(now_s, zone)
+    found = _TIME.fullmatch(text.strip().lower())
+    try:
+        if found is None:
+            then = datetime.fromisoformat(text.strip())
+            at_s = (then if then.tzinfo is not None else then.replace(tzinfo=zone)).timestamp()
+        else:
+            day, hour, minute = found.groups()
+            if day is not None and day not in DAYS:
+                raise ValueError(f"{day!r} is no day")
+            at_s = _next(now, day, int(hour), int(minute)).timestamp()
+    except ValueError as error:
+        example = "write it like 22:00, fri 22:00 or 2026-11-21T22:00"
+        raise ValueError(f"{text!r} is no time ({error}); {example}") from error
+    if at_s <= now_s:
+        raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
+    return at_s
+
+
+def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
+    then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
+    for _ in range(9):
+        if then.timestamp() > now.timestamp() and (day is None or DAYS[then.weekday()] == day):
+            break
+        then += timedelta(days=1)
+    return then

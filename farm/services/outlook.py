@@ -1,0 +1,109 @@
+"""What the scheduler is told: fleet, books and the agents' latest words as its views. Data in, data out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+from farm.config import PrinterSection
+from farm.model import AgentSnapshot, Job, Link, Part, Plate, Print, PrintState
+from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
+from farm.tracking.books import Books
+
+Rooms = Callable[[PrinterSection], tuple[Box, ...]]
+
+
+def printer_views(
+    printers: Iterable[PrinterSection], books: Books, snapshots: Mapping[str, AgentSnapshot], rooms: Rooms
+) -> list[PrinterView]:
+    """The printers that may be used."""
+    attempts = {attempt.printer: attempt for attempt in books.open_prints()}
+    return [
+        _printer_view(section, books, snapshots.get(section.name), attempts.get(section.name), rooms)
+        for section in printers
+        if section.enabled
+    ]
+
+
+def _printer_view(
+    section: PrinterSection, books: Books, said: AgentSnapshot | None, attempt: Print | None, rooms: Rooms
+) -> PrinterView:
+    entry = books.printer(section.name)
+    look = entry.look
+    if said is not None and said.link is Link.FAULT and look is None:
+        look = said.reason or "its agent reports a fault"
+    verified = said is None or said.reset_verified
+    return PrinterView(
+        name=section.name,
+        kind=Kind(rooms(section), section.material, section.colour, section.nozzle_mm),
+        bed=entry.bed,
+        filament=entry.filament,
+        link=said.link if said is not None else Link.STARTING,
+        booked=attempt is not None,
+        look=look,
+        maintenance=entry.maintenance,
+        heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
+        free_s=None if attempt is None else _expected_end_s(books, attempt, entry.time_factor),
+        grams=entry.reel.grams if entry.reel is not None else None,
+        time_factor=entry.time_factor,
+        unattended=section.unattended and verified,
+        why_attended="fleet.yaml says so" if verified else "its board was not seen to reset",
+    )
+
+
+def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
+    """When a print should end, as expected when it began: in whole minutes, so that it is seldom news."""
+    begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+    return math.ceil((begun_s + books.plates[attempt.plate].seconds(factor)) / 60) * 60.0
+
+
+def plate_views(plates: Iterable[Plate], books: Books) -> Iterator[PlateView]:
+    """Plates of planned jobs."""
+    printing: dict[int, int] = {}
+    for attempt in books.open_prints():
+        printing[attempt.job] = printing.get(attempt.job, 0) + 1
+    for plate in plates:
+        job = books.job(plate.job)
+        wanted = job.options.printers
+        yield PlateView(
+            id=plate.id,
+            job=plate.job,
+            need=Need(
+                material=plate.material,
+                colour=job.options.colour,
+                nozzle_mm=plate.nozzle_mm,
+                box=(*plate.min_mm[:2], *plate.max_mm),
+            ),
+            planned=plate.printer,
+            estimated_s=plate.estimated_s,
+            priority=job.options.priority,
+            grams=plate.grams,
+            heating_s=plate.prelude_s,
+            time_factor=plate.time_factor,
+            first_layer_s=plate.first_layer_s,
+            failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
+            places=None if wanted is None else max(0, wanted - printing.get(job.id, 0)),
+            not_before_s=job.not_before_s,
+        )
+
+
+def job_need(job: Job) -> Need:
+    """What a job asks of a printer before it is planned."""
+    own = job.own_gcode
+    return Need(
+        material=job.options.material,
+        colour=job.options.colour,
+        nozzle_mm=own.nozzle_mm if own else None,
+        box=(*own.min_mm[:2], *own.max_mm) if own else None,
+    )
+
+
+def plan_hash(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
+    """Names a plan by all that is printed and where: 12 hexadecimal digits."""
+    facts = [
+        sorted((part.id, part.plate, part.file) for part in parts),
+        sorted((plate.id, plate.sha256, plate.printer, plate.material, plate.nozzle_mm) for plate in plates),
+    ]
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:12]
