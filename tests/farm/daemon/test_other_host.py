@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from silent_way import SilentWay
 
-from drivers import bridge
+from drivers import bridge, client
 from drivers import messages as m
 from drivers.client import alive, pid
 from drivers.clock import Clock
@@ -25,6 +26,7 @@ from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import AgentError
 from drivers.start import Start
 from farm.config import PrinterSection
+from farm.daemon import links
 from farm.daemon.links import AgentLink
 from farm.model import AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
@@ -139,6 +141,17 @@ def _children(number: int) -> list[int]:
     return found
 
 
+class Silence(SilentWay):
+    """Not a word, and nothing that hangs up."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+
+    def ended(self) -> int:
+        """How many bridges have noticed that nobody is there any more."""
+        return sum(bridge.poll() is not None for bridge in self.there)
+
+
 @pytest.fixture(params=[Pipe, Sshd])
 def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     if request.param is Sshd and (SSHD is None or os.getuid() != 0):
@@ -160,7 +173,14 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.system
-def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(tmp_path: Path, way: Any):
+@pytest.mark.parametrize("way", [Pipe, Sshd, Silence], indirect=True)
+def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
+    tmp_path: Path, way: Any, monkeypatch: pytest.MonkeyPatch
+):
+    if isinstance(way, Silence):  # its ten minutes are five seconds of the wall
+        monkeypatch.setattr(links, "_SILENCE_S", 1.5)
+        monkeypatch.setattr(links, "_LONGEST_WAIT_S", 0.5)
+        monkeypatch.setattr(client, "FIRST_WORD_S", 10.0)
     there = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(
         name="a",
@@ -213,6 +233,11 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(tmp_pat
             ended = await until(lambda s: s.print is not None and s.print.state.ended)
             assert ended.print is not None and ended.print.state is PrintState.DONE, ended
             assert pid(there) == first
+            if isinstance(way, Silence):
+                async with asyncio.timeout(DEADLINE_S):
+                    while way.ended() < len(way.there) - 1:
+                        await asyncio.sleep(0.05)
+                assert len(way.there) >= 2
             await link.close()
             ears.last = AgentSnapshot(printer="a", link=Link.STARTING)
             link = AgentLink("a", None, state, clock, ears)  # taken out of the fleet meanwhile

@@ -1,0 +1,92 @@
+"""A way to another host over a network that can fall silent: packets are lost, and no connection is closed.
+
+`SilentWay` is the network and that host's sshd, in threads of the test; this file, run as a program, is ssh.
+"""
+
+import os
+import select
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+_STEP_S = 0.05
+
+
+class SilentWay:
+    """What `cut` drops is sent again once it is mended, as TCP does; who has hung up is then heard of."""
+
+    def __init__(self) -> None:
+        self._silent = threading.Event()
+        self._over = threading.Event()
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.ssh = f"{sys.executable} {Path(__file__)} {self._listener.getsockname()[1]}"
+        self.there: list[subprocess.Popen[bytes]] = []  # the bridges, oldest first
+        self._threads = [threading.Thread(target=self._accept, daemon=True)]
+        self._threads[0].start()
+
+    def cut(self) -> None:
+        self._silent.set()
+
+    def mend(self) -> None:
+        self._silent.clear()
+
+    def close(self) -> None:
+        self._over.set()
+        for thread in self._threads:
+            thread.join(10.0)
+        for bridge in self.there:
+            bridge.wait(10.0)
+        self._listener.close()
+
+    def _accept(self) -> None:
+        while not self._over.is_set():
+            if self._silent.is_set() or not select.select([self._listener], [], [], _STEP_S)[0]:
+                self._over.wait(_STEP_S)
+                continue
+            caller, _ = self._listener.accept()
+            thread = threading.Thread(target=self._carry, args=(caller,), daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def _carry(self, caller: socket.socket) -> None:
+        command = b""
+        while not command.endswith(b"\n"):
+            command += caller.recv(1)
+        bridge = subprocess.Popen(
+            ["sh", "-c", "exec env " + command.decode()], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        self.there.append(bridge)
+        assert bridge.stdin is not None and bridge.stdout is not None
+        pairs = {caller.fileno(): bridge.stdin.fileno(), bridge.stdout.fileno(): caller.fileno()}
+        with caller, bridge.stdin, bridge.stdout, suppress(OSError):
+            while not self._over.is_set():
+                if self._silent.is_set():
+                    self._over.wait(_STEP_S)
+                    continue
+                for ready in select.select([*pairs], [], [], _STEP_S)[0]:
+                    data = os.read(ready, 65536)
+                    if not data:
+                        return
+                    while data:
+                        data = data[os.write(pairs[ready], data) :]
+
+
+def main() -> None:
+    """``silent_way.py PORT -- HOST COMMAND``."""
+    with socket.create_connection(("127.0.0.1", int(sys.argv[1]))) as way:
+        way.sendall(sys.argv[-1].encode() + b"\n")
+        pairs = {0: way.fileno(), way.fileno(): 1}
+        while True:
+            for ready in select.select([*pairs], [], [])[0]:
+                data = os.read(ready, 65536)
+                if not data:
+                    return
+                while data:
+                    data = data[os.write(pairs[ready], data) :]
+
+
+if __name__ == "__main__":
+    main()
