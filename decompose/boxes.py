@@ -7,7 +7,7 @@ box costs a few dozen additions.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -32,12 +32,15 @@ class Boxes:
         (boxes,) index of the box about its needed cells, -1 where it has none.
     pieces
         (boxes,) connected pieces of the solid in it, as far as the grid can tell.
+    cut_mm2
+        (boxes,) area of its cut faces, of boxes that may be printed; or (0,) where it does not matter.
     """
 
     shape: tuple[int, int, int]
     seconds: npt.NDArray[np.float32]
     trimmed: npt.NDArray[np.int32]
     pieces: npt.NDArray[np.int16]
+    cut_mm2: npt.NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
 
     def longest_s(self, found: Iterable[Box]) -> float:
         """The time of the costliest of some boxes, each trimmed."""
@@ -80,8 +83,8 @@ def _all_boxes(
     cut_z: Floats,
     rooms: Floats,
     c: Floats,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]:
-    """Cost, trimmed box and pieces of every box, adding up a row, then a layer, then a box at a time.
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16], npt.NDArray[np.float32]]:
+    """Cost, trimmed box, pieces and cut area of every box: a row, then a layer, then a box is added up.
 
     cut_*: prefix sums of the cut areas over the two axes of each plane.
     """
@@ -90,6 +93,7 @@ def _all_boxes(
     seconds = np.full(total, np.inf, np.float32)
     trimmed = np.full(total, -1, np.int32)
     pieces = np.ones(total, np.int16)
+    cut_mm2 = np.zeros(total, np.float32)
     columns = sums.shape[3]
     first = np.zeros((nx, ny, nz, 6))  # needed cells: their own indices, as extents
     for x in range(nx):
@@ -198,7 +202,8 @@ def _all_boxes(
                                     )
                                     best = min(best, t)
                             seconds[box] = best
-    return seconds, trimmed, pieces
+                            cut_mm2[box] = cut
+    return seconds, trimmed, pieces, cut_mm2
 
 
 @jit
@@ -275,7 +280,7 @@ def all_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Boxes
         inner = tuple(slice(None) if i == axis else slice(1, None) for i in range(3))
         table[inner] = cut.cumsum(axis=a).cumsum(axis=b)
         prefix.append(table)
-    seconds, trimmed, pieces = _all_boxes(
+    seconds, trimmed, pieces, cut_mm2 = _all_boxes(
         grid.needed,
         grid.sums,
         grid.extents,
@@ -289,12 +294,21 @@ def all_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Boxes
     nx, ny, nz = grid.shape
     open_x, open_y, open_z = (c > 0.0 for c in grid.cuts)
     _count_pieces(full, open_x[:nx], open_y[:, :ny], open_z[:, :, :nz], trimmed, seconds, pieces)
-    return Boxes(grid.shape, seconds, trimmed, pieces)
+    return Boxes(grid.shape, seconds, trimmed, pieces, cut_mm2)
 
 
 def box_index(box: Box, shape: tuple[int, int, int]) -> int:
     """Index of a box in the tables of `Boxes`."""
     return int(_index(*box, *shape))
+
+
+def box_at(index: int, shape: tuple[int, int, int]) -> Box:
+    """The inverse of `box_index`."""
+    _, ny, nz = shape
+    index, iz = divmod(index, nz * (nz + 1) // 2)
+    ix, iy = divmod(index, ny * (ny + 1) // 2)
+    (x0, x1), (y0, y1), (z0, z1) = (ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True))
+    return x0, y0, z0, x1, y1, z1
 
 
 def ends(interval: int, n: int) -> tuple[int, int]:

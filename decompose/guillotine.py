@@ -1,10 +1,12 @@
 """The exact guillotine engine: the partition by recursive axis cuts that ends soonest.
 
-For a time T the fewest parts that cover all needed cells of a box is: none where it has no needed cell; the
-answer of the smaller box about its needed cells, where that is smaller; one where it costs at most T and is
-one piece; else the best sum over all cuts across it. Bisection over T gives the least makespan for a number
-of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek 2012, in three dimensions and
-with a cost that is not additive.)
+For a time T the fewest parts that cover all needed cells of a box is: none where it has no needed cell; one
+where it costs at most T and is one piece; or the best sum over all cuts across it. Bisection over T gives the
+least makespan for a number of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek 2012,
+in three dimensions and with a cost that is not additive.)
+
+Among partitions of as few parts the one with the least sum of times wins, then the one with the least area of
+cuts: the three are digits of one whole number, `_key`, whose sum is made least.
 """
 
 from __future__ import annotations
@@ -12,100 +14,131 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Box, Boxes, box_index, ends, interval
+from decompose.boxes import Box, Boxes, box_at, box_index, interval
 from decompose.jit import jit
 
-UNREACHABLE = 30_000  # more parts than anybody has printers
+UNREACHABLE = 16_000  # more parts than anybody has printers; twice as many are an int16
+PART = 1 << 46  # of a key: the digit of the parts
+SECOND = 1 << 20  # of the seconds, rounded; what is left counts the area of the cuts
+AREA_MM2 = 64.0  # in units of this
+MOST_S = 1e6  # so many seconds of a box count, so that the digits keep apart
+
+Table = npt.NDArray[np.int16] | npt.NDArray[np.int64]
 
 
 @jit
-def _solve(
+def _least(out: Table, near: Table, far: Table) -> None:
+    for i in range(len(out)):
+        both = near[i] + far[i]
+        if both < out[i]:
+            out[i] = both
+
+
+@jit
+def _solve(value: Table, nx: int, ny: int, nz: int) -> None:
+    """The least sum over all guillotine partitions of every box, in place; `value` is that of one part.
+
+    Boxes of one length along an axis stand side by side, so that whole layers and rows are added at once.
+    A box that is larger than its needed cells needs no care: what a cut takes off there is worth 0.
+    """
+    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    size = ty * tz
+    for dx in range(1, nx + 1):
+        for x0 in range(nx - dx + 1):
+            at = interval(x0, x0 + dx, nx) * size
+            layer = value[at : at + size]
+            for x in range(x0 + 1, x0 + dx):
+                a, b = interval(x0, x, nx) * size, interval(x, x0 + dx, nx) * size
+                _least(layer, value[a : a + size], value[b : b + size])
+            for dy in range(1, ny + 1):
+                for y0 in range(ny - dy + 1):
+                    at = interval(y0, y0 + dy, ny) * tz
+                    row = layer[at : at + tz]
+                    for y in range(y0 + 1, y0 + dy):
+                        a, b = interval(y0, y, ny) * tz, interval(y, y0 + dy, ny) * tz
+                        _least(row, layer[a : a + tz], layer[b : b + tz])
+                    for dz in range(2, nz + 1):
+                        places = nz - dz + 1
+                        at = interval(0, dz, nz)
+                        for cut in range(1, dz):
+                            a, b = interval(0, cut, nz), interval(cut, dz, nz)
+                            _least(row[at : at + places], row[a : a + places], row[b : b + places])
+
+
+@jit
+def _count(
     limit_s: float,
     seconds: npt.NDArray[np.float32],
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
-    nx: int,
-    ny: int,
-    nz: int,
-    ties: bool,
-    count: npt.NDArray[np.int16],
-    work: npt.NDArray[np.float32],
-    choice: npt.NDArray[np.int16],
+    value: npt.NDArray[np.int16],
 ) -> None:
-    """Fewest parts of each box at a time limit, into `count`; with `ties` the least sum of times among those.
+    """The parts of each box where it is not cut."""
+    for box in range(len(value)):
+        if trimmed[box] < 0:
+            value[box] = 0
+        else:
+            value[box] = pieces[box] if seconds[box] <= limit_s else UNREACHABLE
 
-    choice: 0 print it, 1 nothing to print or smaller box, else 2 + 3 * offset of the cut + axis.
-    """
-    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    for dx in range(1, nx + 1):
-        for dy in range(1, ny + 1):
-            for dz in range(1, nz + 1):
-                for x0 in range(nx - dx + 1):
-                    ix = interval(x0, x0 + dx, nx)
-                    for y0 in range(ny - dy + 1):
-                        iy = interval(y0, y0 + dy, ny)
-                        for z0 in range(nz - dz + 1):
-                            iz = interval(z0, z0 + dz, nz)
-                            box = (ix * ty + iy) * tz + iz
-                            tight = trimmed[box]
-                            if tight != box:
-                                choice[box] = 1
-                                count[box] = 0 if tight < 0 else count[tight]
-                                work[box] = 0.0 if tight < 0 else work[tight]
-                                continue
-                            best = 30_000
-                            least = np.float32(np.inf)
-                            how = 0
-                            if seconds[box] <= limit_s:
-                                best = pieces[box]
-                                least = seconds[box]
-                            if best > 1:
-                                for axis in range(3):
-                                    cells = dx if axis == 0 else dy if axis == 1 else dz
-                                    for cut in range(1, cells):
-                                        if axis == 0:
-                                            a = (interval(x0, x0 + cut, nx) * ty + iy) * tz + iz
-                                            b = (interval(x0 + cut, x0 + dx, nx) * ty + iy) * tz + iz
-                                        elif axis == 1:
-                                            a = (ix * ty + interval(y0, y0 + cut, ny)) * tz + iz
-                                            b = (ix * ty + interval(y0 + cut, y0 + dy, ny)) * tz + iz
-                                        else:
-                                            a = (ix * ty + iy) * tz + interval(z0, z0 + cut, nz)
-                                            b = (ix * ty + iy) * tz + interval(z0 + cut, z0 + dz, nz)
-                                        n = np.int64(count[a]) + count[b]
-                                        if n < best or (ties and n == best and work[a] + work[b] < least):
-                                            best = n
-                                            least = work[a] + work[b]
-                                            how = 2 + 3 * cut + axis
-                                    if best == 2 and not ties:
-                                        break
-                            count[box] = min(best, 30_000)
-                            work[box] = least
-                            choice[box] = how
+
+@jit
+def _key(seconds: float, pieces: int, cut_mm2: float) -> int:
+    """Of a box that is not cut: parts, seconds and area of cuts as digits of one number."""
+    key: int = pieces * PART + round(min(seconds, MOST_S)) * SECOND + round(cut_mm2 / AREA_MM2)
+    return key
+
+
+@jit
+def _keys(
+    limit_s: float,
+    seconds: npt.NDArray[np.float32],
+    trimmed: npt.NDArray[np.int32],
+    pieces: npt.NDArray[np.int16],
+    cut_mm2: npt.NDArray[np.float32],
+    value: npt.NDArray[np.int64],
+) -> None:
+    """The key of each box where it is not cut."""
+    for box in range(len(value)):
+        if trimmed[box] < 0:
+            value[box] = 0
+        elif seconds[box] <= limit_s:
+            value[box] = _key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
+        else:
+            value[box] = UNREACHABLE * PART
 
 
 class Partitioner:
-    """Solves for one table of boxes, and keeps the memory that a solution needs."""
+    """Solves for one table of boxes, and keeps the last solution while the table is as it was."""
 
     def __init__(self, boxes: Boxes) -> None:
         self.boxes = boxes
-        total = len(boxes.seconds)
-        self._count = np.zeros(total, np.int16)
-        self._work = np.zeros(total, np.float32)
-        self._choice = np.zeros(total, np.int16)
+        self._value: Table = np.zeros(0, np.int16)
+        self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
 
     def parts(self, limit_s: float, ties: bool = False) -> int:
-        """The fewest parts that each cost at most limit_s; UNREACHABLE where there is no such partition."""
-        b = self.boxes
-        tables = (b.seconds, b.trimmed, b.pieces)
-        _solve(limit_s, *tables, *b.shape, ties, self._count, self._work, self._choice)
-        return min(int(self._count[box_index(self._root, b.shape)]), UNREACHABLE)
+        """The fewest parts that each cost at most limit_s; `UNREACHABLE` where there is no such partition.
+
+        With `ties`, of the solutions with so few the one of least work, then of the least area of cuts.
+        """
+        b, self._limit_s = self.boxes, limit_s
+        if ties:
+            keys = np.empty(len(b.seconds), np.int64)
+            _keys(limit_s, b.seconds, b.trimmed, b.pieces, b.cut_mm2, keys)
+            self._value = keys
+        else:
+            counts = np.empty(len(b.seconds), np.int16)
+            _count(limit_s, b.seconds, b.trimmed, b.pieces, counts)
+            self._value = counts
+        _solve(self._value, *b.shape)
+        return min(int(self.counts[box_index(self._root, b.shape)]), UNREACHABLE)
 
     @property
     def counts(self) -> npt.NDArray[np.int16]:
         """(boxes,) The fewest parts of each box in the last solution, by the index of the box."""
-        return self._count
+        if self._value.dtype == np.int64:
+            return (self._value // PART).astype(np.int16)
+        return self._value.astype(np.int16, copy=False)
 
     def chosen(self, within: Box | None = None) -> list[Box]:
         """The boxes of the last solution, all or those of one box, in the order of the cuts."""
@@ -115,30 +148,36 @@ class Partitioner:
             box = self._tight(stack.pop())
             if box is None:
                 continue
-            how = int(self._choice[box_index(box, self.boxes.shape)])
-            if how == 0:
+            at = box_index(box, self.boxes.shape)
+            if self._value[at] == self._uncut(at):
                 found.append(box)
-                continue
-            axis, cut = (how - 2) % 3, (how - 2) // 3
-            near, far = list(box), list(box)
-            near[axis + 3] = far[axis] = box[axis] + cut
-            x0, y0, z0, x1, y1, z1 = far
-            stack.append((x0, y0, z0, x1, y1, z1))
-            x0, y0, z0, x1, y1, z1 = near
-            stack.append((x0, y0, z0, x1, y1, z1))
+            else:
+                stack.extend(self._cut(box, int(self._value[at])))
         return found
+
+    def _uncut(self, at: int) -> int:
+        """What a box is worth as one part."""
+        b = self.boxes
+        if not b.seconds[at] <= self._limit_s:
+            return UNREACHABLE * PART
+        if self._value.dtype == np.int16:
+            return int(b.pieces[at])
+        return _key(float(b.seconds[at]), int(b.pieces[at]), float(b.cut_mm2[at]) if len(b.cut_mm2) else 0.0)
+
+    def _cut(self, box: Box, value: int) -> tuple[Box, Box]:
+        """The far and the near side of the first cut that reaches the value of a box."""
+        for axis in range(3):
+            for plane in range(box[axis] + 1, box[axis + 3]):
+                far, near = list(box), list(box)
+                near[axis + 3] = far[axis] = plane
+                sides = _box(far), _box(near)
+                if sum(int(self._value[box_index(side, self.boxes.shape)]) for side in sides) == value:
+                    return sides
+        raise LookupError(f"no solution for {box}: nothing reaches it at this limit")
 
     def _tight(self, box: Box) -> Box | None:
         at = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
-        if at < 0:
-            return None
-        sizes = [n * (n + 1) // 2 for n in self.boxes.shape]
-        at, iz = divmod(at, sizes[2])
-        ix, iy = divmod(at, sizes[1])
-        (x0, x1), (y0, y1), (z0, z1) = (
-            ends(i, n) for i, n in zip((ix, iy, iz), self.boxes.shape, strict=True)
-        )
-        return x0, y0, z0, x1, y1, z1
+        return None if at < 0 else box_at(at, self.boxes.shape)
 
     def least_makespan(self, printers: int, at_least_s: float, tolerance_s: float = 1.0) -> float | None:
         """The least limit (to tolerance_s) at which `printers` parts are enough; leaves its solution."""
@@ -160,3 +199,8 @@ class Partitioner:
     def longest_s(self) -> float:
         """The time of the costliest box of the last solution."""
         return self.boxes.longest_s(self.chosen())
+
+
+def _box(sides: list[int]) -> Box:
+    x0, y0, z0, x1, y1, z1 = sides
+    return x0, y0, z0, x1, y1, z1

@@ -22,6 +22,7 @@ def tables(shape: Shape, seed: int) -> tuple[Boxes, np.ndarray]:
     seconds = np.full(total, np.inf, np.float32)
     trimmed = np.full(total, -1, np.int32)
     pieces = np.ones(total, np.int16)
+    cut_mm2 = rng.uniform(0.0, 1e4, total).astype(np.float32)
     for box in every_box(shape):
         at = box_index(box, shape)
         inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
@@ -35,4 +36,4 @@ def tables(shape: Shape, seed: int) -> tuple[Boxes, np.ndarray]:
             pieces[at] = 2 if rng.random() < 0.1 else 1
             if cells > 1 and rng.random() < 0.1:
                 seconds[at] = np.inf
-    return Boxes(shape, seconds, trimmed, pieces), needed
+    return Boxes(shape, seconds, trimmed, pieces, cut_mm2), needed
