@@ -36,7 +36,8 @@ class Columns:
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     propped_mm2, props_mm
-        Area, as seen from above, that this support carries from the bed, and (p, 2) where it stands there.
+        Area, as seen from above, that this support carries from the bed, and (p, 2) what it stands on there:
+        the ends of each row of columns, which span the rest.
     touched_mm2
         Area of marked faces, as seen from above, that this support hangs under or stands on.
     volumes_mm3, centres_mm
@@ -54,7 +55,7 @@ class Columns:
     centres_mm: Floats
 
 
-def columns(triangles: Floats, marked: Bools, overhang_cos: float) -> Columns:
+def columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = COLUMNS) -> Columns:
     """Cut a closed mesh into columns.
 
     Parameters
@@ -65,15 +66,18 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float) -> Columns:
         (m,) faces to which no support should stick.
     overhang_cos
         Faces whose normal points down by more than this get support.
+    count
+        About how many columns.
     """
-    lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    triangles = np.ascontiguousarray(triangles)
+    lo, hi = _bounds(triangles)
     width, depth, height = (hi - lo).tolist()
-    step = max(LEAST_STEP_MM, math.sqrt(width * depth / COLUMNS))
+    step = max(LEAST_STEP_MM, math.sqrt(width * depth / count))
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
     touched, levels, propped, supports, towers_mm = _sweep(
-        np.ascontiguousarray(triangles),
+        triangles,
         marked.astype(np.float64),
         origin,
         step,
@@ -82,18 +86,24 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float) -> Columns:
         overhang_cos,
     )
     mass = np.maximum(levels[:, 3:], 1e-12)
-    props = origin + step * np.argwhere(propped)
     area = step**2
     return Columns(
         support_mm3=float(supports.sum() * area),
         support_side_mm2=_side_mm2(supports, step),
         towers_mm=towers_mm,
-        propped_mm2=float(len(props) * area),
-        props_mm=props,
+        propped_mm2=float(propped.sum() * area),
+        props_mm=origin + step * _row_ends(propped),
         touched_mm2=float(touched * area),
         volumes_mm3=levels[:, 3] * area,
         centres_mm=levels[:, :3] / mass,
     )
+
+
+def _row_ends(marked: Bools) -> Floats:
+    """(p, 2) indices of the first and the last column marked in each row."""
+    rows = np.flatnonzero(marked.any(axis=1))
+    first, last = marked.argmax(axis=1), marked.shape[1] - 1 - marked[:, ::-1].argmax(axis=1)
+    return np.concatenate([np.stack([rows, ends[rows]], axis=1) for ends in (first, last)]).astype(np.float64)
 
 
 def _side_mm2(heights_mm: Floats, step_mm: float) -> float:
@@ -115,10 +125,103 @@ def _sweep(
     overhang_cos: float,
 ) -> tuple[float, Floats, Bools, Floats, float]:
     """Touched columns; (LEVELS, 4) moments and mass; which are propped, what of each is support; towers."""
+    normals = _normals(triangles)
+    start, where, which = _crossings(triangles, normals, origin, step, nx, ny)
+    touched = 0.0
+    runs = np.zeros((len(where), 3))  # of solid in a column: its ends, and the unsupported air below it
+    counts = np.zeros(nx * ny, np.int64)
+    supports = np.zeros((nx, ny))
+    propped = np.zeros((nx, ny), np.bool_)
+    passing = np.zeros((LEVELS, 4))  # runs up to each level that go on above it
+    ending = np.zeros((LEVELS, 4))  # and those that end below it, and not below the one before
+    for column in range(nx * ny):
+        i, j = column // ny, column % ny
+        x, y = origin[0] + i * step, origin[1] + j * step
+        below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
+        depth, bottom, air = 0, 0.0, 0.0
+        for k in range(start[column], start[column + 1]):
+            z, t = where[k], which[k]
+            up = normals[t, 2]
+            if up < 0.0:
+                depth += 1
+                if depth != 1:
+                    continue
+                bottom, air = z, z - below
+                if -up > overhang_cos and air > LEAST_GAP_MM:
+                    supports[i, j] += air
+                    air = 0.0
+                    touched += marked[t] + on_marked
+                    if below == 0.0:
+                        propped[i, j] = True
+                continue
+            depth -= 1
+            if depth != 0:
+                continue
+            below, on_marked = z, marked[t]
+            run = start[column] + counts[column]
+            runs[run, 0], runs[run, 1], runs[run, 2] = bottom, z, air
+            counts[column] += 1
+            level = int(bottom / height * LEVELS)
+            while level < LEVELS - 1 and height * (level + 1) / LEVELS < z:
+                _add(passing, level, x, y, bottom, height * (level + 1) / LEVELS)
+                level += 1
+            _add(ending, min(level, LEVELS - 1), x, y, bottom, z)
+    for level in range(LEVELS):
+        for above in range(level, LEVELS):
+            passing[above] += ending[level]
+    return touched, passing, propped, supports, _towers_mm(start, counts, runs, supports)
+
+
+@jit
+def _bounds(triangles: Floats) -> tuple[Floats, Floats]:
+    """Least and greatest x, y and z."""
+    lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
+    for t in range(len(triangles)):
+        for corner in range(3):
+            for axis in range(3):
+                lo[axis] = min(lo[axis], triangles[t, corner, axis])
+                hi[axis] = max(hi[axis], triangles[t, corner, axis])
+    return lo, hi
+
+
+@jit
+def _add(sums: Floats, level: int, x: float, y: float, bottom: float, top: float) -> None:
+    """Moments and mass of a run of a column at (x, y)."""
+    sums[level, 0] += x * (top - bottom)
+    sums[level, 1] += y * (top - bottom)
+    sums[level, 2] += (top * top - bottom * bottom) / 2.0
+    sums[level, 3] += top - bottom
+
+
+@jit
+def _normals(triangles: Floats) -> Floats:
+    """(m, 3) Unit normals; 0 of what has no area."""
+    found = np.zeros((len(triangles), 3))
+    for t in range(len(triangles)):
+        ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
+        ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
+        vx, vy, vz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 0.0:
+            found[t, 0], found[t, 1], found[t, 2] = nx / length, ny / length, nz / length
+    return found
+
+
+@jit
+def _crossings(
+    triangles: Floats, normals: Floats, origin: Floats, step: float, nx: int, ny: int
+) -> tuple[npt.NDArray[np.int64], Floats, npt.NDArray[np.int64]]:
+    """Where each column begins in the other two: the rising heights of its crossings, and their triangles.
+
+    Of two triangles with an edge in common a column goes through one: what lies on an edge belongs to the
+    triangle above it.
+    """
     start = np.zeros(nx * ny + 1, np.int64)
     where = np.zeros(0, np.float64)
     which = np.zeros(0, np.int64)
     filled = np.zeros(nx * ny, np.int64)
+    edges = np.zeros((3, 4))  # from x, to x, y where it begins, slope
     for turn in range(2):  # count, then fill
         if turn == 1:
             for i in range(nx * ny):
@@ -126,80 +229,51 @@ def _sweep(
             where = np.zeros(start[nx * ny], np.float64)
             which = np.zeros(start[nx * ny], np.int64)
         for t in range(len(triangles)):
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            whole = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-            if whole == 0.0:
+            up = normals[t, 2]
+            if up == 0.0:
                 continue
-            x0 = max(0, int(np.ceil((min(a[0], b[0], c[0]) - origin[0]) / step)))
-            x1 = min(nx - 1, int(np.floor((max(a[0], b[0], c[0]) - origin[0]) / step)))
-            y0 = max(0, int(np.ceil((min(a[1], b[1], c[1]) - origin[1]) / step)))
-            y1 = min(ny - 1, int(np.floor((max(a[1], b[1], c[1]) - origin[1]) / step)))
-            for i in range(x0, x1 + 1):
+            left, right = np.inf, -np.inf
+            for k in range(3):
+                p, q = k, (k + 1) % 3
+                if triangles[t, p, 0] > triangles[t, q, 0]:
+                    p, q = q, p  # so that both triangles of an edge find the same y
+                px, qx = triangles[t, p, 0], triangles[t, q, 0]
+                edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangles[t, p, 1]
+                edges[k, 3] = (triangles[t, q, 1] - triangles[t, p, 1]) / (qx - px) if qx > px else 0.0
+                left, right = min(left, px), max(right, qx)
+            first = max(0, int(np.ceil((left - origin[0]) / step)))
+            last = min(nx, int(np.ceil((right - origin[0]) / step)))
+            if first >= last:
+                continue
+            ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
+            lowest = min(az, triangles[t, 1, 2], triangles[t, 2, 2])
+            highest = max(az, triangles[t, 1, 2], triangles[t, 2, 2])
+            slope_x, slope_y = -normals[t, 0] / up, -normals[t, 1] / up
+            for i in range(first, last):
                 x = origin[0] + i * step
-                for j in range(y0, y1 + 1):
-                    y = origin[1] + j * step
-                    u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / whole
-                    v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / whole
-                    w = 1.0 - u - v
-                    if u < 0.0 or v < 0.0 or w < 0.0:
-                        continue
+                low, high = np.inf, -np.inf
+                for k in range(3):
+                    if edges[k, 0] < x <= edges[k, 1]:
+                        y = edges[k, 2] + (x - edges[k, 0]) * edges[k, 3]
+                        low, high = min(low, y), max(high, y)
+                if low > high:
+                    continue
+                begin = max(0, int(np.ceil((low - origin[1]) / step)))
+                end = min(ny, int(np.ceil((high - origin[1]) / step)))
+                for j in range(begin, end):
                     column = i * ny + j
                     if turn == 0:
                         start[column + 1] += 1
                         continue
-                    z = u * a[2] + v * b[2] + w * c[2]
+                    z = az + (x - ax) * slope_x + (origin[1] + j * step - ay) * slope_y
+                    z = min(max(z, lowest), highest)
                     at = start[column] + filled[column]
                     filled[column] += 1
                     while at > start[column] and where[at - 1] > z:
                         where[at], which[at] = where[at - 1], which[at - 1]
                         at -= 1
                     where[at], which[at] = z, t
-    touched = 0.0
-    runs = np.zeros(
-        (len(where), 3)
-    )  # of solid in a column: its ends, and the air below it that no support fills
-    counts = np.zeros(nx * ny, np.int64)
-    supports = np.zeros((nx, ny))
-    propped = np.zeros((nx, ny), np.bool_)
-    levels = np.zeros((LEVELS, 4))
-    for column in range(nx * ny):
-        x = origin[0] + (column // ny) * step
-        y = origin[1] + (column % ny) * step
-        below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
-        depth, bottom, air = 0, 0.0, 0.0
-        for k in range(start[column], start[column + 1]):
-            z, t = where[k], which[k]
-            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
-            up = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-            if up < 0.0:
-                depth += 1
-                if depth != 1:
-                    continue
-                bottom, air = z, z - below
-                across_x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
-                across_y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
-                length = np.sqrt(across_x**2 + across_y**2 + up**2)
-                if -up > overhang_cos * length and air > LEAST_GAP_MM:
-                    supports[column // ny, column % ny] += air
-                    air = 0.0
-                    touched += marked[t] + on_marked
-                    if below == 0.0:
-                        propped[column // ny, column % ny] = True
-            else:
-                depth -= 1
-                if depth != 0:
-                    continue
-                below, on_marked = z, marked[t]
-                runs[start[column] + counts[column]] = bottom, z, air
-                counts[column] += 1
-                for level in range(LEVELS):
-                    top = min(z, height * (level + 1) / LEVELS)
-                    if top > bottom:
-                        levels[level, 0] += x * (top - bottom)
-                        levels[level, 1] += y * (top - bottom)
-                        levels[level, 2] += (top * top - bottom * bottom) / 2.0
-                        levels[level, 3] += top - bottom
-    return touched, levels, propped, supports, _towers_mm(start, counts, runs, supports)
+    return start, where, which
 
 
 @jit

@@ -329,7 +329,11 @@ def _surface_sums(
 
 
 def pose_features(
-    vertices: Floats, faces: npt.NDArray[np.int64], rotations: Floats, cost: CostModel
+    vertices: Floats,
+    faces: npt.NDArray[np.int64],
+    rotations: Floats,
+    cost: CostModel,
+    hull: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """`ADDITIVE` features (k, 5) of a closed mesh in each of k poses, and its extents (k, 3) in mm.
 
@@ -339,6 +343,8 @@ def pose_features(
         (n, 3) in mm and (m, 3), outward by the right-hand rule, closed.
     rotations
         (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
+    hull
+        (h, 3) those vertices that span the convex hull, where they are known: sooner.
     """
     corners = vertices[faces]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -349,7 +355,7 @@ def pose_features(
     features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
     features[:, 0] = np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
-        placed = vertices @ rotation.T
+        placed = (vertices if hull is None else hull) @ rotation.T
         bottom = placed.min(axis=0)
         extents[i] = placed.max(axis=0) - bottom
         up = rotation[2]

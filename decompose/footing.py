@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
+
+from decompose.convex import convex_outline, half_planes
 
 Floats = npt.NDArray[np.float64]
 
@@ -54,21 +55,19 @@ class Footing:
     def of(cls, triangles: Floats, props_mm: Floats) -> Footing:
         """The footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
         contact_mm2, outline_mm, points = _first_layer(triangles)
-        touching = _outline(points)
-        rim = points[:0] if touching is None else points[touching.vertices]
+        rim = convex_outline(points)
         sides = np.diff(rim, axis=0, append=rim[:1])
         sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
         turn = np.arctan2(sides[:, 1], sides[:, 0])
         bend = np.degrees((np.roll(turn, -1) - turn + math.pi) % (2.0 * math.pi) - math.pi)
-        around = np.concatenate([rim, props_mm])
-        held = _outline(around)
-        edges = np.zeros((0, 3)) if held is None else held.equations
+        held = convex_outline(np.concatenate([rim, props_mm])) if len(props_mm) else rim
+        edges = half_planes(held)
         return cls(
             contact_mm2=contact_mm2,
             wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
             length_mm=float(pdist(rim).max(initial=0.0)),
             sharp_corners=int((bend > 180.0 - SHARP_DEG).sum()),
-            width_mm=0.0 if held is None else float(np.ptp(around @ edges[:, :2].T, axis=0).min()),
+            width_mm=float(np.ptp(held @ edges[:, :2].T, axis=0).min()) if len(held) else 0.0,
             edges=edges,
         )
 
@@ -123,14 +122,6 @@ def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
     area_mm2 = max(0.0, -float((across * share).sum()))
     outline_mm = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
     return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])
-
-
-def _outline(points: Floats) -> ConvexHull | None:
-    """The convex outline around points (n, 2); None where it has no area."""
-    try:
-        return ConvexHull(points)
-    except (QhullError, ValueError):
-        return None
 
 
 def _corner_share(z: Floats) -> Floats:

@@ -8,7 +8,7 @@ and whether support would stick to a cut face, which is to be glued.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -17,8 +17,10 @@ import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
 from decompose.columns import Columns, columns
+from decompose.convex import convex_outline, rectangles, smallest_rectangle
 from decompose.cost import ADDITIVE, POSE_ROTATIONS, CostModel, PrinterRoom, pose_features
 from decompose.footing import FIRST_LAYER_MM, Footing
+from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -27,6 +29,8 @@ Bools = npt.NDArray[np.bool_]
 HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
 APART_DEG = 2.0  # directions closer than this are one candidate
 MOST_MEASURED = 24  # of all candidates, in the order of their prices
+FEW = 1_500  # columns of a glance
+SURELY = 0.8  # of a support seen at a glance is there
 DEGREES: Floats = np.radians(np.arange(90.0))
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
@@ -126,7 +130,7 @@ def best_pose(
     rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
     if not len(rotations):
         return None
-    features, extents = pose_features(vertices, faces, rotations, cost)
+    features, extents = pose_features(vertices, faces, rotations, cost, hull)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     least_s = [thinnest.seconds([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
     most_s = [cost.seconds(f, e) for f, e in zip(features, extents, strict=True)]
@@ -134,13 +138,23 @@ def best_pose(
     measured = 0
     for i in np.argsort(most_s, kind="stable"):
         clean = best is not None and best.rank[:3] == (0, 0.0, 0.0)
-        if best is not None and clean and (least_s[i] >= best.seconds or measured >= MOST_MEASURED):
-            continue
+        if best is not None and clean:
+            if least_s[i] >= best.seconds or measured >= MOST_MEASURED:
+                continue
+            if least_s[i] + SURELY * _support_s(vertices, faces, hull, rotations[i], cost) >= best.seconds:
+                continue
         pose = _measured(vertices, faces, cut, rotations[i], features[i], cost, fit_first_layer)
         measured += 1
         if best is None or pose.rank < best.rank:
             best = pose
     return best
+
+
+def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
+    """The time of the support in a pose, at a glance."""
+    triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
+    seen = columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW)
+    return cost.support_seconds(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
 
 
 def measure(
@@ -211,7 +225,7 @@ def candidates(vertices: Floats, faces: Ints) -> Floats:
     """Directions (k, 3) that may point up: the axes, then away from hull facets and from large flat faces."""
     corners = vertices[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
-    found = [*POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]]
+    found = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
     try:
         hull = ConvexHull(vertices)
         a, b, c = (vertices[hull.simplices[:, i]] for i in range(3))
@@ -219,14 +233,30 @@ def candidates(vertices: Floats, faces: Ints) -> Floats:
     except QhullError:
         facets = np.zeros((0, 3))
     for normals, most in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
-        taken = 0
-        for down in _flats(normals):
-            if taken == most:
-                break
-            if (np.array(found) @ -down).max() < math.cos(math.radians(APART_DEG)):
-                found.append(-down)
-                taken += 1
-    return np.array(found)
+        found = _apart(found, -_flats(normals), most, math.cos(math.radians(APART_DEG)))
+    return found
+
+
+@jit
+def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
+    """Directions (k, 3), and as many `more` of them that are near to none so far."""
+    all_of_them = np.zeros((len(found) + most, 3))
+    count = len(found)
+    all_of_them[:count] = found
+    for i in range(len(more)):
+        if count == len(all_of_them):
+            break
+        apart = True
+        for k in range(count):
+            cos = 0.0
+            for axis in range(3):
+                cos += all_of_them[k, axis] * more[i, axis]
+            if cos >= near_cos:
+                apart = False
+        if apart:
+            all_of_them[count] = more[i]
+            count += 1
+    return all_of_them[:count].copy()
 
 
 def _flats(areas: Floats) -> Floats:
@@ -266,25 +296,14 @@ def _turned(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats
         y = np.cross(up, x)
     flat = hull @ np.array([x, y]).T
     height = float(np.ptp(hull @ up))
-    for angle in _yaws(flat, aligned=len(axis) > 0):
-        plane = _plane(angle)
-        width, depth = np.ptp(flat @ plane.T, axis=0).tolist()
+    rim = convex_outline(flat)
+    angles = smallest_rectangle(rim) + DEGREES
+    if len(axis):
+        angles = np.insert(angles, 0, 0.0)
+    for angle, (width, depth) in zip(angles, rectangles(rim, angles).tolist(), strict=True):
         if all(printer.fits(width, depth, height) for printer in printers):
-            return np.vstack([plane @ np.array([x, y]), up])
+            return np.vstack([_plane(angle) @ np.array([x, y]), up])
     return None
-
-
-def _yaws(points: Floats, aligned: bool) -> Iterator[float]:
-    """Angles in radians to try: as it is, the smallest rectangle about points (n, 2), then every degree."""
-    if aligned:
-        yield 0.0
-    rim = _hull_points(points)
-    edges = np.diff(rim, axis=0, append=rim[:1])
-    angles = np.arctan2(edges[:, 1], edges[:, 0]) if len(rim) < len(DEGREES) else DEGREES
-    sides = [np.ptp(rim @ _plane(angle).T, axis=0) for angle in angles]
-    smallest = min(range(len(sides)), key=lambda i: (round(float(sides[i].prod()), 6), i))
-    lengthwise = angles[smallest] + (math.pi / 2.0 if sides[smallest][0] < sides[smallest][1] else 0.0)
-    yield from lengthwise + DEGREES
 
 
 def _plane(angle: float) -> Floats:
