@@ -11,10 +11,12 @@ from decompose.boxes import Box, Boxes, box_index
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
 from decompose.guillotine import UNREACHABLE, Partitioner
+from decompose.joints import faults
 from decompose.piece import Piece, pieces_in_cells
 from decompose.problem import Found, Problem, surface_bound_s
 
 MOST_ROUNDS = 8  # of pricing truly what was chosen, and choosing again
+MOST_MENDS = 40  # choices that are given up for a sliver or a weak joint
 WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
 
 
@@ -46,7 +48,8 @@ class _Search:
 
     The tables take the solid in a cell as one piece, and price a box in the axis poses with no idea whether
     it stands. What a chosen box really has in pieces, and really costs, is put into the tables where it is
-    more, and the search is made again. Counts and prices only grow, so the makespan only grows.
+    more, and the search is made again. A box with a piece that is bad to glue is priced out. Counts and
+    prices only grow, so the makespan only grows.
     """
 
     def __init__(self, problem: Problem, grid: Grid, boxes: Boxes, bound_s: float) -> None:
@@ -55,6 +58,7 @@ class _Search:
         self.solver = Partitioner(boxes)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
+        self.mends: list[str] = []  # what was wrong with each choice that was given up
 
     def run(self) -> dict[Box, list[Piece]]:
         """The boxes of the solution that truly ends soonest, and their pieces."""
@@ -63,7 +67,7 @@ class _Search:
         rounds = 0
         while True:
             makespan_s = self.solver.least_makespan(len(self.problem.printers), self.least_s)
-            if makespan_s is None:
+            if makespan_s is None or len(self.mends) > MOST_MENDS:
                 if best:
                     break  # prices only ever grow: nothing is left that fits
                 raise self._no_fit()
@@ -71,7 +75,7 @@ class _Search:
             if makespan_s >= best_s:
                 break
             chosen = self.solver.chosen()
-            if self._more_pieces(chosen):
+            if self._more_pieces(chosen) or self._mended(chosen):
                 continue
             rounds += 1
             longest_s = self._truly_s(chosen)
@@ -92,6 +96,16 @@ class _Search:
             self.boxes.pieces[at] = len(self.cut[box])
         return more
 
+    def _mended(self, chosen: list[Box]) -> bool:
+        """Whether a box has a piece that is bad to glue; it is priced out of the table."""
+        owners = [box for box in chosen for _ in self.cut[box]]
+        pieces = [piece for box in chosen for piece in self.cut[box]]
+        found = faults(pieces, self.problem.options.min_glue_mm2)
+        for fault in found:
+            self.boxes.seconds[box_index(owners[fault.piece], self.boxes.shape)] = math.inf
+        self.mends += [found[0].what] if found else []
+        return bool(found)
+
     def _truly_s(self, chosen: list[Box]) -> float:
         """The true makespan of these boxes in seconds; what costs more than in the table is put there."""
         new = [(box, piece) for box in chosen if box not in self.posed_s for piece in self.cut[box]]
@@ -107,6 +121,11 @@ class _Search:
     def _no_fit(self) -> NoFit:
         """Why there is no partition for these printers."""
         problem, model = self.problem, self.problem.model
+        if self.mends:
+            return NoFit(
+                f"no way to cut it holds together; of {len(self.mends)} the last was given up since a part "
+                f"{self.mends[-1]}: take a lower --min-glue, another --granularity or more printers"
+            )
         printers = len(problem.printers)
         needed = self.solver.parts(sys.float_info.max)  # below inf, which stands for no fit
         size = " x ".join(f"{v:.0f}" for v in model.extents_mm)

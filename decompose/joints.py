@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from decompose.piece import ON_PLANE_MM, Piece, cut_faces
+from decompose.piece import ON_PLANE_MM, cut_faces
 from decompose.shells import components
 from decompose.solid import Solid
 
@@ -21,6 +22,16 @@ SLIVER_MM = 8.0  # a piece that a cut leaves thinner than this in its box is los
 TWO_WALLS_MM = 0.8  # of a 0.4 mm nozzle: what is thinner has no inside
 FLAKE_SHARE = 0.25  # of a flake's surface at least is cut
 SAME_DIGITS = 6  # of a plane's normal and distance: two pieces were cut at the same one
+
+
+class Cut(Protocol):
+    """A `piece.Piece` or a `report.Part`: a solid, and the planes (k, 4) that it was cut at, in one frame."""
+
+    @property
+    def solid(self) -> Solid: ...
+
+    @property
+    def planes(self) -> Floats: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +61,11 @@ class Fault:
     what: str
 
 
-def joints(solids: Sequence[Solid], planes: Sequence[Floats]) -> list[Joint]:
-    """All joints, by the numbers of the pieces.
-
-    Parameters
-    ----------
-    solids
-        In one frame, mm.
-    planes
-        For each the planes (k, 4) that it was cut at, as `Piece.planes`.
-    """
+def joints(pieces: Sequence[Cut]) -> list[Joint]:
+    """All joints, by the numbers of the pieces."""
     sides: dict[tuple[float, ...], list[tuple[int, shapely.Geometry]]] = defaultdict(list)
-    for number, (solid, cuts) in enumerate(zip(solids, planes, strict=True)):
-        for plane, face in _cut_sides(solid, cuts):
+    for number, piece in enumerate(pieces):
+        for plane, face in _cut_sides(piece.solid, piece.planes):
             sides[plane].append((number, face))
     found: dict[tuple[int, int], list[shapely.Geometry]] = defaultdict(list)
     for faces in sides.values():
@@ -79,15 +82,18 @@ def joints(solids: Sequence[Solid], planes: Sequence[Floats]) -> list[Joint]:
     ]
 
 
-def faults(pieces: Sequence[Piece], min_glue_mm2: float = MIN_GLUE_MM2) -> list[Fault]:
+def faults(
+    pieces: Sequence[Cut], min_glue_mm2: float = MIN_GLUE_MM2, touching: Sequence[Joint] | None = None
+) -> list[Fault]:
     """The pieces that a partition is better without, at most one for each reason.
 
     Slivers: a cut left them under SLIVER_MM across it, or they are flakes thinner than two walls. Loose
     pieces: joints of less than `min_glue_mm2` are not counted on, and the others do not hold them to the body
-    that they are of. A piece that touches no other is a body of its own.
+    that they are of. A piece that touches no other is a body of its own. `touching` are the joints, where
+    they are known already.
     """
     found = [Fault(i, what) for i, piece in enumerate(pieces) if (what := _sliver(piece))]
-    touching = joints([p.solid for p in pieces], [p.planes for p in pieces])
+    touching = joints(pieces) if touching is None else touching
     return found + _loose([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
 
 
@@ -110,7 +116,7 @@ def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2
     ]
 
 
-def _sliver(piece: Piece) -> str:
+def _sliver(piece: Cut) -> str:
     """Why a piece is a sliver; empty where it is none."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:

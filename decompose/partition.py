@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose import exact, parallelobox
+from decompose.baselines import symmetry_based
 from decompose.check import check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
 from decompose.errors import DecomposeError, GeometryError, NoFit
+from decompose.joints import faults, joints
 from decompose.mesh import Model
 from decompose.orientation import Pose, best_pose, measure
 from decompose.piece import Piece, turned_planes
@@ -25,8 +27,9 @@ Floats = npt.NDArray[np.float64]
 ENGINES: dict[Engine, Callable[[Problem], Found]] = {
     Engine.GUILLOTINE: exact.search,
     Engine.PARALLELOBOX: parallelobox.search,
+    Engine.SYMMETRY: symmetry_based.search,
 }
-"""In the order in which `best` tries them."""
+TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 
 
 def decompose(
@@ -68,7 +71,7 @@ def decompose(
     results: list[Decomposition] = []
     attempts: list[Attempt] = []
     failure: DecomposeError | None = None
-    for engine in ENGINES:
+    for engine in TRIED_BY_BEST:
         if attempts and problem.expired():
             attempts.append(Attempt(engine, None, 0.0, "not begun: the time was up"))
             continue
@@ -84,7 +87,7 @@ def decompose(
     if not results:
         assert failure is not None  # the first engine is always tried
         raise failure
-    best = min(results, key=lambda result: (result.makespan_s, len(result.parts)))
+    best = min(results, key=lambda result: (bool(result.faults), result.makespan_s, len(result.parts)))
     return replace(best, options=options, attempts=tuple(attempts))
 
 
@@ -119,6 +122,7 @@ def _report(
     laps: dict[str, float],
 ) -> Decomposition:
     makespan_s = max(p.estimated_s for p in parts)
+    touching = joints(parts)
     bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = found.grid or GridFigures(makespan_s, bound_s, None)
     return Decomposition(
@@ -135,6 +139,8 @@ def _report(
         parts=tuple(_turned_back(part, found.rotation) for part in parts),
         coverage=coverage,
         cells=grid.cells,
+        joints=tuple(touching),
+        faults=tuple(faults(parts, problem.options.min_glue_mm2, touching)),
     )
 
 

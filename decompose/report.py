@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from decompose.errors import GeometryError, Rule
 from decompose.growth import Score
+from decompose.joints import MIN_GLUE_MM2, Fault, Joint
 from decompose.solid import Solid
 from decompose.stl import single_precision
 
@@ -26,6 +27,7 @@ class Engine(StrEnum):
     BEST = "best"  # all of them, as far as the time budget goes
     GUILLOTINE = "guillotine"
     PARALLELOBOX = "parallelobox"
+    SYMMETRY = "symmetry"
 
 
 class Interior(StrEnum):
@@ -43,6 +45,7 @@ class Options:
     granularity: str | int = "auto"
     interior: Interior = Interior.LEAVE
     min_wall_mm: float = 10.0
+    min_glue_mm2: float = MIN_GLUE_MM2  # a joint of less area holds nothing
     seed: int = 0  # for engines that draw; the guillotine engine does not
     tries: int = 3  # of parallelobox, for each number of seeds
     score: Score = Score.LOW  # of parallelobox
@@ -160,6 +163,11 @@ class Decomposition:
         engine without a grid: no partition that prints the whole surface has a lower makespan.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
+    joints
+        Where two parts touch, by their places in `parts`.
+    faults
+        Slivers, and parts that joints of enough glue do not hold. The guillotine engine gives up what has
+        any; of the others they are told.
     attempts
         What `best` tried, in its order; empty of a single engine.
     compute_s
@@ -180,6 +188,8 @@ class Decomposition:
     coverage: Coverage
     cells: tuple[int, int, int] | None
     attempts: tuple[Attempt, ...] = ()
+    joints: tuple[Joint, ...] = ()
+    faults: tuple[Fault, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The object that decomposition.json holds."""
@@ -200,4 +210,15 @@ class Decomposition:
             "attempts": [asdict(attempt) for attempt in self.attempts],
             "parts": [p.as_dict() for p in self.parts],
             "coverage": asdict(self.coverage),
+            "joints": [
+                {
+                    "a": self.parts[joint.a].id,
+                    "b": self.parts[joint.b].id,
+                    "area_mm2": joint.area_mm2,
+                    "width_mm": joint.width_mm,
+                    "glued": joint.area_mm2 >= self.options.min_glue_mm2,
+                }
+                for joint in self.joints
+            ],
+            "faults": [{"part": self.parts[f.piece].id, "what": f.what} for f in self.faults],
         }

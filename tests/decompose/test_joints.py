@@ -9,8 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.joints import Joint, faults, joints
+from decompose.cost import CostModel, PrinterRoom
+from decompose.errors import NoFit
+from decompose.joints import faults, joints
+from decompose.mesh import Model
+from decompose.partition import decompose
 from decompose.piece import Piece, cut_faces, pieces_in_box
+from decompose.report import Engine, Options
 from decompose.solid import Solid
 
 FAR = 1e3
@@ -32,12 +37,8 @@ def cut(
     ]
 
 
-def joints_of(pieces: list[Piece]) -> list[Joint]:
-    return joints([p.solid for p in pieces], [p.planes for p in pieces])
-
-
 def test_two_halves() -> None:
-    (joint,) = joints_of(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    (joint,) = joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     assert (joint.a, joint.b) == (0, 1)
     assert joint.area_mm2 == pytest.approx(1200.0)
     assert joint.width_mm == pytest.approx(30.0, rel=0.02)
@@ -46,14 +47,14 @@ def test_two_halves() -> None:
 def test_a_frame_is_as_wide_as_its_rim() -> None:
     frame = block((0, 0, 0), (60, 60, 30)).subtract(block((4, 4, -1), (56, 56, 31)))
     pieces = cut(frame, z=(15.0,))
-    (joint,) = joints_of(pieces)
+    (joint,) = joints(pieces)
     assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
     assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # in a corner
 
 
 def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
     pieces = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
-    assert [(j.a, j.b) for j in joints_of(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
+    assert [(j.a, j.b) for j in joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 
 @settings(max_examples=15, deadline=None)
@@ -67,7 +68,7 @@ def test_each_cut_face_is_glued_on_both_sides(
         vertices, faces = piece.solid.arrays()
         t = vertices[faces[cut_faces(vertices, faces, piece.planes)]]
         cut_mm2 += float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2.0)
-    found = joints_of(pieces)
+    found = joints(pieces)
     assert 2.0 * sum(j.area_mm2 for j in found) == pytest.approx(cut_mm2, rel=1e-6, abs=1e-3)
     assert all(0.0 < j.width_mm <= 2.0 * np.sqrt(j.area_mm2 / np.pi) + 1e-6 for j in found)
 
@@ -77,7 +78,8 @@ def test_oblique_planes() -> None:
     normal = np.array([0.6, 0.0, 0.8])
     plane = np.array([*normal, 28.0])[None]
     below, above = solid.manifold.split_by_plane(tuple(normal), 28.0)[::-1]
-    (joint,) = joints([Solid(below), Solid(above)], [plane, -plane])
+    none = np.zeros((0, 2, 3))
+    (joint,) = joints([Piece(Solid(below), plane, none), Piece(Solid(above), -plane, none)])
     assert joint.area_mm2 == pytest.approx(40.0 * 40.0 / 0.8)
 
 
@@ -127,14 +129,46 @@ def test_a_weak_joint_beside_a_strong_one_is_none_to_rely_on() -> None:
         Piece(s, np.array([[0.0, 1.0, 0.0, 30.0], [1.0, 0.0, 0.0, 30.0]]), np.zeros((0, 2, 3)))
         for s in solids
     ]
-    assert [round(j.area_mm2) for j in joints_of(pieces)] == [900, 900, 900]
+    assert [round(j.area_mm2) for j in joints(pieces)] == [900, 900, 900]
     assert faults(pieces) == []
     thin = block((30, 30, 0), (60, 60, 0.5))
     pieces[2] = Piece(thin, pieces[2].planes, pieces[2].boxes_mm)
-    weak = min(joints_of(pieces), key=lambda j: j.area_mm2)
+    weak = min(joints(pieces), key=lambda j: j.area_mm2)
     assert weak.area_mm2 == pytest.approx(15.0)
     assert [f.piece for f in faults(pieces)] == [2]
 
 
 def test_bodies_that_touch_nothing_are_not_loose() -> None:
     assert faults([*cut(block((0, 0, 0), (40, 40, 40))), *cut(block((50, 0, 0), (60, 10, 10)))]) == []
+
+
+@pytest.mark.parametrize(("min_glue_mm2", "held_mm2"), [(25.0, 25.0), (0.0, 0.0)])
+def test_a_partition_with_a_weak_joint_is_given_up_for_another(
+    cost: CostModel, min_glue_mm2: float, held_mm2: float
+) -> None:
+    """The even cut goes through the thin bar between the two blocks."""
+    solid = Solid.union(
+        [
+            block((0, 0, 0), (120, 120, 120)),
+            block((200, 0, 0), (320, 120, 120)),
+            block((100, 58, 58), (220, 62, 62)),
+        ]
+    )
+    printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
+    options = Options(Engine.GUILLOTINE, "vcoarse", min_glue_mm2=min_glue_mm2, prove=False)
+    result = decompose(Model(solid, (), 1.0), printers, options, cost)
+    assert result.faults == ()
+    across = [j.area_mm2 for j in result.joints if j.area_mm2 < 1000.0]
+    assert max(across) >= held_mm2
+    assert (max(across) < 25.0) == (min_glue_mm2 == 0.0)
+    book = result.as_dict()["joints"]
+    assert all(j["glued"] == (j["area_mm2"] >= min_glue_mm2) for j in book)
+    assert {j["a"] for j in book} <= {p.id for p in result.parts}
+
+
+def test_what_only_a_thread_holds_is_refused(cost: CostModel) -> None:
+    rod = Model(block((0, 0, 0), (500, 4, 4)), (), 1.0)
+    printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
+    with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):
+        decompose(rod, printers, Options(Engine.GUILLOTINE, prove=False), cost)
+    assert len(decompose(rod, printers, Options(Engine.GUILLOTINE, min_glue_mm2=15.0), cost).parts) == 4
