@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from farm.cli.decomposition import decomposition_lines
 from farm.cli.words import filament, span
 from farm.errors import ErrorCode, FarmError
 
@@ -32,6 +33,7 @@ def decompose(
     granularity: Annotated[str, typer.Option(help="auto, a name of the paper's, or cells a side.")] = "auto",
     interior: Annotated[str, typer.Option(help="leave or keep what lies deep inside.")] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Least wall around a hollow, mm.")] = 10.0,
+    min_glue: Annotated[float, typer.Option(min=0, help="A joint of less area holds nothing, mm2.")] = 25.0,
     engine: Annotated[str, typer.Option(help="best, guillotine (exact) or parallelobox.")] = "best",
     budget: Annotated[float, typer.Option(min=0, help="Of best: no engine is begun after it, s.")] = 20.0,
     seed: Annotated[int, typer.Option(min=0, help="Of parallelobox, which draws.")] = 0,
@@ -55,6 +57,7 @@ def decompose(
         granularity=int(granularity) if granularity.isdigit() else granularity,
         interior=interior,
         min_wall_mm=min_wall,
+        min_glue_mm2=min_glue,
         engine=engine,
         seed=seed,
         tries=tries,
@@ -65,12 +68,8 @@ def decompose(
     if json:
         print(jsonlib.dumps(report, indent=2))
         return
-    for line in report["repairs"]:
-        print(f"  {line}")
-    print(
-        f"{len(report['parts'])} parts in {out}: {span(report['makespan_s'])} on {printers} printers, "
-        f"{span(report['serial_s'])} on one large one"
-    )
+    for line in decomposition_lines(report, printers, out):
+        print(line)
 
 
 def slice_model(

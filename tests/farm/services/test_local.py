@@ -19,6 +19,7 @@ USUAL = {
     "granularity": "vcoarse",
     "interior": "leave",
     "min_wall_mm": 10.0,
+    "min_glue_mm2": 25.0,
     "engine": "guillotine",
     "seed": 0,
     "tries": 2,
