@@ -38,11 +38,13 @@ def _least(out: Table, near: Table, far: Table) -> None:
 def _solve(value: Table, nx: int, ny: int, nz: int) -> None:
     """The least sum over all guillotine partitions of every box, in place; `value` is that of one part.
 
-    Boxes of one length along an axis stand side by side, so that whole layers and rows are added at once.
+    Boxes of one length along an axis stand side by side: those of the same sides are added at once, whatever
+    their places; along z after they were turned, so that z comes before y.
     A box that is larger than its needed cells needs no care: what a cut takes off there is worth 0.
     """
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     size = ty * tz
+    turned = np.empty(ny * tz, value.dtype)
     for dx in range(1, nx + 1):
         for x0 in range(nx - dx + 1):
             at = interval(x0, x0 + dx, nx) * size
@@ -51,18 +53,28 @@ def _solve(value: Table, nx: int, ny: int, nz: int) -> None:
                 a, b = interval(x0, x, nx) * size, interval(x, x0 + dx, nx) * size
                 _least(layer, value[a : a + size], value[b : b + size])
             for dy in range(1, ny + 1):
-                for y0 in range(ny - dy + 1):
-                    at = interval(y0, y0 + dy, ny) * tz
-                    row = layer[at : at + tz]
-                    for y in range(y0 + 1, y0 + dy):
-                        a, b = interval(y0, y, ny) * tz, interval(y, y0 + dy, ny) * tz
-                        _least(row, layer[a : a + tz], layer[b : b + tz])
-                    for dz in range(2, nz + 1):
-                        places = nz - dz + 1
-                        at = interval(0, dz, nz)
-                        for cut in range(1, dz):
-                            a, b = interval(0, cut, nz), interval(cut, dz, nz)
-                            _least(row[at : at + places], row[a : a + places], row[b : b + places])
+                rows = ny - dy + 1
+                at = interval(0, dy, ny) * tz
+                block = layer[at : at + rows * tz]
+                for cut in range(1, dy):
+                    a, b = interval(0, cut, ny) * tz, interval(cut, dy, ny) * tz
+                    _least(block, layer[a : a + rows * tz], layer[b : b + rows * tz])
+                _turn(block, turned, rows, tz)
+                for dz in range(2, nz + 1):
+                    places = (nz - dz + 1) * rows
+                    at = interval(0, dz, nz) * rows
+                    for cut in range(1, dz):
+                        a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
+                        _least(turned[at : at + places], turned[a : a + places], turned[b : b + places])
+                _turn(turned, block, tz, rows)
+
+
+@jit
+def _turn(rows: Table, columns: Table, m: int, n: int) -> None:
+    """Transpose (m, n) into (n, m)."""
+    for i in range(m):
+        for k in range(n):
+            columns[k * m + i] = rows[i * n + k]
 
 
 @jit
