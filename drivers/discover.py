@@ -193,5 +193,6 @@ def _see_start(port: Port, url: str, answer_s: float) -> bytes:
                 return event.banner
             break
     raise PortError(
-        f"{url}: no `start` after a pulse of DTR, so the farm could not stop it: see to its cable"
+        f"{url}: no `start` after a pulse of DTR: see to its cable; "
+        "a printer that the farm cannot stop prints only while somebody is there"
     )

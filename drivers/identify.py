@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 from drivers import replies
 from drivers.errors import Fault
 from drivers.gcode import Program
@@ -9,7 +11,7 @@ from drivers.marlin import Link
 from drivers.messages import Filament
 from drivers.parking import Parking
 from drivers.profiles import Profile
-from drivers.steps import TRIES, Ended, Pace, Script
+from drivers.steps import TRIES, Ended, Pace, Script, Wait
 
 HOME_SLACK_MM = 30.0  # M206 shifts what a printer calls the height of its home
 
@@ -45,21 +47,30 @@ class Identifying(Parking):
         wrong = ""
         for _ in range(TRIES):
             yield from self._connect()
-            found = replies.identity(self._up.banner) if self._up is not None else None
+            assert self._up is not None
+            found = replies.identity(self._up.banner)
+            if not self._up.restarted:  # the height of its home tells an Extended
+                settings = yield from self._answer(b"M503")
+                offset = replies.offset(settings)
+                found = None if offset is None else replies.Identity(self.profile.banner_suffix, offset)
             if found is None:
                 wrong = "its banner does not tell which printer it is"
             elif found.suffix != self.profile.banner_suffix:
                 wrong = f"not the board of an {self.profile.title}"
             elif self.identity is not None and found.offset != self.identity:
                 wrong = f"another printer, or levelled anew: home offset {found.offset}, not {self.identity}"
+            elif b"Ultimaker2" in (yield from self._answer(b"M115")):
+                self.identity = found.offset
+                return
             else:
-                self._said = b""
-                yield from self._commands(b"M115")
-                if b"Ultimaker2" in self._said:
-                    self.identity = found.offset
-                    return
                 wrong = "M115 tells of another firmware than the Ultimaker 2's"
         raise Ended(Fault.WRONG_PRINTER, wrong)
+
+    def _answer(self, question: bytes) -> Generator[Wait, bool, bytes]:
+        """What the board says to a question."""
+        self._said = b""
+        yield from self._commands(question)
+        return self._said
 
     def _check_height(self, home: bytes) -> Script:
         """An Extended is 100 mm higher, whatever its firmware says; `home` is the file's first G28."""

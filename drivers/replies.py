@@ -113,6 +113,12 @@ def identity(banner: bytes) -> Identity | None:
     return Identity((version[2] or b"").decode(), offset[1].decode())
 
 
+def offset(settings: bytes) -> str | None:
+    """The home offset in an answer to M503; None where there is none to read."""
+    found = _OFFSET.search(settings)
+    return None if found is None else found[1].decode()
+
+
 def report(line: bytes) -> Report | None:
     """The temperatures of an answer to M105; None where it is garbled."""
     values = _REPORT.search(line)

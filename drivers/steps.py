@@ -30,6 +30,9 @@ PRINT_DEAD_MAN_S = 600.0  # moves feed it, but not an M400 behind 17 slow ones
 PAUSE_DEAD_MAN_S = 120.0  # fed every few seconds
 FEED_S = 300.0  # while heating: M105 does not feed the dead-man, a command does
 
+_AS_NEW = (
+    b"M104 S0", b"M140 S0", b"M401", b"M107", b"M85 S0", b"G90", b"M82", b"M220 S100", b"M221 S100",
+)  # fmt: skip
 _SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 
 
@@ -92,6 +95,9 @@ class Steps:
         to be cold.
     wants_reset
         Asks the caller to reset the port; the caller takes it back when that is done.
+    resets
+        The board starts anew when the port is reset. One that does not is told what a new one would be, and
+        where it does not listen nobody can stop it: it is used only while somebody is there.
     wants_power_off
         Asks the caller to cut the printer's mains, if it can: heaters could not be shown off.
     """
@@ -102,6 +108,7 @@ class Steps:
         self.heaters_off = False
         self.wants_reset = False
         self.wants_power_off = False
+        self.resets = True
         self._pace = pace
         self._now_s = now_s
         self._watch = Watch(2 * pace.floor_s)
@@ -112,7 +119,7 @@ class Steps:
         self._deaf_s = max(DEAF_S, 5 * pace.floor_s)
 
     def _connect(self) -> Script:
-        """Reset the board and wait until it answers; a new board has heaters off and counts lines from 1."""
+        """Reset the board and wait until it answers: heaters off, no dead-man, lines counted from 1."""
         for _ in range(TRIES):
             self._up = None
             self.wants_reset = True
@@ -121,9 +128,12 @@ class Steps:
                 raise Ended(Fault.PORT_LOST, "the port is not there")
             heard = self._until(lambda: self._up is not None or self.link.phase is LinkPhase.DEAD, UP_S)
             yield heard
-            if self._up is not None and self._up.restarted:
-                self._dead_man_s = 0.0
-                return
+            if self._up is not None and not (self._up.restarted or self.resets):
+                yield from self._commands(*_AS_NEW)
+            elif self._up is None or not self._up.restarted:
+                continue
+            self._dead_man_s = 0.0
+            return
         raise Ended(Fault.NO_ANSWER, "the board did not start again when its port was opened")
 
     def _until(self, met: Callable[[], bool], limit_s: float) -> Wait:

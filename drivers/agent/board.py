@@ -22,7 +22,8 @@ RETRY_S = 2.0  # wall seconds between attempts to open a port
 PULSES = 2
 UNWATCHED = "nobody watched it before its agent was started"
 NOT_IDLE = "its port is opened when somebody has said that it does not print: opening it may reset it"
-NO_RESET = "its board did not start again at a pulse of DTR, so it could not be stopped: see to its cable"
+NO_RESET = "its board does not start again at a pulse of DTR: it prints only while somebody is there"
+_OFF = b"\nM104 S0\nM140 S0\n"  # for a board that nothing resets; unnumbered, whatever it counts
 
 
 class Board:
@@ -63,7 +64,8 @@ class Board:
         self.wants_power_off = False  # a heater cannot be switched off any other way
         self.hot = False  # heat of ours may still be on
         self.opened: str | None = None  # the device, as it was plugged in, that was opened last
-        self.reset_verified: str | None = None  # the port over which DTR was seen to reset the board
+        self.reset_verified: str | None = None  # the port over which DTR was seen to reset the board,
+        self.reset_refuted: str | None = None  # and that over which it was seen not to
         self.idle = IdleWatch()
         self.stirred = False  # something other than the next line of a program happened
         self._url, self._folder, self._clock = url, folder, clock
@@ -160,13 +162,18 @@ class Board:
         self.hot = False
         well = self.look is None and self.link.phase is not Phase.DEAD
         self.look = None
-        if not (well and self.proven and self._port is not None):
+        if not (well and (self.proven or self.refuted) and self._port is not None):
             self.prove()
 
     @property
     def proven(self) -> bool:
         """Whether DTR was seen to reset the board behind this port."""
         return self.simulated or self.reset_verified == self._url
+
+    @property
+    def refuted(self) -> bool:
+        """Whether DTR was seen not to reset it."""
+        return not self.proven and self.reset_refuted == self._url
 
     def prove(self) -> None:
         """Reset the board, and see whether it starts again; somebody has said that it does not print.
@@ -179,7 +186,7 @@ class Board:
         if self.session is not None or self.idle.card:
             raise AgentError(CARD if self.idle.card else "it prints")
         self._said_idle = True
-        self.reset_verified = None
+        self.reset_verified = self.reset_refuted = None
         if self._port is None:
             self.open()
         if self._port is not None:
@@ -194,6 +201,8 @@ class Board:
         """Switch everything off by a reset, where a print is open: the agent is about to end."""
         if self.session is not None and self._port is not None:
             with suppress(PortError):
+                if self.refuted:
+                    self._port.write(_OFF)
                 self._port.reset()
 
     def close(self) -> None:
@@ -272,13 +281,14 @@ class Board:
         """See whether the pulse of DTR before had reset the board."""
         self.idle.anew()
         if up.restarted and (self.proving or self.session is not None):
-            self.reset_verified = self._url
+            self.reset_verified, self.reset_refuted = self._url, None
         elif self.proving > 1:
             self.proving -= 1
             self._reset()  # its `start` may have been lost on the way
             return
         elif self.proving:
-            self.look = NO_RESET
+            log.warning("%s", NO_RESET)
+            self.reset_refuted = self._url
         self.proving = 0
 
     def _idle_report(self, report: Report, now_s: float) -> None:

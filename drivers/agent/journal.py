@@ -42,6 +42,8 @@ class Memory:
         The device, as it was plugged in, that was opened last (`serialport.plugged_in`).
     reset_verified
         The port over which DTR was seen to reset the board.
+    reset_refuted
+        The port over which it was seen not to: what prints there is stopped by command only.
     """
 
     print: PrintSnapshot | None = None
@@ -52,6 +54,7 @@ class Memory:
     hot: bool = False
     opened: str | None = None
     reset_verified: str | None = None
+    reset_refuted: str | None = None
     ended: set[str] = field(default_factory=set)
 
     @property
@@ -75,6 +78,7 @@ class Memory:
         self.hot = record.get("hot", self.hot)
         self.opened = record.get("opened", self.opened)
         self.reset_verified = record.get("reset_verified", self.reset_verified)
+        self.reset_refuted = record.get("reset_refuted", self.reset_refuted)
         if "identity" in record:
             self.identity = record["identity"]
 

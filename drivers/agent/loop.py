@@ -9,7 +9,7 @@ import signal
 import socket
 from pathlib import Path
 
-from drivers.agent.board import Board
+from drivers.agent.board import NO_RESET, Board
 from drivers.agent.idle import CARD
 from drivers.agent.inhibit import Inhibitor
 from drivers.agent.journal import JOURNAL, Journal
@@ -162,9 +162,10 @@ class Agent:
             return LinkState.FAULT, board.look
         if board.idle.card:
             return LinkState.FAULT, CARD
-        if not board.proven:
+        if not (board.proven or board.refuted):
             return LinkState.FAULT, UNPROVEN
-        return (LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING), None
+        live = LinkState.READY if board.link.phase is Phase.LIVE else LinkState.CONNECTING
+        return live, NO_RESET if board.refuted else None
 
     def _snapshot(self) -> Snapshot:
         board, memory = self._board, self._journal.memory

@@ -16,7 +16,7 @@ from drivers.session import Session
 
 log = logging.getLogger(__name__)
 
-_KEPT = ("look", "doubt", "hot", "opened", "reset_verified")  # of the board
+_KEPT = ("look", "doubt", "hot", "opened", "reset_verified", "reset_refuted")  # of the board
 _NEEDS_A_LOOK = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
@@ -74,6 +74,7 @@ class Record:
             self._board.link, program, self._profile, filament, self._board.pace, now_s, memory.identity, left
         )
         session.extruded = extruded
+        session.resets = not self._board.refuted
         self._program = program
         status = self._board.status()
         self._starved_before_s = status.starved_s if status is not None else 0.0

@@ -150,7 +150,8 @@ class Emulator:
             for wire in self._wires or ():
                 wire.cut()
             self._firmware.feed(b"", now_s)
-            self._firmware.reset(now_s)
+            if not self._firmware.board.faults.no_reset:
+                self._firmware.reset(now_s)
         if self._port.is_open != was_open:
             self._firmware.board.changes += 1
 

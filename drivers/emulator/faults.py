@@ -60,6 +60,8 @@ class Faults:
     # switches
     no_endstop: int = 0  # 1, 2, 3: the switch of X, Y, Z is never pressed
     stuck_endstop: bool = False  # Z's stays pressed
+    # between host and board
+    no_reset: bool = False  # DTR does not get through: neither an opened port nor a pulse resets the board
     # not a fault: what tells two printers apart
     levelled: int = 0  # how many hundredths of a millimetre M206's Z lies below -10
 

@@ -1,11 +1,6 @@
 """An agent and its port: when it opens it, what it sees there, what it does where heat cannot be stopped."""
 
 import asyncio
-import os
-import pty
-import threading
-import tty
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +11,7 @@ from drivers import messages as m
 from drivers.client import alive
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
+from drivers.errors import Fault
 
 
 @pytest.mark.system
@@ -80,36 +76,39 @@ def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_
 
 
 @pytest.mark.system
-def test_a_board_that_no_pulse_of_dtr_resets_is_not_printed_on(tmp_path: Path):
-    master, slave = pty.openpty()
-    tty.setraw(slave)
-    one = Printer(tmp_path / "agent", os.ttyname(slave))
-
-    def board() -> None:
-        with suppress(OSError):
-            while data := os.read(master, 4096):
-                for line in data.split(b"\n")[:-1]:
-                    os.write(master, b"ok T:21.0 /0.0 B:21.0 /0.0\n" if b"M105" in line else b"ok\n")
-
-    threading.Thread(target=board, daemon=True).start()
+def test_a_board_that_no_pulse_of_dtr_resets_is_named_and_its_heat_is_ended_by_command(tmp_path: Path):
+    emulator = tmp_path / "emulator"
+    one = Printer(tmp_path / "agent", str(emulator / "tty"))
 
     async def story() -> None:
+        launch(f"sim://{MODEL}?no_reset=1", emulator, one.clock)
         one.spawn()
         try:
             await one.connect()
-            await one.until(lambda s: s.link is m.LinkState.FAULT)
-            assert (await one.client.request(m.BedCleared(id=0))).error is None
-            said = await one.until(lambda s: s.link is m.LinkState.FAULT and "DTR" in str(s.reason))
-            assert not said.reset_verified
+            said = await one.until(lambda s: s.link is m.LinkState.FAULT)
             assert (await one.start(gcode(10))).error is not None
+            assert (await one.client.request(m.BedCleared(id=0))).error is None
+            said = await one.ready()
+            assert not said.reset_verified and "DTR" in str(said.reason)
+            assert (await one.start(gcode(10))).error is None
+            await one.phase(m.PrintPhase.DONE)
+            assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
+            assert (await one.start(gcode(3000), "p-2")).error is None
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            one.spawn()
+            await one.connect()
+            left = await one.phase(m.PrintPhase.FAILED)
+            assert left.fault == Fault.AGENT_DIED
+            status = read_status(emulator)
+            assert (status.nozzle_target_c, status.bed_target_c, status.resets) == (0.0, 0.0, 0)
         finally:
             await one.close()
+            control(emulator, "power_off")
 
-    try:
-        run(story())
-    finally:
-        os.close(slave)
-        os.close(master)
+    run(story())
 
 
 @pytest.mark.system

@@ -2,6 +2,7 @@
 
 import errno
 import os
+from typing import Any
 
 import pytest
 
@@ -536,3 +537,41 @@ def test_the_head_passes_over_the_highest_part_also_where_the_file_names_no_laye
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
+
+
+def test_a_board_that_nothing_resets_prints_and_is_as_a_new_one_before():
+    rig = Rig(Faults(no_reset=True))
+    board = rig.firmware.board
+    board.bed.target_c = 50.0  # somebody warmed it up before
+    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
+    rig.run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.firmware.resets == 0
+    assert rig.session.identity == "X0.00 Y0.00 Z-10.00"
+    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+
+
+def test_another_board_that_nothing_resets_is_noticed_all_the_same():
+    rig = Rig(Faults(no_reset=True, levelled=3), identity="X0.00 Y0.00 Z-10.00").run()
+    assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
+
+
+@pytest.mark.parametrize(
+    ("faults", "fault"),
+    [({}, None), ({"stop_after": 150}, Fault.MAXTEMP), ({"dead_bed": True}, Fault.HEATER_TIMEOUT)],
+)
+def test_a_board_that_nothing_resets_ends_by_command(faults: dict[str, Any], fault: Fault | None):
+    rig = Rig(Faults(no_reset=True, **faults))
+    if fault is None:
+        rig.printing(60).session.cancel("cancelled", rig.now_s)
+    rig.run()
+    assert rig.session.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
+    assert rig.session.heaters_off and rig.targets() == (0.0, 0.0)
+    assert rig.firmware.resets == 0
+
+
+def test_a_board_that_nothing_resets_and_that_falls_silent_loses_its_mains():
+    rig = Rig(Faults(no_reset=True, silent_after=150)).run()
+    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.NO_ANSWER)
+    assert rig.session.wants_power_off and not rig.session.heaters_off

@@ -66,9 +66,13 @@ class Rig:
     ) -> None:
         self.now_s = 1000.0
         self.firmware = Firmware(PROFILES[model], faults, random.Random(seed), self.now_s)
+        if faults.no_reset:
+            self.now_s += 60.0  # it was switched on long before
+            self.firmware.feed(b"", self.now_s)
         self.link = Link(2.0)
         self.program = strip(io.BytesIO((text or gcode()).encode()), store)
         self.session = Session(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
+        self.session.resets = not faults.no_reset
         self.plugged = True
         self.back_s = math.inf  # when it is plugged in again
         self.sent = b""
@@ -79,7 +83,8 @@ class Rig:
         self.plugged = self.plugged or self.now_s >= self.back_s
         if session.wants_reset and self.plugged:
             session.wants_reset = False
-            self.firmware.reset(self.now_s)
+            if self.session.resets:
+                self.firmware.reset(self.now_s)
             link.opened(self.now_s)
             session.advance((), self.now_s)
         out = link.take()
