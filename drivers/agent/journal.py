@@ -84,16 +84,24 @@ class Memory:
 
 
 def recall(path: Path) -> tuple[Memory, int]:
-    """Read a journal, and how many bytes of it are whole records."""
-    memory, good = Memory(), 0
+    """Read a journal, and how many bytes of it are whole records.
+
+    What cannot be read may have been the beginning of a print: where no later record tells of its end, the
+    printer may be hot, and a person has to look in any case.
+    """
+    memory, good, untold = Memory(), 0, False
     if path.exists():
         for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the rest was cut short
             good += len(line) + 1
             try:
-                memory.take(json.loads(line))
+                record = json.loads(line)
+                memory.take(record)
+                untold = untold and not {"print", "hot"} & record.keys()
             except (ValueError, TypeError, AttributeError):
                 log.warning("%s:%d: cannot be read: %.80r", path, number, line)
                 memory.look = f"its journal is damaged: see line {number} of {path}"
+                untold = True
+    memory.hot = memory.hot or untold
     return memory, good
 
 

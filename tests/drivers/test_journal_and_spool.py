@@ -52,10 +52,16 @@ def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tm
     Journal(path).write(1.0, filament="parked")
     with path.open("ab") as end:
         end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n5\n[]\n')
+    assert Journal(path).memory.heat  # one of them may have begun a print
     Journal(path).write(4.0, print=ended.model_dump(mode="json"))
     memory = Journal(path).memory
-    assert memory.ended == {"p-1"}
+    assert memory.ended == {"p-1"} and not memory.heat
     assert memory.look is not None and "journal" in memory.look
+    with path.open("ab") as end:
+        end.write(b"?\n")
+    assert Journal(path).memory.heat
+    Journal(path).write(4.5, hot=False)  # it was seen off
+    assert not Journal(path).memory.heat
     Journal(path).write(5.0, look=None)  # a person did
     assert Journal(path).memory.look is None
 
