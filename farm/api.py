@@ -68,7 +68,10 @@ class JobView(_View):
     plates: list[PlateStatus]
     repairs: list[str]
     scale: float | None
+    plan: str | None  # its hash: what `farm approve` releases
+    starts: str | None  # not before
     estimated_s: float | None
+    lower_bound_s: float | None  # no order of its plates on these printers takes less
     eta: str | None
     elapsed_s: float | None  # parallel printing time so far, or reached
     serial_s: float | None
@@ -91,7 +94,8 @@ class Targets(_View):
 class Reel(_View):
     material: str
     colour: str | None
-    grams: float | None
+    grams: float | None  # left; null where nobody said
+    nozzle_mm: float
 
 
 class PrintProgress(_View):
@@ -204,6 +208,52 @@ class Named(_View):
     """The part, or the printer, that was meant."""
 
     name: str
+
+
+class LoadRequest(_View):
+    """What is on a printer now; what is not said stays as it was."""
+
+    material: str | None = Field(default=None, max_length=100)
+    colour: str | None = Field(default=None, max_length=40)
+    grams: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    nozzle_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    by: str = "a person"
+
+
+class ApproveRequest(_View):
+    """The plan that a person has seen."""
+
+    plan: str
+    by: str = "a person"
+
+
+class SlotView(_View):
+    """A plate's time on a printer: as reached, or as expected."""
+
+    plate: str
+    parts: list[str]
+    printer: str
+    starts: str
+    ends: str
+    grams: float
+    price: float | None
+
+
+class Night(_View):
+    """When and where a planned job prints."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    job: int
+    plan: str
+    slots: list[SlotView]
+    left: list[str]  # plates that no printer can ever take, by material, reel or hours
+    makespan_s: float
+    lower_bound_s: float
+    grams: float
+    price: float | None
+    currency: str | None
 
 
 class DownRequest(_View):

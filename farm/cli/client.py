@@ -51,6 +51,15 @@ class Client:
         answer = self._call("POST", path, body=body)
         return api.Named.model_validate(answer).name if answer else ""
 
+    def load(self, printer: str, request: api.LoadRequest) -> api.Reel:
+        return api.Reel.model_validate(self._call("POST", f"/printers/{printer}/load", body=request))
+
+    def approve(self, number: int, request: api.ApproveRequest) -> None:
+        self._call("POST", f"/jobs/{number}/approve", body=request)
+
+    def night(self, number: int) -> api.Night:
+        return api.Night.model_validate(self._call("GET", f"/jobs/{number}/night"))
+
     def down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 

@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 
 import farm
 from drivers.profiles import PROFILES
-from farm.cli import follow, local, operate, pause, ports, render, stop
+from farm.cli import ahead, local, operate, pause, ports, render, stop, submit
 from farm.cli.client import Client
+from farm.cli.words import say
 from farm.config import Fleet, load_fleet
-from farm.errors import DaemonUnreachable, ErrorCode, ExitCode, FarmError
-from farm.model import Engine, JobOptions
+from farm.errors import DaemonUnreachable, ExitCode, FarmError
 from farm.paths import Places, find_places
 
 app = typer.Typer(
@@ -157,71 +156,6 @@ def _exists(pid: int) -> bool:
 
 
 @app.command()
-def submit(
-    model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF; or G-code, printed as it is.")],
-    printers: Annotated[str, typer.Option(help="How many printers it may use, or auto.")] = "auto",
-    longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
-    scale: Annotated[float | None, typer.Option(help="Scale it by this factor (1000: metres).")] = None,
-    engine: Annotated[Engine, typer.Option(help="How to decompose it.")] = Engine.BEST,
-    material: Annotated[str | None, typer.Option(help="Only printers with this material.")] = None,
-    colour: Annotated[str | None, typer.Option(help="Only printers with this colour.")] = None,
-    quality: Annotated[str, typer.Option(help="glue, paper, or one of Cura's.")] = "glue",
-    wait: Annotated[bool, typer.Option("--wait", help="Return when the last part is printed.")] = False,
-    json: Json = False,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
-) -> None:
-    """Print a model on as many printers as make it soonest."""
-    places = find_places(state, socket, fleet)
-    try:
-        options = JobOptions(
-            printers=_count(printers),
-            longest_side_mm=longest_side,
-            scale=scale,
-            engine=engine,
-            material=material,
-            colour=colour,
-            quality=quality,
-        )
-    except ValidationError as error:
-        first = error.errors()[0]
-        flag = str(first["loc"][0]).removesuffix("_mm").replace("_", "-")
-        raise FarmError(f"--{flag} {first['input']}: {first['msg']}", ErrorCode.SETTINGS) from error
-    if not model.is_file():
-        what = "is a folder" if model.is_dir() else "there is no such file"
-        raise FarmError(f"{model}: {what}; name the file of a model", ErrorCode.MODEL)
-    client = Client(places.socket)
-    number = client.submit(model, options).job
-    answer = client.job(number)
-    if not json:
-        render.submitted(answer.job, wait)
-    if wait:
-        try:
-            answer = follow.job(client, number, quiet=json)
-        except KeyboardInterrupt:
-            say(f"job {number} goes on; `farm status {number}` shows how")
-            raise
-    job = answer.job
-    if json:
-        print(answer.model_dump_json(by_alias=True, indent=2))
-    elif wait and (job.parts or not job.exit_code):
-        render.result(job)
-    if job.exit_code:
-        if job.reason:
-            say(f"job {number}: {job.reason}")
-        raise typer.Exit(job.exit_code)
-
-
-def _count(printers: str) -> int | None:
-    if printers == "auto":
-        return None
-    if not printers.isdigit() or int(printers) < 1:
-        raise typer.BadParameter("a number from 1, or auto", param_hint="--printers")
-    return int(printers)
-
-
-@app.command()
 def status(
     job: Annotated[int | None, typer.Argument(help="Only this job.")] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it anew until Ctrl-C.")] = False,
@@ -242,6 +176,9 @@ def status(
         print(whole.model_dump_json(by_alias=True, indent=2)) if json else render.status(whole)
 
 
+app.command()(submit.submit)
+app.command()(ahead.load)
+app.command()(ahead.approve)
 app.command()(operate.cleared)
 app.command()(operate.fail)
 app.command()(operate.reprint)
@@ -253,11 +190,6 @@ app.command()(pause.pause)
 app.command()(pause.resume)
 app.command()(ports.discover)
 app.command()(stop.estop)
-
-
-def say(line: str) -> None:
-    """One line for a person, on stderr."""
-    print(f"farm: {line}", file=sys.stderr)
 
 
 def main() -> None:

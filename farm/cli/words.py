@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from datetime import datetime
 
 from farm.model import PlanProgress, PlanStep
+
+
+def say(line: str) -> None:
+    """One line for a person, on stderr."""
+    print(f"farm: {line}", file=sys.stderr)
 
 
 def span(seconds: float | None) -> str:

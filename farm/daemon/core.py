@@ -246,7 +246,7 @@ class Core:
                 self._hold(job, nobody)
             elif job.paused:
                 self._hold(job, Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`"))
-            elif job.not_before_s is not None and now_s < job.not_before_s:
+            elif job.not_before_s is not None and now_s < job.not_before_s and not job.options.hold:
                 text = f"it starts {self.rules.words(job.not_before_s)}"
                 self._hold(job, Hold(code=HoldCode.START_TIME, text=text))
             elif own in fronts:
@@ -325,7 +325,8 @@ class Core:
         fleet = [idle(view) for view in self.printer_views() if view.name in used]
         books = replace(self.books, plates={plate.id: plate for plate in plan.plates})
         seen = forecast(plate_views(plan.plates, books), fleet, self.rules, now_s)
-        at_once = len(used) == len(plan.plates) and self.rules.max_heating is None
+        beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
+        at_once = seen.left or (beside and self.rules.max_heating is None)
         return ev.JobPlanned(
             at_s=now_s,
             job=job.id,
@@ -334,7 +335,7 @@ class Core:
             repairs=plan.repairs,
             scale=plan.scale,
             serial_s=plan.serial_s,
-            estimated_s=plan.estimated_s if at_once or seen.left else seen.ends_s - seen.starts_s,
+            estimated_s=plan.estimated_s if at_once else seen.ends_s - seen.starts_s,
             lower_bound_s=max(0.0, seen.lower_bound_s - seen.starts_s),
             picture=plan.picture,
             plan=plan_hash(plan.parts, plan.plates),

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 import farm
 from farm import api
+from farm.daemon.ahead import Ahead, add_ahead
 from farm.daemon.core import Core
 from farm.daemon.desk import Desk
 from farm.daemon.workers import Workers
@@ -102,6 +103,7 @@ def make_app(
         known = core.submitted(request_id)
         if known is not None:
             return api.Submitted(job=known, again=True)
+        core.starts_s(wanted, core.clock.now())  # what it says wrongly is said before the upload
         if core.stopping:
             raise Refused("the farm is going down: submit again when it is up")
         upload = state.work / f"upload-{uuid.uuid4().hex}"
@@ -148,6 +150,7 @@ def make_app(
         core.pause(name, False)
 
     add_desk(app, Desk(core))
+    add_ahead(app, Ahead(core, state))
 
     @app.post("/down")
     async def go_down(request: api.DownRequest) -> None:

@@ -85,7 +85,10 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         plates=[_plate_view(scene, plate) for plate in plates],
         repairs=list(job.repairs),
         scale=job.scale,
+        plan=job.plan,
+        starts=scene.moment(job.not_before_s),
         estimated_s=job.estimated_s,
+        lower_bound_s=job.lower_bound_s,
         eta=scene.moment(job.ended_s if ended else _eta_s(scene, job, remaining_s)),
         elapsed_s=elapsed_s,
         serial_s=job.serial_s,
@@ -112,7 +115,7 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
         state=_printer_state(entry, snapshot, attempt, section.enabled),
         bed=entry.bed,
         filament=entry.filament,
-        reel=api.Reel(material=section.material, colour=section.colour, grams=_grams(entry)),
+        reel=_reel(section, entry),
         agent_pid=snapshot.agent_pid,
         nozzle_c=snapshot.nozzle_c,
         bed_c=snapshot.bed_c,
@@ -126,9 +129,14 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
     )
 
 
-def _grams(entry: Printer) -> float | None:
-    """What is left on its reel, where somebody said what was on it."""
-    return entry.reel.grams if entry.reel is not None else None
+def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
+    """What is on it; how much of it, where somebody said so."""
+    return api.Reel(
+        material=section.material,
+        colour=section.colour,
+        grams=entry.reel.grams if entry.reel is not None else None,
+        nozzle_mm=section.nozzle_mm,
+    )
 
 
 def todo(scene: Scene) -> list[api.Todo]:
@@ -248,6 +256,8 @@ def _last(books: Books, plate: Plate) -> Print:
 
 def _waits_for_person(books: Books, job: Job, plates: list[Plate]) -> bool:
     """Whether nothing will go on with this job before a person does something."""
+    if job.state is JobState.HELD:
+        return True
     if job.state is JobState.QUEUED:
         waiting = [job.hold]
         printing = any(True for _ in books.open_prints())

@@ -23,18 +23,18 @@ class Hands:
         self.plans.append((job.id, [p.name for p in printers], rounds))
 
 
-def fleet():
+def fleet(**house):
     printers = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in ("a", "b")]
-    return Fleet.model_validate({"printers": printers})
+    return Fleet.model_validate({"fleet": house, "printers": printers})
 
 
 class Farm:
     """A core on a store in a folder; made again, it is a daemon that was killed and started again."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, **house):
         self.hands = Hands()
         self.store = Store(folder / "farm.db")
-        self.core = Core(fleet(), self.store, Clock(), bed_boxes, self.hands)
+        self.core = Core(fleet(**house), self.store, Clock(), bed_boxes, self.hands)
         self.core.start()
 
     def ready(self, *names, **changes):

@@ -1,0 +1,171 @@
+"""Reels, held plans, start times, spares, G-code beside a decomposition: through the daemon's own rules."""
+
+import asyncio
+import hashlib
+from datetime import datetime
+
+import pytest
+
+from farm.api import ApproveRequest, LoadRequest
+from farm.daemon import ahead as module
+from farm.daemon.ahead import Ahead
+from farm.errors import ErrorCode, FarmError, Refused
+from farm.model import HoldCode, JobOptions, JobState, OwnGcode
+from farm.paths import StateFolder
+from farm.services.models import Inspected
+from farm.services.planning import Plan
+from farm.tracking import events as ev
+from make_books import plan as planned
+from one_core import MODEL, Farm
+
+GCODE = Inspected(
+    "x.gcode", (), 1.0, OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
+)
+
+
+@pytest.fixture
+def state(tmp_path):
+    folder = StateFolder(tmp_path / "state")
+    folder.make()
+    return folder
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    return farm
+
+
+def submit(farm, name="r", model=MODEL, **options):
+    return farm.core.submit(name * 8, "m.stl", model, JobOptions(**options))[0]
+
+
+def plan_for(number, state, plates=2):
+    """A plan of which the G-code lies in the file store."""
+    event = planned(number, plates)
+    gcode = b"G28\n"
+    (state.files / "g.gcode").write_bytes(gcode)
+    facts = {"sha256": hashlib.sha256(gcode).hexdigest()}
+    made = tuple(plate.model_copy(update=facts) for plate in event.plates)
+    return Plan(event.parts, made, (), 1.0, 500.0, 100.0, None)
+
+
+def starts(farm):
+    return [told.printer for told in farm.hands.told if isinstance(told, ev.SendStart)]
+
+
+def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
+    number = submit(farm, hold=True)
+    farm.core.planned(number, plan_for(number, state))
+    job = farm.core.books.job(number)
+    assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
+    assert starts(farm) == []
+    ahead = Ahead(farm.core, state)
+    with pytest.raises(Refused, match="look at it again"):
+        asyncio.run(ahead.approve(number, ApproveRequest(plan="0" * 12)))
+    asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan)))
+    assert starts(farm) == ["a", "b"]
+    with pytest.raises(Refused, match="waits for no approval"):
+        asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan)))
+
+
+def test_a_plan_whose_files_changed_is_not_released(farm, state):
+    number = submit(farm, hold=True)
+    farm.core.planned(number, plan_for(number, state))
+    (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
+    with pytest.raises(Refused, match="is not what was planned"):
+        plan = farm.core.books.job(number).plan
+        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan)))
+    assert starts(farm) == []
+
+
+def test_a_fleet_can_ask_for_approval_of_every_job(tmp_path, state):
+    farm = Farm(tmp_path, approve=True)
+    farm.ready("a", "b")
+    number = submit(farm)
+    farm.core.planned(number, plan_for(number, state))
+    assert farm.core.books.job(number).state is JobState.HELD
+
+
+def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
+    farm, state, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(module, "mistake_in", lambda section: None)
+    ahead = Ahead(farm.core, state)
+    asyncio.run(ahead.load("a", LoadRequest(grams=4.0, colour="white")))
+    reel = asyncio.run(ahead.load("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8)))
+    assert (reel.material, reel.colour, reel.grams, reel.nozzle_mm) == ("generic_abs", None, 700.0, 0.8)
+    number = submit(farm, material="generic_pla")
+    assert farm.hands.plans == [(number, ["a"], 1)]
+    farm.core.planned(number, plan_for(number, state, plates=1))
+    hold = farm.core.books.plates[f"{number}/01"].hold
+    assert hold.code is HoldCode.REEL_TOO_SHORT
+    assert "a has 4 g, it needs 8 g" in hold.text
+    farm.store.close()
+    again = Farm(tmp_path)
+    again.ready("a", "b")
+    assert again.core.fleet.printer("b").material == "generic_abs"
+    asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0)))
+    assert starts(again) == ["a"]
+    with pytest.raises(Refused, match="is printing"):
+        asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0)))
+
+
+def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
+    monkeypatch.setattr(module, "mistake_in", lambda section: ("material", "there is no generic_gold"))
+    with pytest.raises(Refused, match="a: there is no generic_gold"):
+        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(material="generic_gold")))
+
+
+def test_g_code_does_not_wait_behind_a_decomposition(farm):
+    first, second = submit(farm), submit(farm, "s", GCODE)
+    assert [plan[0] for plan in farm.hands.plans] == [first, second]
+    third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
+    holds = {number: farm.core.books.job(number).hold.code for number in (third, urgent)}
+    assert set(holds.values()) == {HoldCode.NOT_FRONT}
+    farm.core.cancel(first)
+    assert farm.hands.plans[-1][0] == urgent
+
+
+def test_g_code_of_less_priority_leaves_the_printers_to_what_is_being_planned(farm):
+    submit(farm, priority=1)
+    second = submit(farm, "s", GCODE)
+    assert farm.core.books.job(second).hold.code is HoldCode.PRINTER_BUSY
+    assert len(farm.hands.plans) == 1
+
+
+def test_a_job_with_a_start_time_waits_for_it_and_lets_others_pass(farm):
+    then = datetime.fromtimestamp(farm.core.clock.now() + 3600).astimezone().isoformat()
+    later, now = submit(farm, at=then), submit(farm, "s")
+    assert farm.core.books.job(later).hold.code is HoldCode.START_TIME
+    assert farm.hands.plans == [(now, ["a", "b"], 1)]
+    farm.core.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
+    farm.clock_s = farm.core.books.job(later).not_before_s
+    farm.core.cancel(now)
+    assert farm.hands.plans[-1][0] == later
+
+
+def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
+    for options in ({"at": "soon"}, {"overnight": True}):
+        with pytest.raises(FarmError) as error:
+            submit(farm, **options)
+        assert error.value.code is ErrorCode.SETTINGS
+
+
+def test_spares_are_left_out_of_the_plan(farm):
+    number = submit(farm, spares=1)
+    assert len(farm.hands.plans[0][1]) == 1
+    assert farm.hands.plans[0][0] == number
+
+
+def test_the_night_of_a_held_job_is_foreseen(farm, state):
+    number = submit(farm, hold=True)
+    with pytest.raises(Refused, match="no plan yet"):
+        Ahead(farm.core, state).night(number)
+    farm.core.planned(number, plan_for(number, state, plates=3))
+    night = Ahead(farm.core, state).night(number)
+    assert {slot.plate for slot in night.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
+    assert night.grams == pytest.approx(9.0)
+    assert night.lower_bound_s <= night.makespan_s
+    assert farm.core.books.job(number).estimated_s == pytest.approx(night.makespan_s)

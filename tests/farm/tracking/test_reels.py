@@ -1,0 +1,54 @@
+"""The ledger of reels: what a print takes off, and nothing else."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.config import Fleet
+from farm.model import Printer, PrintState, Reel
+from farm.tracking import events as ev
+from farm.tracking.reels import used_grams, with_reels
+from make_books import ended, printing, run
+
+WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
+
+
+def with_a_reel(**changes):
+    loaded = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE.model_copy(update=changes), by="ann")
+    books, _ = run(printing(), loaded, ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    return books
+
+
+@pytest.mark.parametrize(
+    ("changes", "left"),
+    [
+        ({}, 97.0),
+        ({"state": PrintState.FAILED, "printed_share": 0.5}, 98.5),
+        ({"state": PrintState.FAILED, "printed_share": None}, 97.0),
+        ({"state": PrintState.FAILED, "printed_share": 0.0, "extruded": False}, 100.0),
+        ({"state": PrintState.CANCELLED, "started_s": None, "extruded": False}, 100.0),
+    ],
+)
+def test_a_print_takes_its_grams_off(changes, left):
+    books, _ = run(with_a_reel(), ended("x", **changes))
+    assert books.printer("a").reel.grams == pytest.approx(left)
+
+
+def test_what_nobody_weighed_stays_unknown():
+    books, _ = run(with_a_reel(grams=None), ended("x"))
+    assert books.printer("a").reel.grams is None
+
+
+@given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))
+def test_no_print_takes_more_than_its_plate(state, extruded, share):
+    plate = printing().plates["1/01"]
+    assert 0.0 <= used_grams(plate, state, extruded, share) <= plate.grams
+
+
+def test_the_fleet_has_what_was_loaded():
+    written = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
+    fleet = Fleet.model_validate({"printers": [written, {**written, "name": "b"}]})
+    abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
+    now = with_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
+    has = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
+    assert has == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
