@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from decompose.curve import Point
 from decompose.errors import GeometryError, Rule
 from decompose.growth import Score
 from decompose.joints import MIN_GLUE_MM2, Fault, Joint
@@ -168,6 +169,8 @@ class Decomposition:
     faults
         Slivers, and parts that joints of enough glue do not hold. The guillotine engine gives up what has
         any; of the others they are told.
+    curve
+        Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
     attempts
         What `best` tried, in its order; empty of a single engine.
     compute_s
@@ -190,6 +193,7 @@ class Decomposition:
     attempts: tuple[Attempt, ...] = ()
     joints: tuple[Joint, ...] = ()
     faults: tuple[Fault, ...] = ()
+    curve: tuple[Point, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """The object that decomposition.json holds."""
@@ -210,6 +214,7 @@ class Decomposition:
             "attempts": [asdict(attempt) for attempt in self.attempts],
             "parts": [p.as_dict() for p in self.parts],
             "coverage": asdict(self.coverage),
+            "curve": [asdict(point) for point in self.curve],
             "joints": [
                 {
                     "a": self.parts[joint.a].id,

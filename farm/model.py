@@ -124,7 +124,7 @@ class Hold(Entity):
 class JobOptions(Entity):
     """How a person wants a job printed."""
 
-    printers: int | None = Field(default=None, ge=1)  # None: all that are free
+    printers: int | None = Field(default=None, ge=1)  # None: of the free ones as many as are worth it
     longest_side_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     scale: float | None = Field(default=None, gt=0, allow_inf_nan=False)
     engine: Engine = Engine.BEST

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from farm.cli.count import count_or_auto
 from farm.cli.decomposition import decomposition_lines
 from farm.cli.words import filament, span
 from farm.errors import ErrorCode, FarmError
@@ -25,7 +26,7 @@ Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, a
 def decompose(
     model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF.")],
     out: Annotated[Path, typer.Option(help="The folder for the parts.")],
-    printers: Annotated[int, typer.Option(min=1, help="How many printers.")] = 8,
+    printers: Annotated[str, typer.Option(help="How many, or auto: as many as are worth it.")] = "8",
     volume: Annotated[str, typer.Option(help="A printer's volume X,Y,Z in mm.")] = "223,223,205",
     brim: Annotated[float, typer.Option(min=0, help="Width of the brim, mm.")] = 8.0,
     longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
@@ -34,12 +35,14 @@ def decompose(
     interior: Annotated[str, typer.Option(help="leave or keep what lies deep inside.")] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Least wall around a hollow, mm.")] = 10.0,
     min_glue: Annotated[float, typer.Option(min=0, help="A joint of less area holds nothing, mm2.")] = 25.0,
-    engine: Annotated[str, typer.Option(help="best, guillotine (exact) or parallelobox.")] = "best",
+    engine: Annotated[str, typer.Option(help="How to cut; best: all.")] = "best",
     budget: Annotated[float, typer.Option(min=0, help="Of best: no engine is begun after it, s.")] = 20.0,
     seed: Annotated[int, typer.Option(min=0, help="Of parallelobox, which draws.")] = 0,
     tries: Annotated[int, typer.Option(min=1, help="Of parallelobox, for each number of seeds.")] = 3,
     score: Annotated[str, typer.Option(help="Of parallelobox: low or high is better.")] = "low",
     faithful: Annotated[bool, typer.Option("--faithful", help="The paper's settings and score.")] = False,
+    clear: Annotated[float, typer.Option(min=0, help="Of auto: to clear a bed takes a person, s.")] = 120.0,
+    assemble: Annotated[float, typer.Option(min=0, help="Of auto: to glue a part takes, s.")] = 216.0,
     json: Json = False,
 ) -> None:
     """Cut a model into parts that finish together, and write them to a folder."""
@@ -49,7 +52,7 @@ def decompose(
     report = decompose_to_folder(
         model,
         out,
-        printers=printers,
+        printers=count_or_auto(printers),
         volume_mm=size,
         brim_mm=brim,
         longest_side_mm=longest_side,
@@ -64,11 +67,13 @@ def decompose(
         score=score,
         faithful=faithful,
         budget_s=budget,
+        clear_s=clear,
+        assemble_s=assemble,
     )
     if json:
         print(jsonlib.dumps(report, indent=2))
         return
-    for line in decomposition_lines(report, printers, out):
+    for line in decomposition_lines(report, count_or_auto(printers) or len(report["parts"]), out):
         print(line)
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from decompose import partition
+from decompose import auto, partition
 from decompose.cost import CostModel, PrinterRoom
 from decompose.files import write
 from decompose.growth import Score
@@ -23,6 +23,8 @@ from farm.services.trouble import in_farm_words
 from slicing.resources import find_resources
 from slicing.settings import SettingsRequest, resolve_settings
 
+MOST_PRINTERS = 100
+"""That a number is chosen from, where a person names none."""
 _DEFAULT_MODEL = "ultimaker2_plus"
 
 
@@ -30,7 +32,7 @@ def decompose_to_folder(
     path: Path,
     out: Path,
     *,
-    printers: int,
+    printers: int | None,
     volume_mm: tuple[float, float, float],
     brim_mm: float,
     longest_side_mm: float | None,
@@ -45,8 +47,12 @@ def decompose_to_folder(
     score: str,
     faithful: bool,
     budget_s: float,
+    clear_s: float,
+    assemble_s: float,
 ) -> dict[str, Any]:
     """Cut a model and write parts, report and picture; the report, with what was repaired.
+
+    Without a number of printers it is as many as are worth it, up to `MOST_PRINTERS`.
 
     Raises
     ------
@@ -72,8 +78,8 @@ def decompose_to_folder(
     except ValueError:
         known = ", ".join(Engine)
         raise FarmError(f"--engine {engine}: {known}", ErrorCode.SETTINGS) from None
-    if faithful and cutter is not Engine.PARALLELOBOX:
-        raise FarmError("--faithful is for --engine parallelobox", ErrorCode.SETTINGS)
+    if faithful and cutter in (Engine.BEST, Engine.GUILLOTINE):
+        raise FarmError(f"--faithful is for the engines of papers, not {cutter}", ErrorCode.SETTINGS)
     options = Options(
         engine=cutter,
         granularity=granularity,
@@ -90,10 +96,18 @@ def decompose_to_folder(
     with in_farm_words():
         settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
-        rooms = [PrinterRoom(str(number), model_sizes(room, settings)) for number in range(printers)]
+        rooms = [
+            PrinterRoom(str(number), model_sizes(room, settings))
+            for number in range(printers or MOST_PRINTERS)
+        ]
         cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=brim_mm))
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            written = write(partition.decompose(model, rooms, options, cost, executor), out)
+            if printers is None:
+                handling = {"clear_s": clear_s, "assemble_s": assemble_s}
+                found = auto.decompose(model, rooms, options, cost, executor, **handling)
+            else:
+                found = partition.decompose(model, rooms, options, cost, executor)
+            written = write(found, out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from decompose import partition
+from decompose import auto, partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
 from decompose.files import write
@@ -174,10 +174,11 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     settings = {
         section.name: printer_settings(section, task.options.quality, resources) for section in task.printers
     }
+    quickest = sorted(task.printers, key=lambda section: task.factors.get(section.name, 1.0))
     rooms = [
         PrinterRoom(section.name, model_sizes(room, settings[section.name]))
         for _ in range(task.rounds)
-        for section in task.printers
+        for section in quickest
         for room in (printer_room(section, settings[section.name].brim_width_mm),)
     ]
     model = read_inspected(task.model)
@@ -189,8 +190,10 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     fits = quality is not None and quality.fits_first_layer
     options = Options(engine, fit_first_layer=fits, prove=False)  # a person waits: no proof
     try:
-        found = _whole(model, rooms, options, cost) if task.options.printers is None else None
-        found = found or partition.decompose(model, rooms, options, cost)
+        if task.options.printers is None:
+            found = _whole(model, rooms, options, cost) or auto.decompose(model, rooms, options, cost)
+        else:
+            found = partition.decompose(model, rooms, options, cost)
         written = write(found, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):

@@ -26,6 +26,8 @@ USUAL = {
     "score": "low",
     "faithful": False,
     "budget_s": 20.0,
+    "clear_s": 120.0,
+    "assemble_s": 216.0,
 }
 
 
@@ -49,10 +51,10 @@ def test_an_engine_by_name(bar, tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox"),
+        ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry"),
         ({"engine": "parallelobox", "score": "up"}, "--score up: low or high"),
         ({"interior": "gone"}, "--interior gone: leave or keep"),
-        ({"faithful": True}, "--faithful is for --engine parallelobox"),
+        ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],
 )
 def test_a_wrong_option_is_named(bar, tmp_path, wrong, said):
