@@ -77,6 +77,11 @@ class JobView(_View):
     serial_s: float | None
     speedup: float | None
     utilisation: float | None
+    printed: int  # plates
+    good: int  # by a person's word
+    current_s: float | None  # parallel printing time by what is known now; reached, once printed
+    wasted_s: float  # of prints that failed, were cancelled, or are bad
+    wasted_grams: float
     grams: float | None
     filament_mm: float | None
     price: float | None  # of its filament; None where a reel's price is not known
@@ -113,6 +118,16 @@ class PrintProgress(_View):
     pause_ends: str | None  # paused: when it is ended, unless it is resumed
 
 
+class LastPrint(_View):
+    """What was printed on a printer last; it lies on the bed until that is cleared."""
+
+    plate: str
+    state: PrintState
+    ended: str | None
+    off: float | None  # how much longer it took than expected, as a share; null where it did not end done
+    verdict: Verdict | None
+
+
 class PrinterView(_View):
     name: str
     model: str
@@ -127,6 +142,7 @@ class PrinterView(_View):
     heaters_off: bool
     time_factor: float  # its layers' time, reached over expected, as learned from its prints
     print: PrintProgress | None
+    last: LastPrint | None
     look: str | None
     maintenance: str | None  # why a person has taken it out of use
     hold: Hold | None
@@ -138,6 +154,47 @@ class Todo(_View):
     code: str
     printers: list[str]
     text: str
+    brief: str = ""  # the same in few words
+
+
+class NightView(_View):
+    """What was printed since the afternoon before; of the plates, one is counted once."""
+
+    since: str
+    plates: int
+    printed: int
+    failed: int
+    printing: int
+    waiting: int  # not started
+    grams: float
+    wasted_grams: float
+
+
+class HistoryRow(_View):
+    """A print that has ended."""
+
+    printer: str
+    job: int
+    name: str  # the job's
+    part: str
+    state: PrintState
+    fault: str | None
+    reason: str | None
+    verdict: Verdict | None
+    why: str | None
+    started: str | None
+    ended: str | None
+    took_s: float
+    expected_s: float
+    grams: float
+    wasted: bool
+
+
+class History(_View):
+    model_config = ConfigDict(populate_by_name=True)
+
+    schema_: int = Field(default=SCHEMA, alias="schema")
+    prints: list[HistoryRow]  # oldest first
 
 
 class FleetView(_View):
@@ -162,7 +219,8 @@ class Status(_View):
     todo: list[Todo]
     fleet: FleetView
     printers: list[PrinterView]
-    jobs: list[JobView]
+    jobs: list[JobView]  # those that go on or wait for a verdict, and the last of the others
+    night: NightView | None  # null where nothing ended since
 
 
 class JobStatus(_View):

@@ -11,14 +11,13 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
+from farm.cli.board import board, mass
 from farm.cli.client import Client
 from farm.cli.follow import patiently
 from farm.cli.words import filament, from_cache, moment, planning, span
-from farm.model import JobState
+from farm.model import JobState, PrintState
 
 _REFRESH_S = 1.0
-_ENDED_SHOWN = 5  # jobs that have ended; `farm status --json` has all
-_NAME_WIDTH = 16
 
 
 def _console() -> Console:
@@ -34,7 +33,8 @@ def _table(*headings: str) -> Table:
 
 
 def status(view: api.Status) -> None:
-    _console().print(_status(view))
+    console = _console()
+    console.print(board(view, console.width))
 
 
 def job(view: api.JobView) -> None:
@@ -44,12 +44,14 @@ def job(view: api.JobView) -> None:
 def watch(client: Client, number: int | None) -> None:
     """Show the status anew every second until Ctrl-C."""
 
+    console = _console()
+
     def draw() -> RenderableType:
         if number is not None:
             return _job(client.job(number).job)
-        return _status(client.status())
+        return board(client.status(), console.width)
 
-    with Live(patiently(draw), console=_console(), auto_refresh=False, screen=False) as live:
+    with Live(patiently(draw), console=console, auto_refresh=False, screen=False) as live:
         while True:
             time.sleep(_REFRESH_S)
             live.update(patiently(draw), refresh=True)
@@ -80,49 +82,6 @@ def result(view: api.JobView) -> None:
     if view.state in (JobState.PRINTED, JobState.DONE):
         printers = sorted({plate.printer for plate in view.plates})
         console.print(f"Now: take the parts off {' '.join(printers)}, then `farm cleared PRINTER` for each.")
-
-
-def _status(view: api.Status) -> RenderableType:
-    rows: list[RenderableType] = []
-    now = Text(f"{view.fleet.name}: {moment(view.fleet.now)}", style="bold")
-    if view.fleet.time_scale != 1:
-        now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style="dim")
-    rows.append(now)
-    rows += [Text.assemble(("DO NOW  ", "bold red"), item.text) for item in view.todo]
-    printers = _table("PRINTER", "STATE", "PLATE", "LEFT", "LAYER", "NOZZLE", "BED", "BED IS", "FILAMENT")
-    for printer in view.printers:
-        printing = printer.print
-        printers.add_row(
-            printer.name,
-            printer.state,
-            printing.plate if printing else "",
-            f"{span(printing.remaining_s)} {printing.progress:4.0%}" if printing else "",
-            f"{printing.layer}/{printing.layers}" if printing and printing.layer else "",
-            _degrees(printer.nozzle_c, printer.targets.nozzle_c),
-            _degrees(printer.bed_c, printer.targets.bed_c),
-            printer.bed.replace("_", " "),
-            printer.filament.replace("_", " "),
-        )
-    rows.append(printers)
-    if view.jobs:
-        jobs = _table("JOB", "MODEL", "STATE", "DONE", "EXPECTED", "NOW", "ENDS", "SPEED", "USE")
-        running = [one for one in view.jobs if not JobState(one.state).ended]
-        ended = [one for one in view.jobs if JobState(one.state).ended]
-        for one in [*ended[-_ENDED_SHOWN:], *running]:
-            jobs.add_row(
-                str(one.id),
-                one.name if len(one.name) <= _NAME_WIDTH else one.name[: _NAME_WIDTH - 1] + "…",
-                planning(one.progress) if one.progress else one.state,
-                f"{_printed(one)}/{len(one.parts)}" if one.parts else "",
-                span(one.estimated_s),
-                span(one.elapsed_s),
-                moment(one.eta),
-                f"{one.speedup:.1f}" if one.speedup else "-",
-                f"{one.utilisation:.0%}" if one.utilisation else "-",
-            )
-        rows.append(jobs)
-        rows += [line for one in view.jobs for line in _waits(one)]
-    return Group(*rows)
 
 
 def _job(view: api.JobView) -> RenderableType:
@@ -159,6 +118,8 @@ def _job(view: api.JobView) -> RenderableType:
         facts.add_row("speed-up", f"{view.speedup:.1f}")
     if view.utilisation is not None:
         facts.add_row("utilisation", f"{view.utilisation:.0%}")
+    if view.wasted_s > 0:
+        facts.add_row("wasted", f"{span(view.wasted_s)}, {mass(view.wasted_grams)}")
     if view.grams is not None and view.filament_mm is not None:
         facts.add_row("filament", filament(view.grams, view.filament_mm, view.price, view.currency))
     if view.starved_share is not None and view.starved_share > 0.01:
@@ -175,7 +136,7 @@ def _job(view: api.JobView) -> RenderableType:
             parts.add_row(
                 part.id,
                 plate.printer,
-                str(last.state) if last else "waits",
+                _outcome(part),
                 span(plate.estimated_s),
                 moment(last.started if last else None),
                 moment(last.ended if last else None),
@@ -184,8 +145,22 @@ def _job(view: api.JobView) -> RenderableType:
         rows.append(parts)
     if view.folder:
         rows.append(Text(f"parts (STL), plates (G-code) and a picture of them: {view.folder}"))
+    failed = [(part.id, one) for part in view.parts for one in part.prints if one.fault or one.why]
+    for name, one in failed:
+        why = one.reason or one.why or one.fault
+        rows.append(Text(f"part {name} on {one.printer}, {moment(one.ended)}: {why}", style="red"))
     rows += _waits(view)
     return Group(*rows)
+
+
+def _outcome(part: api.PartView) -> str:
+    """Where a part is, with a person's word on it."""
+    if not part.prints:
+        return "waits"
+    last = part.prints[-1]
+    state = str(part.verdict) if part.verdict and last.state == PrintState.DONE else str(last.state)
+    tries = f", print {len(part.prints)}" if len(part.prints) > 1 else ""
+    return state + tries
 
 
 def _waits(view: api.JobView) -> list[RenderableType]:
@@ -198,13 +173,3 @@ def _waits(view: api.JobView) -> list[RenderableType]:
         if plate.hold is not None
     ]
     return list(lines)
-
-
-def _printed(view: api.JobView) -> int:
-    return sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
-
-
-def _degrees(now_c: float | None, target_c: float | None) -> str:
-    if now_c is None:
-        return "-"
-    return f"{now_c:.0f}" + (f"/{target_c:.0f}" if target_c else "")

@@ -25,6 +25,7 @@ from farm.paths import StateFolder
 from farm.services.gcode import inspect_gcode, is_gcode
 from farm.services.models import inspect_model
 from farm.services.planning import check_settings
+from farm.tracking.chronicle import history, night_view, shown_jobs
 from farm.tracking.view import Scene, job_view, printer_view, todo
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
@@ -71,6 +72,7 @@ def make_app(
         return api.Status(
             daemon=daemon(scene),
             todo=todo(scene),
+            night=night_view(scene),
             fleet=api.FleetView(
                 name=core.fleet.fleet.name,
                 timezone=core.fleet.fleet.timezone,
@@ -79,8 +81,20 @@ def make_app(
                 file=str(fleet_file),
             ),
             printers=[printer_view(scene, p, obstacles.get(p.name)) for p in core.fleet.printers],
-            jobs=[job_view(scene, job) for job in sorted(core.books.jobs.values(), key=lambda j: j.id)],
+            jobs=[job_view(scene, job) for job in shown_jobs(core.books)],
         )
+
+    @app.get("/history")
+    async def past(
+        job: int | None = None,
+        printer: str | None = None,
+        last: Annotated[int, Query(ge=1, le=100_000)] = 100,
+    ) -> api.History:
+        if job is not None:
+            core.books.job(job)
+        if printer is not None:
+            core.books.printer(printer)
+        return api.History(prints=history(core.scene(state), job, printer, last))
 
     @app.get("/jobs/{number}")
     async def job(number: int) -> api.JobStatus:

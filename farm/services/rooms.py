@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from drivers.profiles import PROFILES, RoomBox, part_room
 from farm.config import PrinterSection
 from slicing.settings import Settings
@@ -18,6 +20,7 @@ def model_sizes(room: tuple[RoomBox, ...], settings: Settings) -> tuple[tuple[fl
     return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))
 
 
+@cache
 def bed_boxes(section: PrinterSection) -> tuple[tuple[float, float, float, float, float], ...]:
     """What all that is extruded must lie in one of: min_x, min_y, max_x, max_y, height, bed-centred mm."""
     return tuple(

@@ -34,6 +34,13 @@ class Books:
     prints: Mapping[str, Print] = field(default_factory=dict)
     printers: Mapping[str, Printer] = field(default_factory=dict)
     outages: Mapping[int, Outage] = field(default_factory=dict)
+    _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
+    _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer: what ended last
+
+    @classmethod
+    def of(cls, entities: Iterable[Entity]) -> Books:
+        """The books with these entries."""
+        return put(cls(), *entities)
 
     @property
     def outage(self) -> Outage | None:
@@ -66,16 +73,19 @@ class Books:
 
     def open_prints(self, job: int | None = None) -> Iterator[Print]:
         """Prints that have not ended, of one job or of all."""
-        return (p for p in self.prints.values() if not p.state.ended and job in (None, p.job))
+        return (p for p in self._open.values() if job in (None, p.job))
 
     def open_print_on(self, printer: str) -> Print | None:
         return next((p for p in self.open_prints() if p.printer == printer), None)
 
     def to_judge(self, printer: str) -> Print | None:
         """The last print that was done on a printer, where nobody has said yet how it is."""
-        done = [p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE]
-        last = max(done, key=lambda p: p.ended_s or 0.0, default=None)
-        return last if last is not None and last.verdict is None else None
+        last = self._last.get(printer)
+        return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
+
+    def last_on(self, printer: str) -> Print | None:
+        """The print that began on a printer, and ended there last."""
+        return self._last.get(printer)
 
     def waiting_plates(self) -> Iterator[Plate]:
         """Plates of printing jobs to be printed that are not being printed, in order of submission."""
@@ -99,12 +109,29 @@ def edited(entity: E, **changes: object) -> E:
 def put(books: Books, *entities: Entity) -> Books:
     """The books with these entities in place of those of the same id."""
     changed: dict[str, dict[object, Entity]] = {}
+
+    def page(kind: str) -> dict[object, Entity]:
+        return changed.setdefault(kind, dict(getattr(books, kind)))
+
     for entity in entities:
         kind, key = _place(entity)
-        current = changed.get(kind, getattr(books, kind))
-        if current.get(key) is not entity:
-            changed[kind] = {**current, key: entity}
+        if changed.get(kind, getattr(books, kind)).get(key) is entity:
+            continue
+        page(kind)[key] = entity
+        if isinstance(entity, Print) and not entity.state.ended:
+            page("_open")[entity.id] = entity
+        elif isinstance(entity, Print):
+            page("_open").pop(entity.id, None)
+            if _ended_last(entity, page("_last").get(entity.printer)):
+                page("_last")[entity.printer] = entity
     return replace(books, **changed) if changed else books  # type: ignore[arg-type]
+
+
+def _ended_last(attempt: Print, before: Entity | None) -> bool:
+    """Whether a print that has ended is its printer's last; one that never began is none."""
+    if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
+        return False
+    return not isinstance(before, Print) or (attempt.ended_s or 0.0) >= (before.ended_s or 0.0)
 
 
 def _place(entity: Entity) -> tuple[str, object]:

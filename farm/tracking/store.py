@@ -66,15 +66,7 @@ class Store:
 
     def load(self) -> Books:
         """The books as last committed."""
-        jobs = {job.id: job for job in self._rows(Job)}
-        return Books(
-            jobs=jobs,
-            parts={part.id: part for part in self._rows(Part)},
-            plates={plate.id: plate for plate in self._rows(Plate)},
-            prints={attempt.id: attempt for attempt in self._rows(Print)},
-            printers={printer.name: printer for printer in self._rows(Printer)},
-            outages={outage.id: outage for outage in self._rows(Outage)},
-        )
+        return Books.of(entity for kind in _TABLES for entity in self._rows(kind))
 
     def _rows(self, kind: type[E]) -> list[E]:
         try:

@@ -26,6 +26,7 @@ from farm.model import (
     Verdict,
 )
 from farm.paths import StateFolder
+from farm.tracking.account import job_account, took_s
 from farm.tracking.books import Books
 
 _PASSING_HOLDS = {
@@ -57,6 +58,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
     books = scene.books
     plates = list(books.plates_of(job))
     prints = [attempt for plate in plates for attempt in books.prints_of(plate)]
+    account = job_account(books, job)
     elapsed_s = _elapsed_s(job, prints, scene.now_s)
     remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(scene, plates)
     ended = job.state in (JobState.PRINTED, JobState.DONE)
@@ -94,6 +96,11 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         serial_s=job.serial_s,
         speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
         utilisation=busy_s / (len(used) * makespan_s) if used and makespan_s else None,
+        printed=account.printed,
+        good=account.good,
+        current_s=makespan_s,
+        wasted_s=account.wasted_s,
+        wasted_grams=account.wasted_grams,
         grams=sum(plate.grams for plate in plates) if plates else None,
         filament_mm=sum(plate.filament_mm for plate in plates) if plates else None,
         price=_price(plates),
@@ -123,9 +130,26 @@ def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> ap
         heaters_off=snapshot.heaters_off,
         time_factor=entry.time_factor,
         print=_progress(scene, attempt) if attempt else None,
+        last=_last_print(scene, section.name),
         look=entry.look or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
         maintenance=entry.maintenance,
         hold=hold,
+    )
+
+
+def _last_print(scene: Scene, printer: str) -> api.LastPrint | None:
+    attempt = scene.books.last_on(printer)
+    if attempt is None:
+        return None
+    off = None
+    if attempt.state is PrintState.DONE and not attempt.paused:
+        off = took_s(attempt) / scene.books.plates[attempt.plate].estimated_s - 1
+    return api.LastPrint(
+        plate=attempt.plate,
+        state=attempt.state,
+        ended=scene.moment(attempt.ended_s),
+        off=off,
+        verdict=attempt.verdict,
     )
 
 
@@ -160,11 +184,13 @@ def todo(scene: Scene) -> list[api.Todo]:
         why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
         if section.enabled and away:
             also = f"; and look at it: {entry.look}" if entry.look else ""
-            text = f"connect {section.name}: {snapshot.reason or 'no answer from it'}{also}"
-            absent.append(api.Todo(code="connect", printers=[section.name], text=text))
+            what = f"{section.name}: {snapshot.reason or 'no answer from it'}"
+            text = f"connect {what}{also}"
+            absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
         elif why:
+            what = f"{section.name} {why}{_when(scene, section.name)}"
             text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
-            looks.append(api.Todo(code="look", printers=[section.name], text=text))
+            looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
         elif attempt is not None and attempt.state is PrintState.PAUSED:
             paused.append(api.Todo(code="resume", printers=[section.name], text=_resume(scene, attempt)))
         elif entry.bed is not Bed.CLEAR and attempt is None:
@@ -175,6 +201,14 @@ def todo(scene: Scene) -> list[api.Todo]:
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
     return [*looks, *absent, *paused, *clear]
+
+
+def _when(scene: Scene, printer: str) -> str:
+    """When the print failed for which a printer has to be looked at."""
+    last = scene.books.last_on(printer)
+    if last is None or last.state is not PrintState.FAILED or last.ended_s is None:
+        return ""
+    return datetime.fromtimestamp(last.ended_s, scene.fleet.zone).strftime(" %H:%M")
 
 
 def _resume(scene: Scene, attempt: Print) -> str:

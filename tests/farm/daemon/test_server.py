@@ -169,7 +169,7 @@ def test_what_is_not_there_is_not_found(daemon):
 def test_status_has_the_fields_that_are_promised(daemon):
     submit(daemon, stl())
     status = ask(daemon, "GET", "/status").json()
-    assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs"]
+    assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs", "night"]
     assert status["schema"] == 1
     promised = {
         "name",

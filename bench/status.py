@@ -1,0 +1,172 @@
+"""How soon `farm status` is answered with many printers and jobs in the books: the daemon's own HTTP interface.
+
+    python -m bench.status --json
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import httpx
+
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.daemon.core import Core
+from farm.daemon.server import make_app
+from farm.daemon.workers import Workers
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Bed,
+    Entity,
+    FilamentState,
+    Job,
+    JobOptions,
+    JobState,
+    Link,
+    Part,
+    Plate,
+    Print,
+    Printer,
+    PrintState,
+    Verdict,
+)
+from farm.paths import StateFolder
+from farm.services.rooms import bed_boxes
+from farm.tracking.books import Books
+from farm.tracking.store import Store
+
+PARTS = 9
+GOING = 10  # jobs that are being printed, and as many that wait for a verdict
+HOUR_S = 3600.0
+BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
+
+
+class Hands:
+    """Does nothing: only the answer is measured."""
+
+    def perform(self, instruction: object) -> None:
+        pass
+
+    def plan(self, *_: object) -> None:
+        pass
+
+
+def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
+    """A job with its parts, plates and prints: an old one, one to be judged, or one that goes on."""
+    going = number > jobs - GOING
+    judged = number <= jobs - 2 * GOING
+    state = JobState.PRINTING if going else JobState.DONE if judged else JobState.PRINTED
+    start_s = now_s - HOUR_S - (0.0 if going else (jobs - number) * HOUR_S)
+    plates = [f"{number}/{i:02d}" for i in range(1, PARTS + 1)]
+    entities: list[Entity] = []
+    for i, plate in enumerate(plates):
+        printer = printers[(number * PARTS + i) % len(printers)]
+        attempt = Print(
+            id=plate, plate=plate, job=number, printer=printer, assigned_s=start_s, started_s=start_s,
+            state=PrintState.PRINTING if going else PrintState.DONE, extruded=True,
+            ended_s=None if going else start_s + HOUR_S, verdict=Verdict.GOOD if judged else None,
+        )  # fmt: skip
+        part = Part(
+            id=f"{number}/p{i + 1:02d}", job=number, plate=plate, file="p.stl", to_model=(1.0,) * 16,
+            min_mm=BOX[0], max_mm=BOX[1], volume_mm3=1e5,
+        )  # fmt: skip
+        entry = Plate(
+            id=plate, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, print_time_s=HOUR_S,
+            estimated_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOX[0],
+            max_mm=BOX[1], material="generic_pla", nozzle_mm=0.4, printer=printer, prints=(attempt.id,),
+        )  # fmt: skip
+        entities += [part, entry, attempt]
+    job = Job(
+        id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=JobOptions(),
+        state=state, submitted_s=start_s, planned_s=start_s, plates=tuple(plates),
+        parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS + 1)), estimated_s=HOUR_S,
+        serial_s=9 * HOUR_S, ended_s=None if going else start_s + HOUR_S,
+    )  # fmt: skip
+    return [job, *entities]
+
+
+def snapshot(printer: str, books: Books) -> AgentSnapshot:
+    """What its agent says."""
+    attempt = books.open_print_on(printer)
+    said = None
+    if attempt is not None:
+        said = AgentPrint(
+            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=600.0,
+            print_time_s=HOUR_S, extruded=True, started_s=attempt.started_s, ended_s=None, layer=80, layers=500,
+        )  # fmt: skip
+    return AgentSnapshot(
+        printer=printer, link=Link.BUSY if said else Link.READY, agent_pid=1, nozzle_c=210.0, bed_c=60.0,
+        filament=FilamentState.AT_NOZZLE, print=said,
+    )  # fmt: skip
+
+
+async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[str, float | int]:
+    """Seconds of an answer, and how large it is."""
+    names = [f"um2-{i:03d}" for i in range(1, printers + 1)]
+    port = "sim://ultimaker2_plus"
+    fleet = Fleet.model_validate(
+        {"printers": [{"name": n, "model": "ultimaker2_plus", "port": port} for n in names]}
+    )
+    clock = Clock()
+    core = Core(fleet, Store(folder / "farm.db"), clock, bed_boxes, Hands())
+    core.stopping = True  # nothing is scheduled: only the answer is measured
+    now_s = clock.now()
+    entities = [entity for number in range(1, jobs + 1) for entity in job_of(number, jobs, names, now_s)]
+    beds = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
+    core.books = Books.of([*entities, *beds])
+    for name in names:
+        core.snapshots[name] = snapshot(name, core.books)
+
+    async def down(now: bool) -> None:
+        pass
+
+    workers = Workers(folder / "workers", 1, None)
+    app = make_app(core, StateFolder(folder), folder / "fleet.yaml", now_s, workers, down)
+    took_s, cpu_s = [], []
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://farm") as client:
+        for _ in range(times + 1):
+            start, cpu = time.perf_counter(), time.process_time()
+            answer = await client.get("/status")
+            took_s.append(time.perf_counter() - start)
+            cpu_s.append(time.process_time() - cpu)
+            assert answer.status_code == 200, answer.text
+    workers.close()
+    took_s = sorted(took_s[1:])  # the first one compiles the answer's form
+    return {
+        "printers": printers,
+        "jobs": jobs,
+        "prints": len(core.books.prints),
+        "answer_bytes": len(answer.content),
+        "median_s": statistics.median(took_s),
+        "worst_s": took_s[-1],
+        "cpu_median_s": statistics.median(cpu_s[1:]),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--printers", type=int, default=100)
+    parser.add_argument("--jobs", type=int, default=1000)
+    parser.add_argument("--times", type=int, default=50)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        result = asyncio.run(measure(args.printers, args.jobs, args.times, Path(folder)))
+    if args.json:
+        print(json.dumps(result, indent=2))
+        return
+    print(
+        f"{result['printers']} printers, {result['jobs']} jobs: `farm status` answered in "
+        f"{1000 * result['median_s']:.0f} ms (at worst {1000 * result['worst_s']:.0f} ms)"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,182 @@
+"""What `farm status` shows: what a person has to do now, the night, the jobs, the printers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from farm import api
+from farm.cli.words import moment, planning, span
+from farm.model import Bed, HoldCode, JobState, PrintState
+
+_INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
+_APART = "     "  # between two things to do on one line
+_LABELS = {"look": "look at", "connect": "connect"}
+_NAME_WIDTH = 32
+
+
+def names(printers: Iterable[str]) -> str:
+    """Names in a row, with those that only count on drawn together: um2-01..12 um2x-01."""
+    runs: list[tuple[str, str, str]] = []  # what they share, the first number, the last
+    for name in sorted(printers, key=lambda name: (name.rstrip("0123456789"), len(name), name)):
+        match = re.fullmatch(r"(.*?)(\d+)", name)
+        stem, digits = match.groups() if match else (name, "")
+        if digits and runs and runs[-1][0] == stem and int(digits) == int(runs[-1][2] or -2) + 1:
+            runs[-1] = (stem, runs[-1][1], digits)
+        else:
+            runs.append((stem, digits, digits))
+    return " ".join(stem + first + (f"..{last}" if last != first else "") for stem, first, last in runs)
+
+
+def mass(grams: float) -> str:
+    """Grams, or kilograms where it is much."""
+    return f"{grams / 1000:.2f} kg" if grams >= 1000 else f"{grams:.0f} g"
+
+
+def board(view: api.Status, width: int) -> RenderableType:
+    """The whole status, on lines no longer than a terminal is wide where that can be."""
+    now = Text(f"{view.fleet.name}: {moment(view.fleet.now)}", style="bold")
+    if view.fleet.time_scale != 1:
+        now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style="dim")
+    rows: list[RenderableType] = [now, *_do_now(view.todo, width)]
+    if view.night is not None:
+        rows.append(_line("NIGHT", night(view.night)))
+    for job in view.jobs:
+        rows += _job_lines(job)
+    return Group(*rows, _printers(view.printers))
+
+
+def _line(head: str, text: str, style: str = "bold") -> Text:
+    return Text.assemble((head.ljust(_INDENT), style), text)
+
+
+def _do_now(todo: list[api.Todo], width: int) -> list[Text]:
+    """Everything that waits for a person, in as few lines as it takes."""
+    things = []
+    for code, label in _LABELS.items():
+        briefs = [item.brief or item.text for item in todo if item.code == code]
+        if briefs:
+            things.append(f"{label}: {', '.join(briefs)}")
+    for item in todo:
+        if item.code == "clear":
+            things.insert(0, f"take off {len(item.printers)}: {names(item.printers)}")
+        elif item.code not in _LABELS:
+            things.append(item.brief or item.text)
+    lines: list[str] = []
+    for thing in things:
+        if lines and _INDENT + len(lines[-1]) + len(_APART) + len(thing) <= width:
+            lines[-1] += _APART + thing
+        else:
+            lines.append(thing)
+    heads = ["DO NOW", *[""] * len(lines)]
+    return [_line(head, text, "bold red") for head, text in zip(heads, lines or ["nothing"], strict=False)]
+
+
+def night(view: api.NightView) -> str:
+    """What became of the plates since the afternoon before."""
+    rest = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
+    counts = "".join(f", {count} {words}" for words, count in rest.items() if count)
+    waste = f" + {mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
+    return f"{view.printed} of {view.plates} plates printed{counts}; {mass(view.grams)}{waste}"
+
+
+def _job_lines(job: api.JobView) -> list[Text]:
+    lines = [_line(f"JOB {job.id}", f"{job.name[:_NAME_WIDTH]}: {_course(job)}")]
+    if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
+        lines.append(_line("", job.reason, "red"))
+    waiting: dict[str, list[str]] = {}
+    for plate in job.plates:
+        if plate.hold is not None:
+            waiting.setdefault(plate.hold.text, []).append(plate.id)
+    for text, plates in waiting.items():
+        lines.append(_line("", f"{names(plates)} {'waits' if len(plates) == 1 else 'wait'}: {text}"))
+    return lines
+
+
+def _course(job: api.JobView) -> str:
+    """How a job goes, in one line."""
+    if job.progress is not None:
+        return planning(job.progress)
+    if not job.parts:
+        return f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)
+    of = len(job.plates)
+    parts = [f"printed {job.printed}/{of}, good {job.good}/{job.printed}"]
+    if job.state not in (JobState.PRINTING, JobState.PRINTED):
+        parts[0] = f"{job.state}, {parts[0]}"
+    if job.paused:
+        parts.append(f"paused, `farm resume {job.id}`")
+    ended = JobState(job.state).ended
+    reached = "reached" if ended else "now"
+    parts.append(f"expected {span(job.estimated_s)}, {reached} {span(job.current_s)}")
+    if job.state == JobState.PRINTING and job.eta:
+        parts[-1] += f" (ends {moment(job.eta)})"
+    if job.speedup and job.utilisation:
+        alone = f"alone {span(job.serial_s)}, speed-up {job.speedup:.1f}"
+        parts.append(f"{alone}, use {100 * job.utilisation:.0f} %")
+    if job.wasted_s > 0:
+        parts.append(f"wasted {span(job.wasted_s)}, {mass(job.wasted_grams)}")
+    if job.hold is not None:
+        parts.append(job.hold.text)
+    return "; ".join(parts)
+
+
+def _printers(printers: list[api.PrinterView]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for heading in ("PRINTER", "STATE", "PART", "END", "VS PLAN", "REEL", "NOZZLE", "BED", "NEEDS"):
+        table.add_column(heading, no_wrap=True)
+    for printer in printers:
+        part, end, off = "", "", ""
+        state, last = printer.state, printer.last
+        if printer.print is not None:
+            part = printer.print.plate
+            end = f"in {span(printer.print.remaining_s)} {printer.print.progress:4.0%}"
+        elif last is not None and printer.bed != Bed.CLEAR:
+            part, end = last.plate, moment(last.ended)
+            off = f"{last.off:+.0%}" if last.off is not None else ""
+            if state == "idle":
+                state = "remove" if last.state == PrintState.DONE else "clear"
+        table.add_row(
+            printer.name,
+            state,
+            part,
+            end,
+            off,
+            _reel(printer.reel),
+            _degrees(printer.nozzle_c, printer.targets.nozzle_c),
+            _degrees(printer.bed_c, printer.targets.bed_c),
+            _needs(printer),
+        )
+    return table
+
+
+def _reel(reel: api.Reel) -> str:
+    words = [reel.material.removeprefix("generic_").upper(), reel.colour or ""]
+    if reel.grams is not None:
+        words.append(f"{reel.grams:.0f}g")
+    return " ".join(filter(None, words))
+
+
+def _needs(printer: api.PrinterView) -> str:
+    """What a person would have to do for it to print on."""
+    if printer.state == PrintState.PAUSED:
+        return "resume"
+    if printer.print is not None or printer.hold is None:
+        return ""
+    words = {
+        HoldCode.NEEDS_A_LOOK: "a look, cleared",
+        HoldCode.BED_NOT_CLEAR: "cleared",
+        HoldCode.FILAMENT_UNKNOWN: "cleared --filament",
+        HoldCode.MAINTENANCE: "maintenance --done",
+        HoldCode.PRINTER_ABSENT: "connecting",
+    }
+    return words.get(printer.hold.code, "")
+
+
+def _degrees(now_c: float | None, target_c: float | None) -> str:
+    if now_c is None:
+        return "-"
+    return f"{now_c:.0f}" + (f"/{target_c:.0f}" if target_c else "") + "C"
