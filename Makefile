@@ -4,12 +4,13 @@ SHELL := /bin/bash
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+INTEROP := $(CURDIR)/$(VENV)/interop
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-.PHONY: install demo test interop check lock clean engine
+.PHONY: install demo test interop peers check lock clean engine
 .DELETE_ON_ERROR:
 
 install: engine $(VENV)/.installed
@@ -34,18 +35,16 @@ $(VENV)/.installed-dev: requirements-dev.lock $(VENV)/.installed
 demo: install
 	$(BIN)/python examples/demo.py
 
-test: install $(VENV)/.installed-dev
-	$(BIN)/python -m pytest
+test: install $(VENV)/.installed-dev peers
+	FARM_INTEROP=$(INTEROP)/bin/python $(BIN)/python -m pytest
 
-# Against software that we did not write, in an environment of its own: about two minutes, most of them pip's.
-interop: $(VENV)/.installed-dev $(VENV)/interop/.installed
-	FARM_INTEROP=$(CURDIR)/$(VENV)/interop/bin/python $(BIN)/python -m pytest tests/interop
+# Only against software that we did not write.
+interop: $(VENV)/.installed-dev peers
+	FARM_INTEROP=$(INTEROP)/bin/python $(BIN)/python -m pytest tests/interop
 
-$(VENV)/interop/.installed: tests/interop/requirements.txt
-	$(PYTHON) -m venv $(VENV)/interop
-	$(VENV)/interop/bin/python -m pip install --quiet -r $<
-	$(VENV)/interop/bin/python -m pip install --quiet --no-deps Printrun==2.2.0  # its windows are not needed
-	@touch $@
+# That software: quick where it is there, and skipped where it cannot be had.
+peers: $(VENV)/.installed-dev
+	@PYTHON=$(PYTHON) deploy/install-peers.sh $(INTEROP)
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .
