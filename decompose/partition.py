@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose import exact, parallelobox
+from decompose.baselines import symmetry_based
 from decompose.check import check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
 from decompose.errors import DecomposeError, GeometryError, NoFit
@@ -26,6 +27,7 @@ Floats = npt.NDArray[np.float64]
 ENGINES: dict[Engine, Callable[[Problem], Found]] = {
     Engine.GUILLOTINE: exact.search,
     Engine.PARALLELOBOX: parallelobox.search,
+    Engine.SYMMETRY: symmetry_based.search,
 }
 TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 

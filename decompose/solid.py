@@ -119,8 +119,11 @@ class Solid:
 
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
         """What lies below and above an axis plane."""
-        normal = tuple(1.0 if i == axis else 0.0 for i in range(3))
-        above, below = self.manifold.split_by_plane(normal, at_mm)
+        return self.split_by_plane(np.eye(3)[axis], at_mm)
+
+    def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
+        """What lies below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
+        above, below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
         return Solid(_checked(below, "cutting a solid")), Solid(_checked(above, "cutting a solid"))
 
     def pieces(self) -> list[Solid]:
