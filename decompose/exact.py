@@ -1,4 +1,7 @@
-"""The engine `guillotine`: a grid, the price of every box of it, the exact partition, and its true cost."""
+"""The engine `guillotine`: a grid, the price of every box of it, the exact partition, and its true cost.
+
+What guillotine cuts and the grid have cost is won back then: boxes cut anew, and planes off the grid.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,9 @@ from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
 from decompose.guillotine import UNREACHABLE, Partitioner
 from decompose.joints import faults
+from decompose.neighbourhood import improved, times_s
 from decompose.piece import Piece, pieces_in_cells
+from decompose.planes import evened
 from decompose.problem import Found, Problem, surface_bound_s
 
 MOST_ROUNDS = 8  # of pricing truly what was chosen, and choosing again
@@ -37,9 +42,10 @@ def search(problem: Problem) -> Found:
     bound_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
     chosen = _Search(problem, grid, boxes, bound_s).run()
     problem.lap("search")
+    pieces = tuple(evened(problem, grid, chosen))
+    problem.lap("planes")
     figures = problem.figures(grid, boxes, list(chosen))
     problem.lap("bound")
-    pieces = tuple(piece for found in chosen.values() for piece in found)
     return Found(pieces, model, np.eye(3), figures)
 
 
@@ -83,7 +89,22 @@ class _Search:
                 best, best_s = chosen, longest_s
             if longest_s <= WORTH * makespan_s or rounds == MOST_ROUNDS or self.problem.expired():
                 break
-        return {box: self.cut[box] for box in best}
+        return {box: self.cut[box] for box in self._neighbour(best)}
+
+    def _neighbour(self, best: list[Box]) -> list[Box]:
+        """The best partition near this one, truly priced; no longer bound to guillotine cuts."""
+        for _ in range(MOST_ROUNDS):
+            if self.problem.expired() or len(self.mends) == MOST_MENDS:
+                break
+            chosen = improved(self.boxes, best, len(self.problem.printers))
+            if chosen == best:
+                break
+            if self._more_pieces(chosen) or self._mended(chosen):
+                continue
+            self._truly_s(chosen)
+            if times_s(self.boxes, chosen) < times_s(self.boxes, best):
+                best = chosen
+        return best
 
     def _more_pieces(self, chosen: list[Box]) -> bool:
         """Whether a box has more pieces than the table says; the table is mended."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from decompose.mesh import Model
 from decompose.orientation import Pose, best_pose
 from decompose.piece import Piece, cut_faces
 from decompose.report import Interior, Options
+from decompose.solid import Solid
 
 Floats = npt.NDArray[np.float64]
 
@@ -60,6 +61,7 @@ class Problem:
     executor: Executor | None = None
     expired: Callable[[], bool] = lambda: False
     lap: Callable[[str], None] = lambda stage: None
+    _posed: dict[Solid, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def rooms(self) -> tuple[PrinterRoom, ...]:
@@ -113,9 +115,11 @@ class Problem:
         return best_pose(vertices, faces, cut, self.rooms, self.cost, self.options.fit_first_layer)
 
     def poses(self, pieces: list[Piece]) -> list[Pose | None]:
-        """`pose` of each, side by side where there is an executor."""
+        """`pose` of each, once for a solid, side by side where there is an executor."""
         run = map if self.executor is None else self.executor.map
-        return list(run(self.pose, pieces))
+        new = [piece for piece in pieces if piece.solid not in self._posed]
+        self._posed.update(zip((piece.solid for piece in new), run(self.pose, new), strict=True))
+        return [self._posed[piece.solid] for piece in pieces]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,309 @@
+"""Cut planes moved off the grid, so that the slowest parts end sooner.
+
+A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
+that can move (`decompose.interfaces`) moves at once, by a linear programme: the least makespan were every
+part's time linear in the places of its faces, within steps that are short enough for that. What the parts
+really cost at the new places is then measured, and teaches the programme better slopes. Every `ROUNDS_EACH`
+rounds all parts that moved are posed anew; until then each stays in its pose, which is much quicker to price.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linprog
+from scipy.sparse import csr_array
+
+from decompose.boxes import Box
+from decompose.cost import PrinterRoom
+from decompose.grid import CLEAR_MM, Cell, Grid, flat_coordinates
+from decompose.interfaces import Cells, clear_of, directions, filled_out, moved, moving_together
+from decompose.joints import SLIVER_MM, faults
+from decompose.orientation import Pose, measure
+from decompose.piece import Piece, cut_faces, pieces_in_box
+from decompose.problem import Problem
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+PROBE_MM = 3.0  # how far a face is moved inwards to see what that saves
+REACH = 0.9  # share of a cell that a plane may move by in all
+FIRST_STEP = 0.5  # share of that
+TRY_MM = 0.4
+ROUNDS, ROUNDS_EACH = 3, 8
+SHORTER = 0.6  # times as long is the next step, where one was no gain
+NOISE_MM = 2.0  # moves shorter than this teach little: supports, and so times, change by jumps
+WORTH = 0.0015  # share of the makespan that a step has to promise
+MOVE_S_MM = 0.05  # what a move has to save, so that nothing moves in vain
+UNMOVED_MM = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """The content of a box, posed; `seconds` of its slowest piece, inf where one does not fit."""
+
+    box_mm: Floats
+    pieces: tuple[Piece, ...]
+    poses: tuple[Pose, ...]
+    seconds: float
+
+    @property
+    def size_mm(self) -> Floats:
+        """(3,) The longest sides of its pieces along the axes."""
+        return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
+
+    @property
+    def least_mm(self) -> float:
+        """The shortest side of any of its pieces."""
+        return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
+
+    def is_like(self, other: _Part) -> bool:
+        """Whether it has as many pieces as another, and none that is a sliver by comparison."""
+        return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
+
+
+def evened(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
+    """The pieces of a partition, cut where the slowest of them, truly posed, ends soonest.
+
+    Parameters
+    ----------
+    cut
+        The boxes of a partition of the grid, and the pieces in each.
+
+    Returns
+    -------
+    list[Piece]
+        As many pieces, and none slower than the slowest was; the same ones where nothing was gained. Every
+        needed cell is in the same number of boxes as before: one.
+    """
+    return [piece for part in _Evening(problem, grid, cut).run() for piece in part.pieces]
+
+
+class _Evening:
+    """The search for one partition: what may move, and what the parts are cut from."""
+
+    def __init__(self, problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> None:
+        self.problem = problem
+        self.cells = Cells(grid.planes, grid.needed)
+        filled = filled_out(list(cut), grid.cells == Cell.EXTERNAL)
+        self.start_mm = np.array([grid.bounds_mm(box) for box in filled])
+        self.start = [
+            _Part(box, tuple(replace(piece, boxes_mm=box[None]) for piece in pieces), (), math.inf)
+            for box, pieces in zip(self.start_mm, cut.values(), strict=True)
+        ]
+        self.groups = moving_together(self.start_mm)
+        self.free = directions(self.start_mm, self.groups, self.cells, TRY_MM)
+        self.axes = np.zeros(len(self.free), dtype=np.int64)
+        self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
+        cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
+        self.reach_mm = (REACH * cell_mm)[self.axes]
+        vertices, faces = problem.model.solid.arrays()
+        self.flats_mm = [flat_coordinates(vertices[faces], axis) for axis in range(3)]
+        self.near = [  # no face ever moves out of what is cut out here
+            problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
+        ]
+
+    def run(self) -> list[_Part]:
+        """The parts of the best partition that was found."""
+        best = self._posed(self.start)
+        if not (self.free.any() and math.isfinite(_longest_s(best))):
+            return best
+        slopes = np.array([self._slopes(i, part) for i, part in enumerate(best)])
+        for _ in range(ROUNDS):
+            rough = self._moved(best, slopes)
+            if rough is best or self.problem.expired():
+                break
+            new = self._posed(rough, best)
+            if _times_s(new) >= _times_s(best) or self._faulty(new):
+                break
+            gain = 1.0 - _longest_s(new) / _longest_s(best)
+            best = new
+            if gain < WORTH:
+                break
+        return best
+
+    def _faulty(self, parts: Sequence[_Part]) -> bool:
+        return bool(faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2))
+
+    def _moved(self, parts: list[_Part], slopes: Floats) -> list[_Part]:
+        """Some steps, every part in its pose; the parts themselves where no step is worth it."""
+        step_mm = FIRST_STEP * self.reach_mm
+        for _ in range(ROUNDS_EACH):
+            if self.problem.expired():
+                break
+            now = np.array([part.box_mm for part in parts])
+            by_mm, promised_s = self._step(parts, now, slopes, step_mm)
+            boxes = self._clear(now, moved(now, self.groups, by_mm))
+            if promised_s > (1.0 - WORTH) * _longest_s(parts):
+                break
+            if not self.cells.partitioned(boxes):
+                step_mm *= SHORTER
+                continue
+            run = map if self.problem.executor is None else self.problem.executor.map
+            new = list(run(self._again, range(len(parts)), parts, boxes))
+            for i, (old, part) in enumerate(zip(parts, new, strict=True)):
+                _learn(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
+            if _times_s(new) < _times_s(parts):
+                parts = new
+            elif not self._barred(parts, new):
+                step_mm *= SHORTER
+        return parts
+
+    def _barred(self, parts: Sequence[_Part], new: Sequence[_Part]) -> bool:
+        """Whether parts came to pieces or fit no longer: the faces that did it may not move so any more."""
+        broken = [i for i, part in enumerate(new) if math.isinf(part.seconds)]
+        for i in broken:
+            by_mm = new[i].box_mm - parts[i].box_mm
+            faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
+            alone = [face for face in faces if self._breaks(i, parts[i], face, float(by_mm[face]))]
+            for face in alone or faces:
+                self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
+        return bool(broken)
+
+    def _breaks(self, i: int, part: _Part, face: tuple[int, ...], by_mm: float) -> bool:
+        """Whether a part comes to pieces, or gets too thin, as this face alone moves."""
+        box = part.box_mm.copy()
+        box[face] += by_mm
+        return not self._cut(i, box).is_like(part)
+
+    def _step(self, parts: list[_Part], now: Floats, slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
+        """How far each group moves for the least makespan, were the slopes true; and that makespan."""
+        count = len(self.free)
+        rows: list[tuple[dict[int, float], float]] = []  # of the programme: terms <= limit
+        for i, part in enumerate(parts):
+            terms = {2 * count: -1.0}
+            for side, axis in np.ndindex(2, 3):
+                group = int(self.groups[i, side, axis])
+                if group >= 0:
+                    terms[group] = terms.get(group, 0.0) + float(slopes[i, side, axis])
+            rows.append((terms, -part.seconds))
+            sides, size = now[i, 1] - now[i, 0], part.size_mm
+            for axis in range(3):
+                low, high = (int(self.groups[i, side, axis]) for side in range(2))
+                wider = {g: s for g, s in ((low, -1.0), (high, 1.0)) if g >= 0}
+                narrower = {g: -s for g, s in wider.items()}
+                rows.append((wider, _longer_mm(size, axis, self.problem.rooms)))
+                rows.append((narrower, max(0.0, float(sides[axis]) - SLIVER_MM)))
+        for group in range(count):
+            rows += [({group: s, count + group: -1.0}, 0.0) for s in (1.0, -1.0)]
+        at = self._places(now) - self._places(self.start_mm)
+        low_mm = np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0)
+        high_mm = np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0)
+        bounds = [*zip(np.minimum(low_mm, 0.0), np.maximum(high_mm, 0.0), strict=True)]
+        rows = [(row, limit) for row, limit in rows if row and math.isfinite(limit)]
+        entries = [(r, c, v) for r, (row, _) in enumerate(rows) for c, v in row.items()]
+        r, c, v = zip(*entries, strict=True)
+        solved = linprog(
+            np.array([*[0.0] * count, *[MOVE_S_MM] * count, 1.0]),
+            csr_array((v, (r, c)), shape=(len(rows), 2 * count + 1)),
+            np.array([limit for _, limit in rows]),
+            bounds=[*bounds, *[(0.0, None)] * count, (None, None)],
+            method="highs-ds",
+        )
+        if solved.status != 0:
+            return np.zeros(count), math.inf
+        return np.asarray(solved.x[:count]), float(solved.x[2 * count])
+
+    def _places(self, boxes_mm: Floats) -> Floats:
+        """(groups,) The coordinate of each group."""
+        places = np.zeros(len(self.free))
+        places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
+        return places
+
+    def _clear(self, now: Floats, boxes_mm: Floats) -> Floats:
+        """The same with every plane short of flat faces, and where it was if it hardly moved."""
+        old, new = self._places(now), self._places(boxes_mm)
+        for group in range(len(old)):
+            if abs(new[group] - old[group]) < UNMOVED_MM:
+                new[group] = old[group]
+            new[group] = clear_of(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
+        return np.where(self.groups >= 0, new[self.groups], now)
+
+    def _cut(self, i: int, box_mm: Floats) -> _Part:
+        return _Part(box_mm, tuple(pieces_in_box(self.near[i], *box_mm)), (), math.inf)
+
+    def _posed(self, parts: list[_Part], before: Sequence[_Part] = ()) -> list[_Part]:
+        """Parts in their best poses; those that have not moved since `before` are as they were."""
+        done = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
+        new = [i for i in range(len(parts)) if i not in done]
+        poses = iter(self.problem.poses([piece for i in new for piece in parts[i].pieces]))
+        for i in new:
+            found = [next(poses) for _ in parts[i].pieces]
+            done[i] = replace(parts[i], poses=tuple(p for p in found if p), seconds=_slowest_s(found))
+        return [done[i] for i in range(len(parts))]
+
+    def _again(self, i: int, part: _Part, box_mm: Floats) -> _Part:
+        """A part cut anew, its pieces in the poses they had, or in their best where those will not do."""
+        if (box_mm == part.box_mm).all():
+            return part
+        new = self._cut(i, box_mm)
+        if not new.is_like(part):
+            return new
+        poses: list[Pose | None] = []
+        for piece, old in zip(new.pieces, part.poses, strict=True):
+            pose: Pose | None = self._measured(piece, old)
+            assert pose is not None
+            fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms)
+            if not fits or pose.rank[:2] > old.rank[:2]:
+                pose = self.problem.pose(piece)
+            poses.append(pose)
+        return replace(new, poses=tuple(p for p in poses if p), seconds=_slowest_s(poses))
+
+    def _measured(self, piece: Piece, pose: Pose) -> Pose:
+        vertices, faces = piece.solid.arrays()
+        cut = cut_faces(vertices, faces, piece.planes)
+        rotation, options = pose.to_model[:3, :3].T, self.problem.options
+        return measure(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
+
+    def _slopes(self, i: int, part: _Part) -> Floats:
+        """(2, 3) Seconds a mm by which a part's time changes as each of its faces moves up its axis."""
+        slopes = np.zeros((2, 3))
+        for side, axis in np.ndindex(2, 3):
+            if self.groups[i, side, axis] < 0 or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
+                continue
+            box = part.box_mm.copy()
+            box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
+            less = self._cut(i, box)
+            if len(less.pieces) == len(part.pieces):
+                now = [self._measured(*each).seconds for each in zip(less.pieces, part.poses, strict=True)]
+                slopes[side, axis] = (max(now) - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
+        return slopes
+
+
+def _learn(slopes: Floats, by_mm: Floats, seconds: float) -> None:
+    """Mend slopes (2, 3) so that they say what a move really changed (Broyden's update)."""
+    length = float((by_mm * by_mm).sum()) + NOISE_MM * NOISE_MM
+    if math.isfinite(seconds):
+        slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm
+
+
+def _slowest_s(poses: Sequence[Pose | None]) -> float:
+    return max((math.inf if pose is None else pose.seconds for pose in poses), default=math.inf)
+
+
+def _times_s(parts: Sequence[_Part]) -> list[float]:
+    """The longest first: the less in the order of words, the better."""
+    return sorted((part.seconds for part in parts), reverse=True)
+
+
+def _longest_s(parts: Sequence[_Part]) -> float:
+    return max(part.seconds for part in parts)
+
+
+def _longer_mm(size_mm: Floats, axis: int, rooms: Sequence[PrinterRoom]) -> float:
+    """How much longer a part of this size may be along an axis so that it fits all rooms along the axes.
+
+    inf where it fits one of them only turned out of the axes: then nothing is known.
+    """
+    most = math.inf
+    for room in rooms:
+        spare = np.array([turned for box in room.boxes for turned in permutations(box)]) - size_mm
+        fits = (np.delete(spare, axis, axis=1) >= 0.0).all(axis=1) & (spare[:, axis] >= 0.0)
+        if fits.any():
+            most = min(most, float(spare[fits, axis].max()))
+    return most

@@ -1,0 +1,118 @@
+"""Planes off the grid: the slowest part ends sooner, and nothing that held before is lost."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.boxes import Box
+from decompose.cost import CostModel, PrinterRoom
+from decompose.grid import CLEAR_MM, flat_coordinates
+from decompose.mesh import Model
+from decompose.piece import Piece, pieces_in_cells
+from decompose.planes import evened
+from decompose.problem import Problem
+from decompose.report import Engine, Interior, Options
+from decompose.solid import Solid
+
+ROOM = ((220.0, 220.0, 200.0),)
+
+
+def problem(
+    solid: Solid, cost: CostModel, printers: int, cells: int, interior: Interior = Interior.KEEP
+) -> Problem:
+    options = Options(Engine.GUILLOTINE, cells, interior, min_wall_mm=3.0, fit_first_layer=False)
+    rooms = tuple(PrinterRoom(f"p{i}", ROOM) for i in range(printers))
+    return Problem(Model(solid, (), 1.0), rooms, cost, options)
+
+
+def longest_s(problem: Problem, pieces: list[Piece]) -> float:
+    return max(np.inf if pose is None else pose.seconds for pose in problem.poses(pieces))
+
+
+def run(problem: Problem, chosen: list[Box]) -> tuple[list[Piece], list[Piece]]:
+    """The pieces of a partition of the problem's grid, before and after."""
+    grid = problem.grid(problem.model)
+    cut = {box: pieces_in_cells(problem.model.solid, grid, box) for box in chosen}
+    return [piece for pieces in cut.values() for piece in pieces], evened(problem, grid, cut)
+
+
+@pytest.fixture(scope="module")
+def cone() -> Solid:
+    """240 mm long and steadily thinner: cut in the middle, one half takes far longer."""
+    corners = np.array([[x, y, z] for x in (0.0, 240.0) for y in (0.0, 80.0) for z in (0.0, 80.0)])
+    corners[4:, 1:] = corners[4:, 1:] * 0.3 + 28.0
+    faces = [
+        [0, 1, 2], [2, 1, 3], [4, 6, 5], [5, 6, 7], [0, 4, 1], [1, 4, 5],
+        [2, 3, 6], [6, 3, 7], [0, 2, 4], [4, 2, 6], [1, 5, 3], [3, 5, 7],
+    ]  # fmt: skip
+    return Solid.from_arrays(corners, faces)
+
+
+def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    nx, ny, nz = asked.grid(asked.model).shape
+    middle = nx // 2
+    before, after = run(asked, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
+    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+    times = [pose.seconds for pose in asked.poses(after) if pose is not None]
+    assert max(times) <= 1.02 * min(times)
+    assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(cone.volume_mm3)
+    assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
+
+
+def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
+    """The thick end of a bar begins near where the planes would go: none comes close to its shoulder."""
+    bar = Solid.union(
+        [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
+    )
+    asked = problem(bar, cost, 3, cells=4)
+    nx, ny, nz = asked.grid(asked.model).shape
+    thirds = [0, nx // 3, 2 * nx // 3, nx]
+    before, after = run(asked, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
+    vertices, faces = bar.arrays()
+    flats = flat_coordinates(vertices[faces], 0)
+    moved = {float(piece.boxes_mm[0, 0, 0]) for piece in after} - {
+        float(piece.boxes_mm[0, 0, 0]) for piece in before
+    }
+    assert moved
+    assert all(np.abs(flats - place).min() >= CLEAR_MM - 1e-6 for place in moved)
+    assert longest_s(asked, after) < longest_s(asked, before)
+
+
+def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
+    """The thin end is quicker, but is as long as a printer already."""
+    bar = Solid.union(
+        [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
+    )
+    asked = problem(bar, cost, 2, cells=8)
+    grid = asked.grid(asked.model)
+    nx, ny, nz = grid.shape
+    at = int(np.searchsorted(grid.planes[0], 220.0)) - 1
+    _, after = run(asked, [(0, 0, 0, at, ny, nz), (at, 0, 0, nx, ny, nz)])
+    assert all(pose is not None for pose in asked.poses(after))
+    assert max(np.ptp(piece.solid.bounds_mm[:, 0]) for piece in after) <= 220.0
+
+
+@settings(max_examples=5, deadline=None)
+@given(at=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 5)))
+def test_never_slower_never_in_more_pieces_and_nothing_missing(
+    lump: Solid, cost: CostModel, at: tuple[int, int, int]
+) -> None:
+    asked = problem(lump, cost, 8, cells=6)
+    grid = asked.grid(asked.model)
+    nx, ny, nz = grid.shape
+    x, y, z = (min(a, n - 1) for a, n in zip(at, grid.shape, strict=True))
+    left: list[Box] = [(0, 0, 0, x, y, nz), (0, y, 0, x, ny, z), (0, y, z, x, ny, nz)]
+    chosen: list[Box] = [*left, (x, 0, 0, nx, ny, z), (x, 0, z, nx, ny, nz)]
+    chosen = [box for box in chosen if pieces_in_cells(lump, grid, box)]
+    before, after = run(asked, chosen)
+    assert len(after) <= len(before)
+    assert longest_s(asked, after) <= longest_s(asked, before)
+    assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(lump.volume_mm3)
+    again = run(asked, chosen)[1]
+    assert [p.boxes_mm.tolist() for p in again] == [p.boxes_mm.tolist() for p in after]
