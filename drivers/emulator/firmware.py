@@ -1,56 +1,39 @@
-"""The firmware's serial link and main loop: bytes and the time in, bytes out; no I/O and no clock.
+"""The firmware's main loop: bytes and the time in, bytes out; no I/O and no clock.
 
 `Firmware.feed` works out everything that happened up to `now` at its own exact time (a move that ended at
 103.2 s frees its place at 103.2 s, also when that is noticed at 103.4 s), so that a late host does not
 stretch a print while the planner has moves left. `Firmware.deadline_s` is when it wants to be called again
 without bytes.
 
-The order of things follows ``Marlin_main.cpp``: ``get_command`` takes lines out of a ring of 127 bytes into
-a buffer of 8, and says ok to G0-G3 there; the loop carries out one line at a time and reads no other while
-it is busy.
+The order of things follows ``Marlin_main.cpp``: ``get_command`` (`listener`) takes lines out of a ring of 127
+bytes into a buffer of 8, and says ok to G0-G3 there; the loop carries out one line at a time and reads no
+other while it is busy.
 """
 
 from __future__ import annotations
 
 import math
 import random
-import re
 from collections import deque
 from collections.abc import Callable
-from enum import StrEnum
 
 from drivers.emulator import wording
 from drivers.emulator.board import Board
 from drivers.emulator.commands import Work, execute, temperatures
-from drivers.emulator.faults import SLEEP_S, Dice, Faults
+from drivers.emulator.faults import SLEEP_S, Faults
+from drivers.emulator.listener import LINES, Listener, Phase
 from drivers.emulator.machine import Machine, value
 from drivers.emulator.mishaps import happen
-from drivers.emulator.noise import Noise
-from drivers.emulator.receiver import Receiver
 from drivers.profiles import Profile
-from drivers.replies import checksum
 
-LINES = 8
 BOOTLOADER_S = 1.0  # [assumed] bytes are lost
 BANNER_S = 0.036  # from start to the end of the banner
 FIRST_COMMAND_S = 0.26  # from the end of the banner
 SD_FAIL_S = 2.3  # from start
 WATCHDOG_S = 4.07
 
-_WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
 
-
-class Phase(StrEnum):
-    """What the board's processor does."""
-
-    BOOTLOADER = "bootloader"  # bytes are lost
-    BOOTING = "booting"  # bytes wait in the ring
-    RUNNING = "running"
-    HALTED = "halted"  # kill(): waits for its watchdog
-    MUTE = "mute"  # a fault: hears and says nothing, and goes on heating
-
-
-class Firmware:
+class Firmware(Listener):
     """One printer from power on; `reset` is what an opened port does to it.
 
     Parameters
@@ -66,19 +49,13 @@ class Firmware:
     """
 
     def __init__(self, profile: Profile, faults: Faults, rng: random.Random, now_s: float) -> None:
+        super().__init__(faults, rng)
         self.board = Board(profile, faults)
-        self.lines = 0  # accepted since power on
-        self.errors = 0
         self.resets = -1  # the boot at power on is none
-        self._faults = faults
-        self._dice = Dice(faults, rng)
-        self.noise = Noise(faults, rng) if faults.on_bytes else None
         self._due: dict[int, list[str]] = {}
         for name, line in faults.due.items():
             self._due.setdefault(line, []).append(name)
-        self._stuck_n = -1  # the line that is asked for for ever
         self._asleep_s = -math.inf
-        self._out: list[bytes] = []
         self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation of the lives before this one
         self._time_s = now_s
         self.machine = Machine(self.board, self._say, self.stop, now_s)
@@ -100,16 +77,11 @@ class Firmware:
         self.board.changes += 1
         self.phase = Phase.BOOTLOADER
         self.machine = Machine(self.board, self._say, self.stop, now_s)
-        self._receiver = Receiver()
-        self._buffer: deque[bytes] = deque()
+        self._deafen()
         self._running: Work | None = None
         self._resume_s = math.inf
-        self._last_n = 0
         self._stopped_n = 0
-        self._stuck_n = -1
         self._asleep_s = -math.inf
-        if self.noise is not None:
-            self.noise.forget()
         start_s = now_s + boot_s
         self._schedule: deque[tuple[float, Callable[[float], None]]] = deque(
             (
@@ -252,95 +224,6 @@ class Firmware:
 
     # --- lines ---
 
-    def _quick_move(self) -> bool:
-        """Take a well-formed numbered move from the ring, exactly as the long way would; False: take that."""
-        receiver = self._receiver
-        found = receiver.move()
-        if found is None or self._faults.on_lines:
-            return False
-        n, f, x, y, z, e, check = found.groups()
-        machine = self.machine
-        if (
-            int(n) != self._last_n + 1
-            or machine.stopped
-            or checksum(receiver.ring[: found.start(7) - 1]) != int(check)
-        ):
-            return False
-        receiver.ring = receiver.ring[found.end() :]
-        self._last_n += 1
-        self.lines += 1
-        if self.noise is not None:
-            self.noise.accepted(self._last_n, found[0])
-        self._out.append(wording.OK)
-        machine.planner.advance(self._time_s)
-        machine.linear(
-            None if f is None else float(f),
-            None if x is None else float(x),
-            None if y is None else float(y),
-            None if z is None else float(z),
-            None if e is None else float(e),
-            self._time_s,
-        )
-        machine.heard_s = self._time_s
-        return True
-
-    def _get_command(self) -> None:
-        """Fill the line buffer from the ring."""
-        while len(self._buffer) < LINES and self.phase is Phase.RUNNING:
-            line = self._receiver.line()
-            if line is None:
-                return
-            self._accept(line)
-
-    def _accept(self, line: bytes) -> None:
-        """Check number and checksum, and put the line into the buffer; or refuse it."""
-        if self._faults.on_lines:
-            if self._dice.swallows():
-                return
-            line = self._dice.disturb(line)
-        line = line.partition(b"\0")[0]
-        star = line.find(b"*")
-        if b"N" in line:
-            found = _WHOLE.match(line, line.find(b"N") + 1)
-            n = int(found[1]) if found else 0
-            if n != self._last_n + 1 and b"M110" not in line:
-                self._refuse(wording.LINE_NUMBER)
-                return
-            if star < 0:
-                self._refuse(wording.NO_CHECKSUM)
-                return
-            if int(value(line, b"*") or 0.0) != checksum(line[:star]):
-                self._refuse(wording.CHECKSUM)
-                return
-            if (n == self._stuck_n or self._dice.refuses()) and b"M110" not in line:
-                self._refuse(wording.CHECKSUM)
-                return
-            self._last_n = n
-            if self.noise is not None:
-                self.noise.accepted(n, line)
-        elif star >= 0:
-            self._error(wording.line_error(wording.NO_LINE_NUMBER, self._last_n))
-            return
-        if _is_move(line):
-            if self.machine.stopped:
-                self._say(wording.STOPPED)
-            else:
-                self._acknowledge()
-        self._buffer.append(line)
-        self.lines += 1
-        if self._faults.on_lines:
-            self._break_down()
-
-    def _refuse(self, why: bytes) -> None:
-        self._error(wording.line_error(why, self._last_n))
-        self._request_resend()
-
-    def _request_resend(self) -> None:
-        self._receiver.flush()
-        self._say(b"Resend: %d\n" % (self._last_n + 1))
-        if not self._faults.mute_resend:
-            self._ok()
-
     def _process(self, line: bytes) -> None:
         """Carry out one line of the buffer."""
         machine, now_s = self.machine, self._time_s
@@ -379,23 +262,6 @@ class Firmware:
             self._ok()
         else:
             self._resume_s = resume_s
-
-    # --- words ---
-
-    def _say(self, text: bytes) -> None:
-        self._out.append(text)
-
-    def _ok(self) -> None:
-        """A command is done (``ClearToSend``)."""
-        self.machine.heard_s = max(self.machine.heard_s, self._time_s)
-        self._acknowledge()
-
-    def _acknowledge(self) -> None:
-        self._say(self._dice.ok(wording.OK))
-
-    def _error(self, text: bytes) -> None:
-        self.errors += 1
-        self._say(text)
 
     # --- life and death ---
 
@@ -447,8 +313,3 @@ class Firmware:
     def stick(self) -> None:
         """Ask for the next line for ever."""
         self._stuck_n = self._last_n + 1
-
-
-def _is_move(line: bytes) -> bool:
-    code = value(line, b"G")
-    return code is not None and 0 <= int(code) <= 3

@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware, Phase, checksum
+from drivers.emulator.firmware import Firmware
+from drivers.emulator.listener import Phase
 from drivers.profiles import PROFILES
+from drivers.replies import checksum
 
 STOPPED = (
     "Printer stopped due to errors. Fix the error and use M999 to restart. "

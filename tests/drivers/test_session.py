@@ -8,7 +8,7 @@ import pytest
 
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Phase
+from drivers.emulator.listener import Phase
 from drivers.errors import Fault
 from drivers.filament import Walk
 from drivers.gcode import Memory

@@ -1,0 +1,184 @@
+"""The firmware's ``get_command``: lines out of the ring, checked, acknowledged, refused. Pure.
+
+Numbered moves are acknowledged as they are read, all else when it was carried out. What is refused empties
+the ring, and its number is asked for (um2-serial section 1).
+"""
+
+from __future__ import annotations
+
+import random
+import re
+from collections import deque
+from enum import StrEnum
+
+from drivers.emulator import wording
+from drivers.emulator.faults import Dice, Faults
+from drivers.emulator.machine import Machine, value
+from drivers.emulator.noise import Noise
+from drivers.emulator.receiver import Receiver
+from drivers.replies import checksum
+
+LINES = 8
+
+_WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
+
+
+class Phase(StrEnum):
+    """What the board's processor does."""
+
+    BOOTLOADER = "bootloader"  # bytes are lost
+    BOOTING = "booting"  # bytes wait in the ring
+    RUNNING = "running"
+    HALTED = "halted"  # kill(): waits for its watchdog
+    MUTE = "mute"  # a fault: hears and says nothing, and goes on heating
+
+
+class Listener:
+    """What the board hears and says, from one reset to the next.
+
+    Attributes
+    ----------
+    lines, errors
+        Accepted, and refused or worse, since power on.
+    noise
+        The damage on the wire, where there is any.
+    """
+
+    machine: Machine
+
+    def __init__(self, faults: Faults, rng: random.Random) -> None:
+        self.lines = 0
+        self.errors = 0
+        self.noise = Noise(faults, rng) if faults.on_bytes else None
+        self.phase = Phase.BOOTLOADER
+        self._faults = faults
+        self._dice = Dice(faults, rng)
+        self._out: list[bytes] = []
+        self._time_s = 0.0
+        self._deafen()
+
+    def _deafen(self) -> None:
+        """Forget all that was heard: a reset."""
+        self._receiver = Receiver()
+        self._buffer: deque[bytes] = deque()
+        self._last_n = 0
+        self._stuck_n = -1  # the line that is asked for for ever
+        if self.noise is not None:
+            self.noise.forget()
+
+    def _break_down(self) -> None:
+        """A line was accepted: the faults that happen then."""
+        raise NotImplementedError
+
+    # --- lines ---
+
+    def _quick_move(self) -> bool:
+        """Take a well-formed numbered move from the ring, exactly as the long way would; False: take that."""
+        receiver = self._receiver
+        found = receiver.move()
+        if found is None or self._faults.on_lines:
+            return False
+        n, f, x, y, z, e, check = found.groups()
+        machine = self.machine
+        if (
+            int(n) != self._last_n + 1
+            or machine.stopped
+            or checksum(receiver.ring[: found.start(7) - 1]) != int(check)
+        ):
+            return False
+        receiver.ring = receiver.ring[found.end() :]
+        self._last_n += 1
+        self.lines += 1
+        if self.noise is not None:
+            self.noise.accepted(self._last_n, found[0])
+        self._out.append(wording.OK)
+        machine.planner.advance(self._time_s)
+        machine.linear(
+            None if f is None else float(f),
+            None if x is None else float(x),
+            None if y is None else float(y),
+            None if z is None else float(z),
+            None if e is None else float(e),
+            self._time_s,
+        )
+        machine.heard_s = self._time_s
+        return True
+
+    def _get_command(self) -> None:
+        """Fill the line buffer from the ring."""
+        while len(self._buffer) < LINES and self.phase is Phase.RUNNING:
+            line = self._receiver.line()
+            if line is None:
+                return
+            self._accept(line)
+
+    def _accept(self, line: bytes) -> None:
+        """Check number and checksum, and put the line into the buffer; or refuse it."""
+        if self._faults.on_lines:
+            if self._dice.swallows():
+                return
+            line = self._dice.disturb(line)
+        line = line.partition(b"\0")[0]
+        star = line.find(b"*")
+        if b"N" in line:
+            found = _WHOLE.match(line, line.find(b"N") + 1)
+            n = int(found[1]) if found else 0
+            if n != self._last_n + 1 and b"M110" not in line:
+                self._refuse(wording.LINE_NUMBER)
+                return
+            if star < 0:
+                self._refuse(wording.NO_CHECKSUM)
+                return
+            if int(value(line, b"*") or 0.0) != checksum(line[:star]):
+                self._refuse(wording.CHECKSUM)
+                return
+            if (n == self._stuck_n or self._dice.refuses()) and b"M110" not in line:
+                self._refuse(wording.CHECKSUM)
+                return
+            self._last_n = n
+            if self.noise is not None:
+                self.noise.accepted(n, line)
+        elif star >= 0:
+            self._error(wording.line_error(wording.NO_LINE_NUMBER, self._last_n))
+            return
+        if _is_move(line):
+            if self.machine.stopped:
+                self._say(wording.STOPPED)
+            else:
+                self._acknowledge()
+        self._buffer.append(line)
+        self.lines += 1
+        if self._faults.on_lines:
+            self._break_down()
+
+    def _refuse(self, why: bytes) -> None:
+        self._error(wording.line_error(why, self._last_n))
+        self._request_resend()
+
+    def _request_resend(self) -> None:
+        self._receiver.flush()
+        self._say(b"Resend: %d\n" % (self._last_n + 1))
+        if not self._faults.mute_resend:
+            self._ok()
+
+    # --- words ---
+
+    def _say(self, text: bytes) -> None:
+        self._out.append(text)
+
+    def _ok(self) -> None:
+        """A command is done (``ClearToSend``)."""
+        self.machine.heard_s = max(self.machine.heard_s, self._time_s)
+        self._acknowledge()
+
+    def _acknowledge(self) -> None:
+        self._say(self._dice.ok(wording.OK))
+
+    def _error(self, text: bytes) -> None:
+        self.errors += 1
+        self._say(text)
+
+
+def _is_move(line: bytes) -> bool:
+    code = value(line, b"G")
+    return code is not None and 0 <= int(code) <= 3
