@@ -45,6 +45,11 @@ class Client:
     def cleared(self, printer: str, request: api.ClearedRequest) -> None:
         self._call("POST", f"/printers/{printer}/cleared", body=request)
 
+    def history(self, job: int | None, printer: str | None, last: int) -> api.History:
+        asked = {"job": job, "printer": printer, "last": last}
+        params = {name: value for name, value in asked.items() if value is not None}
+        return api.History.model_validate(self._call("GET", "/history", params=params))
+
     def tell(self, path: str, why: str = "", by: str | None = None) -> str:
         """Ask something of a job, a part or a printer; the name of what was meant."""
         body = None if by is None else api.Reason(why=why, by=by)

@@ -13,7 +13,7 @@ import typer
 
 import farm
 from drivers.profiles import PROFILES
-from farm.cli import ahead, local, operate, pause, ports, render, stop, submit
+from farm.cli import ahead, history, local, operate, pause, ports, render, stop, submit
 from farm.cli.client import Client
 from farm.cli.words import say
 from farm.config import Fleet, load_fleet
@@ -179,6 +179,8 @@ def status(
 app.command()(submit.submit)
 app.command()(ahead.load)
 app.command()(ahead.approve)
+app.command()(history.history)
+app.command()(history.report)
 app.command()(operate.cleared)
 app.command()(operate.fail)
 app.command()(operate.reprint)

@@ -1,0 +1,100 @@
+"""`farm history` and `farm report`: what was printed, how long it took, and what was wasted."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from farm import api
+from farm.cli.board import mass
+from farm.cli.client import Client
+from farm.cli.operate import FleetFile, Socket, State
+from farm.cli.words import moment, span
+from farm.errors import FarmError
+from farm.paths import find_places
+
+Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
+_ALL = 100_000
+
+
+def history(
+    job: Annotated[int | None, typer.Option(help="Only of this job.")] = None,
+    printer: Annotated[str | None, typer.Option(help="Only on this printer.")] = None,
+    last: Annotated[int, typer.Option(min=1, max=_ALL, help="How many.")] = 30,
+    json: Json = False,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """The prints that ended last: how long each took, against its plan, and what became of it."""
+    past = Client(find_places(state, socket, fleet).socket).history(job, printer, last)
+    if json:
+        print(past.model_dump_json(by_alias=True, indent=2))
+        return
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for heading in ("ENDED", "PRINTER", "PART", "MODEL", "TOOK", "VS PLAN", "USED", "OUTCOME"):
+        table.add_column(heading, no_wrap=True)
+    for row in past.prints:
+        off = f"{row.took_s / row.expected_s - 1:+.0%}" if row.state == "done" and row.expected_s else ""
+        why = row.why if row.verdict else row.reason or row.fault
+        outcome = str(row.verdict or row.state) + (f": {why}" if why and row.wasted else "")
+        used = f"{mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
+        name = row.name[:20]
+        table.add_row(moment(row.ended), row.printer, row.part, name, span(row.took_s), off, used, outcome)
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(table)
+    lost = [row for row in past.prints if row.wasted]
+    console.print(
+        f"{len(past.prints)} prints, {len(lost)} of them wasted: "
+        f"{span(sum(row.took_s for row in lost))}, {mass(sum(row.grams for row in lost))}"
+    )
+
+
+def report(
+    job: Annotated[int, typer.Argument(help="The job.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; else job-N.html here.")] = None,
+    state: State = None,
+    socket: Socket = None,
+    fleet: FleetFile = None,
+) -> None:
+    """Write one HTML page on a job: its figures, the Gantt of the fleet, what failed and why, its parts."""
+    from farm.services.pictures import part_picture
+    from farm.services.report import page
+
+    client = Client(find_places(state, socket, fleet).socket)
+    view = client.job(job).job
+    now = datetime.fromisoformat(client.status().fleet.now)
+    pictures = {part.id: png for part in view.parts if (png := part_picture(Path(part.file))) is not None}
+    whole = Path(view.folder) / "assembly.png" if view.folder else None
+    assembly = whole.read_bytes() if whole is not None and whole.is_file() and len(view.parts) > 1 else None
+    target = out or Path(f"job-{job}.html")
+    text = page(view, client.history(None, None, _ALL).prints, now, facts(view), pictures, assembly)
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise FarmError(f"{target} cannot be written ({error}); name another file with --out") from error
+    print(target)
+
+
+def facts(view: api.JobView) -> list[tuple[str, str]]:
+    """A job's figures, as a person reads them."""
+    reached = "reached" if view.state in ("printed", "done") else "by what is known now"
+    rows = [
+        ("submitted", moment(view.submitted)),
+        ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
+        ("parallel printing time expected", span(view.estimated_s)),
+        (f"parallel printing time {reached}", span(view.current_s)),
+        ("on one imagined large printer", span(view.serial_s)),
+        ("speed-up", f"{view.speedup:.1f}" if view.speedup else "-"),
+        ("utilisation", f"{view.utilisation:.0%}" if view.utilisation else "-"),
+        ("wasted", f"{span(view.wasted_s)}, {mass(view.wasted_grams)}" if view.wasted_s else "nothing"),
+        ("filament", mass(view.grams) if view.grams is not None else "-"),
+    ]
+    if view.price is not None:
+        rows.append(("price of the filament", f"{view.price:.2f} {view.currency or ''}".strip()))
+    return rows

@@ -1,0 +1,27 @@
+"""Pictures of parts, for a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import trimesh
+
+from decompose.assembly import draw_assembly
+from decompose.report import Part
+from decompose.solid import Solid
+
+LONGEST_PX = 220
+
+
+def part_picture(stl: Path) -> bytes | None:
+    """A PNG of a part in its printing pose; None where the file is no STL or is not there."""
+    if stl.suffix != ".stl" or not stl.is_file():
+        return None
+    mesh = trimesh.load_mesh(stl)
+    part = Part("", Solid.from_arrays(mesh.vertices, mesh.faces), np.eye(4), 0.0, "")
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "part.png"
+        draw_assembly([part], path, LONGEST_PX)
+        return path.read_bytes()
