@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose import exact, parallelobox
-from decompose.baselines import symmetry_based
+from decompose.baselines import cube_skeleton, symmetry_based
 from decompose.check import check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
 from decompose.errors import DecomposeError, GeometryError, NoFit
@@ -28,6 +28,7 @@ ENGINES: dict[Engine, Callable[[Problem], Found]] = {
     Engine.GUILLOTINE: exact.search,
     Engine.PARALLELOBOX: parallelobox.search,
     Engine.SYMMETRY: symmetry_based.search,
+    Engine.CUBE_SKELETON: cube_skeleton.search,
 }
 TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 

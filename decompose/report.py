@@ -29,6 +29,7 @@ class Engine(StrEnum):
     GUILLOTINE = "guillotine"
     PARALLELOBOX = "parallelobox"
     SYMMETRY = "symmetry"
+    CUBE_SKELETON = "cube-skeleton"
 
 
 class Interior(StrEnum):

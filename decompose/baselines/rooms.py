@@ -1,4 +1,4 @@
-"""How many parts the printers' room asks for, and where a plane is clear of faces."""
+"""Pieces and the printers' room: how many it asks for, which do not fit, and where to cut."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.cost import PrinterRoom
+from decompose.errors import NoFit
 from decompose.grid import CLEAR_MM
+from decompose.piece import Piece
+from decompose.problem import Problem
 from decompose.solid import Solid
 
 Floats = npt.NDArray[np.float64]
@@ -56,3 +59,26 @@ def clear_of_faces(solid: Solid, normal: Floats, at_mm: float, reach_mm: float =
     gaps = np.abs(at_mm + offsets[:, None] - coordinates[None]).min(axis=1)
     clear = np.flatnonzero(gaps >= CLEAR_MM)
     return at_mm + float(offsets[clear[0] if len(clear) else int(np.argmax(gaps))])
+
+
+def connected(piece: Piece) -> list[Piece]:
+    """The connected pieces of what an engine takes for one."""
+    return [Piece(solid, piece.planes, piece.boxes_mm) for solid in piece.solid.pieces()]
+
+
+def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem) -> None:
+    """Raise `NoFit` where a piece fits no printer in any pose, or the pieces are more than the printers."""
+    printers = len(problem.printers)
+    large = [p for p in pieces if parts_needed(p.solid, problem.rooms) > 1]
+    misfits = sum(pose is None for pose in problem.poses(large))
+    if misfits:
+        raise NoFit(
+            f"{misfits} of the {len(pieces)} parts that {engine} makes for {printers} printers fit none of "
+            f"them: take another --longest-side, or --engine guillotine"
+        )
+    if len(pieces) > printers:
+        raise NoFit(
+            f"{engine} makes {len(pieces)} parts, each on a printer of its own, and there are {printers}: "
+            f"free more printers, or take --engine guillotine",
+            len(pieces),
+        )

@@ -17,7 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decompose.baselines.rooms import blocks_needed, clear_of_faces, parts_needed
+from decompose.baselines.rooms import (
+    blocks_needed,
+    clear_of_faces,
+    connected,
+    parts_needed,
+    refuse_misfits,
+)
 from decompose.cost import pose_costs
 from decompose.errors import NoFit
 from decompose.piece import Piece
@@ -93,26 +99,9 @@ def search(problem: Problem) -> Found:
     problem.lap("tree")
     parts = form.cut_on(parts)
     problem.lap("greedy")
-    pieces = tuple(piece for part in parts for piece in _connected(part.piece))
-    _refuse_misfits(pieces, len(parts), problem)
+    pieces = tuple(piece for part in parts for piece in connected(part.piece))
+    refuse_misfits("symmetry", pieces, problem)
     return Found(pieces, problem.model, np.eye(3))
-
-
-def _refuse_misfits(pieces: tuple[Piece, ...], parts: int, problem: Problem) -> None:
-    printers = len(problem.printers)
-    large = [p for p in pieces if parts_needed(p.solid, problem.rooms) > 1]
-    misfits = sum(pose is None for pose in problem.poses(large))
-    if misfits:
-        raise NoFit(
-            f"{misfits} of the {len(pieces)} parts that symmetry makes for {printers} printers fit none: "
-            f"free more printers, or take --engine guillotine"
-        )
-    if len(pieces) > printers:
-        raise NoFit(
-            f"the {parts} parts that symmetry makes are in {len(pieces)} pieces, and there are {printers} "
-            f"printers: free more, or take --engine guillotine",
-            len(pieces),
-        )
 
 
 def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
@@ -137,10 +126,6 @@ def _shared(some: list[Leaves], others: list[Leaves], printers: int) -> Leaves:
     shares = [(some[k], others[printers - k]) for k in range(printers + 1)]
     a, b = min(shares, key=lambda both: (max(both[0][0], both[1][0]), len(both[0][1]) + len(both[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
-
-
-def _connected(piece: Piece) -> list[Piece]:
-    return [Piece(solid, piece.planes, piece.boxes_mm) for solid in piece.solid.pieces()]
 
 
 def _halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
@@ -210,7 +195,7 @@ class _Mended(_Form):
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """The connected pieces on both sides of a plane next to this one, unless one of them is a crumb."""
         at_mm = clear_of_faces(piece.solid, normal, at_mm)
-        found = [p for half in _halves(piece, normal, at_mm) for p in _connected(half)]
+        found = [p for half in _halves(piece, normal, at_mm) for p in connected(half)]
         least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(found) > 1 and all(each.solid.volume_mm3 >= least_mm3 for each in found):
             yield [self.part(each) for each in found]

@@ -51,7 +51,7 @@ def test_an_engine_by_name(bar, tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry"),
+        ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry, cube-skeleton"),
         ({"engine": "parallelobox", "score": "up"}, "--score up: low or high"),
         ({"interior": "gone"}, "--interior gone: leave or keep"),
         ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),

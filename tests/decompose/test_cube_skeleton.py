@@ -1,0 +1,135 @@
+"""The engine `cube-skeleton`: a hollow shell cut by the sides of a cube inside."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.baselines.hollow import blocks, cubes_about, hollow, largest_cube, without_diagonals
+from decompose.cost import CostModel, PrinterRoom
+from decompose.errors import NoFit
+from decompose.grid import build_grid
+from decompose.mesh import Model
+from decompose.partition import decompose
+from decompose.report import Engine, Interior, Options
+from decompose.solid import Solid
+
+ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
+MENDED = Options(Engine.CUBE_SKELETON, fit_first_layer=False)
+
+shapes = st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4))
+
+
+def printers(count: int) -> list[PrinterRoom]:
+    return [replace(ROOM, name=str(i)) for i in range(count)]
+
+
+def ball(radius_mm: float) -> Model:
+    sphere = trimesh.creation.icosphere(2, radius_mm)
+    return Model(Solid.from_arrays(sphere.vertices, sphere.faces), (), 1.0)
+
+
+@settings(max_examples=80, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
+def test_blocks_cover_the_cells_once(shape: tuple[int, int, int], seed: int, share: float) -> None:
+    cells = np.random.default_rng(seed).random(shape) < share
+    count = np.zeros(shape, int)
+    for x0, y0, z0, x1, y1, z1 in blocks(cells):
+        count[x0:x1, y0:y1, z0:z1] += 1
+    assert (count == cells).all()
+
+
+@settings(max_examples=80, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.3, 1.0))
+def test_no_cube_is_larger(shape: tuple[int, int, int], seed: int, share: float) -> None:
+    cells = np.random.default_rng(seed).random(shape) < share
+    found = largest_cube(cells)
+    sizes = [
+        n
+        for n in range(1, min(shape) + 1)
+        for x, y, z in np.ndindex(*(s - n + 1 for s in shape))
+        if cells[x : x + n, y : y + n, z : z + n].all()
+    ]
+    if found is None:
+        assert not sizes
+        return
+    assert found[3] - found[0] == found[4] - found[1] == found[5] - found[2] == max(sizes)
+    for x0, y0, z0, x1, y1, z1 in [found, *cubes_about(found, cells)]:
+        assert cells[x0:x1, y0:y1, z0:z1].all()
+        assert x1 - x0 == y1 - y0 == z1 - z0 <= max(sizes)
+
+
+@settings(max_examples=80, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
+def test_cells_meet_in_faces(shape: tuple[int, int, int], seed: int, share: float) -> None:
+    before = np.random.default_rng(seed).random(shape) < share
+    cells = without_diagonals(before)
+    assert not (cells & ~before).any()
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        view = np.moveaxis(cells, (a, b), (0, 1))
+        near, far, left, right = view[:-1, :-1], view[1:, 1:], view[1:, :-1], view[:-1, 1:]
+        assert not ((near & far & ~left & ~right) | (left & right & ~near & ~far)).any()
+
+
+def test_the_shell_keeps_the_wall(cost: CostModel) -> None:
+    solid = ball(100.0).solid
+    vertices, faces = solid.arrays()
+    grid = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    shell = hollow(solid, grid)
+    outside = Solid.box((-130,) * 3, (130,) * 3).subtract(solid)
+    taken = solid.subtract(shell.solid)
+    assert taken.volume_mm3 > 0.2 * solid.volume_mm3
+    assert outside.gap_mm(taken, 12.0) >= 12.0 - 1e-6
+    assert shell.solid.volume_mm3 + taken.volume_mm3 == pytest.approx(solid.volume_mm3, rel=1e-9)
+
+
+@pytest.mark.parametrize("interior", Interior)
+def test_the_whole_engine(interior: Interior, cost: CostModel) -> None:
+    model = ball(150.0)
+    options = replace(MENDED, interior=interior)
+    result = decompose(model, printers(20), options, cost)
+    assert 8 <= len(result.parts) <= 20
+    for part in result.parts:
+        assert ROOM.fits(*(np.ptp(part.printed()[0], axis=0) - 1e-6))
+    printed = sum(p.solid.volume_mm3 for p in result.parts)
+    assert (0.3 if interior is Interior.LEAVE else 0.5) < printed / model.solid.volume_mm3 < 0.9
+    again = decompose(model, printers(20), options, cost)
+    assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
+
+
+def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
+    small = ball(95.0)
+    counts = [len(decompose(small, printers(n), MENDED, cost).parts) for n in (30, 12, 5)]
+    assert counts[0] >= 20
+    assert counts[1:] == [12, 5]
+
+
+def test_the_faithful_form_makes_what_it_makes(cost: CostModel) -> None:
+    faithful = replace(MENDED, faithful=True)
+    with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as caught:
+        decompose(ball(95.0), printers(2), faithful, cost)
+    needed = caught.value.printers_needed
+    assert needed is not None and needed >= 13  # pairs, once, of 26
+    assert len(decompose(ball(95.0), printers(26), faithful, cost).parts) == needed
+    with pytest.raises(NoFit, match=r"of the \d+ parts that cube-skeleton makes for 26 printers fit none"):
+        decompose(ball(330.0), printers(26), faithful, cost)
+
+
+def test_what_is_too_thin_for_a_cube(cost: CostModel) -> None:
+    sheet = Model(Solid.box((0, 0, 0), (400, 150, 3)), (), 1.0)
+    result = decompose(sheet, printers(4), MENDED, cost)
+    assert 2 <= len(result.parts) <= 4
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(400 * 150 * 3)
+    with pytest.raises(NoFit, match="no room for a cube"):
+        decompose(sheet, printers(4), replace(MENDED, faithful=True), cost)
+
+
+def test_what_cannot_be_hollowed_keeps_its_cube(cost: CostModel) -> None:
+    block = Model(Solid.box((0, 0, 0), (260, 30, 30)), (), 1.0)
+    result = decompose(block, printers(6), MENDED, cost)
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(260 * 30 * 30)
