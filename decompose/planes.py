@@ -16,30 +16,27 @@ from itertools import permutations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linprog
-from scipy.sparse import csr_array
 
 from decompose.boxes import Box
 from decompose.cost import PrinterRoom
 from decompose.grid import CLEAR_MM, Cell, Grid, flat_coordinates
 from decompose.interfaces import Cells, clear_of, directions, filled_out, moved, moving_together
 from decompose.joints import SLIVER_MM, faults
+from decompose.levelling import levelled
 from decompose.orientation import Pose, measure
 from decompose.piece import Piece, cut_faces, pieces_in_box
 from decompose.problem import Problem
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 PROBE_MM = 3.0  # how far a face is moved inwards to see what that saves
 REACH = 0.9  # share of a cell that a plane may move by in all
 FIRST_STEP = 0.5  # share of that
-TRY_MM = 0.4
+TRY_MM = 0.4  # a group that cannot move so far alone never moves
 ROUNDS, ROUNDS_EACH = 3, 8
 SHORTER = 0.6  # times as long is the next step, where one was no gain
 NOISE_MM = 2.0  # moves shorter than this teach little: supports, and so times, change by jumps
 WORTH = 0.0015  # share of the makespan that a step has to promise
-MOVE_S_MM = 0.05  # what a move has to save, so that nothing moves in vain
 UNMOVED_MM = 0.02
 
 
@@ -119,8 +116,11 @@ class _Evening:
             if rough is best or self.problem.expired():
                 break
             new = self._posed(rough, best)
-            if _times_s(new) >= _times_s(best) or self._faulty(new):
+            if _times_s(new) >= _times_s(best):
                 break
+            if self._faulty(new):
+                self.reach_mm = self.reach_mm / 2.0
+                continue
             gain = 1.0 - _longest_s(new) / _longest_s(best)
             best = new
             if gain < WORTH:
@@ -136,9 +136,7 @@ class _Evening:
         for _ in range(ROUNDS_EACH):
             if self.problem.expired():
                 break
-            now = np.array([part.box_mm for part in parts])
-            by_mm, promised_s = self._step(parts, now, slopes, step_mm)
-            boxes = self._clear(now, moved(now, self.groups, by_mm))
+            boxes, promised_s = self._step(parts, slopes, step_mm)
             if promised_s > (1.0 - WORTH) * _longest_s(parts):
                 break
             if not self.cells.partitioned(boxes):
@@ -171,43 +169,22 @@ class _Evening:
         box[face] += by_mm
         return not self._cut(i, box).is_like(part)
 
-    def _step(self, parts: list[_Part], now: Floats, slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
-        """How far each group moves for the least makespan, were the slopes true; and that makespan."""
-        count = len(self.free)
-        rows: list[tuple[dict[int, float], float]] = []  # of the programme: terms <= limit
-        for i, part in enumerate(parts):
-            terms = {2 * count: -1.0}
-            for side, axis in np.ndindex(2, 3):
-                group = int(self.groups[i, side, axis])
-                if group >= 0:
-                    terms[group] = terms.get(group, 0.0) + float(slopes[i, side, axis])
-            rows.append((terms, -part.seconds))
-            sides, size = now[i, 1] - now[i, 0], part.size_mm
-            for axis in range(3):
-                low, high = (int(self.groups[i, side, axis]) for side in range(2))
-                wider = {g: s for g, s in ((low, -1.0), (high, 1.0)) if g >= 0}
-                narrower = {g: -s for g, s in wider.items()}
-                rows.append((wider, _longer_mm(size, axis, self.problem.rooms)))
-                rows.append((narrower, max(0.0, float(sides[axis]) - SLIVER_MM)))
-        for group in range(count):
-            rows += [({group: s, count + group: -1.0}, 0.0) for s in (1.0, -1.0)]
+    def _step(self, parts: list[_Part], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
+        """Where the boxes would be best, were the slopes true; and the makespan that this promises."""
+        now = np.array([part.box_mm for part in parts])
         at = self._places(now) - self._places(self.start_mm)
         low_mm = np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0)
         high_mm = np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0)
-        bounds = [*zip(np.minimum(low_mm, 0.0), np.maximum(high_mm, 0.0), strict=True)]
-        rows = [(row, limit) for row, limit in rows if row and math.isfinite(limit)]
-        entries = [(r, c, v) for r, (row, _) in enumerate(rows) for c, v in row.items()]
-        r, c, v = zip(*entries, strict=True)
-        solved = linprog(
-            np.array([*[0.0] * count, *[MOVE_S_MM] * count, 1.0]),
-            csr_array((v, (r, c)), shape=(len(rows), 2 * count + 1)),
-            np.array([limit for _, limit in rows]),
-            bounds=[*bounds, *[(0.0, None)] * count, (None, None)],
-            method="highs-ds",
+        by_mm, promised_s = levelled(
+            np.array([part.seconds for part in parts]),
+            slopes,
+            self.groups,
+            np.array([_longer_mm(part.size_mm, self.problem.rooms) for part in parts]),
+            np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM),
+            np.minimum(low_mm, 0.0),
+            np.maximum(high_mm, 0.0),
         )
-        if solved.status != 0:
-            return np.zeros(count), math.inf
-        return np.asarray(solved.x[:count]), float(solved.x[2 * count])
+        return self._clear(now, moved(now, self.groups, by_mm)), promised_s
 
     def _places(self, boxes_mm: Floats) -> Floats:
         """(groups,) The coordinate of each group."""
@@ -295,15 +272,15 @@ def _longest_s(parts: Sequence[_Part]) -> float:
     return max(part.seconds for part in parts)
 
 
-def _longer_mm(size_mm: Floats, axis: int, rooms: Sequence[PrinterRoom]) -> float:
-    """How much longer a part of this size may be along an axis so that it fits all rooms along the axes.
+def _longer_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
+    """(3,) How much longer a part of this size may be along each axis, the others as they are, in all rooms.
 
     inf where it fits one of them only turned out of the axes: then nothing is known.
     """
-    most = math.inf
+    most = np.full(3, math.inf)
     for room in rooms:
         spare = np.array([turned for box in room.boxes for turned in permutations(box)]) - size_mm
-        fits = (np.delete(spare, axis, axis=1) >= 0.0).all(axis=1) & (spare[:, axis] >= 0.0)
-        if fits.any():
-            most = min(most, float(spare[fits, axis].max()))
+        spare = spare[(spare >= 0.0).all(axis=1)]
+        if len(spare):
+            most = np.minimum(most, spare.max(axis=0))
     return most
