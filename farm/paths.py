@@ -26,6 +26,11 @@ class StateFolder:
         return self.root / "farm.db"
 
     @property
+    def backups(self) -> Path:
+        """Copies of the books, one a night."""
+        return self.root / "backups"
+
+    @property
     def files(self) -> Path:
         return self.root / "files"
 

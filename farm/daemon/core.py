@@ -109,9 +109,14 @@ class Core:
             for instruction in instructions:
                 self._hands.perform(instruction)
 
-    def start(self) -> None:
-        """Bring yesterday's books in line with today's fleet, and give up plans that died with a daemon."""
+    def start(self, restored_s: float | None = None) -> None:
+        """Bring yesterday's books in line with today's fleet, and give up plans that died with a daemon.
+
+        `restored_s` is when the books were copied, where they are a copy because they were damaged.
+        """
         now_s = self.clock.now()
+        if restored_s is not None:
+            self.happened(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
         for section in self.fleet.printers:
             if section.name not in self.books.printers:
                 bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
@@ -297,6 +302,13 @@ class Core:
     def _hold(self, job: Job, hold: Hold) -> None:
         if job.hold != hold:
             self.happened(ev.JobHeld(at_s=self.clock.now(), job=job.id, hold=hold))
+
+    def next_edge_s(self) -> float | None:
+        """When hours or start times next change what may start; None where they never do."""
+        now_s = self.clock.now()
+        starts = (j.not_before_s for j in self.books.jobs.values() if not j.state.ended and j.not_before_s)
+        edges = [self.rules.attended.edge_s(now_s), self.rules.quiet.edge_s(now_s), *starts]
+        return min((edge for edge in edges if edge is not None and edge > now_s), default=None)
 
     def progressed(self, number: int, progress: PlanProgress) -> None:
         """The planner is so far with a job."""

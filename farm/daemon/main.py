@@ -17,28 +17,29 @@ from typing import IO
 
 import uvicorn
 
-from drivers.clock import Clock
+from drivers.clock import Clock, wall_s
 from farm.config import Fleet, PrinterSection
+from farm.daemon.backups import back_up, is_due, next_s, open_books
 from farm.daemon.core import Core
 from farm.daemon.links import Links
 from farm.daemon.planner import Planner
 from farm.daemon.server import make_app
 from farm.daemon.timers import Timers
 from farm.daemon.workers import Workers
-from farm.errors import Refused
+from farm.errors import FarmError, Refused
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.services.files import name_files
 from farm.services.planning import warm
 from farm.services.rooms import bed_boxes
 from farm.tracking import events as ev
-from farm.tracking.store import Store
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _SETTLE_S = 1.0
+_LEAST_S = 60.0  # wall seconds between two copies of the books, however fast the clock is
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
@@ -51,12 +52,14 @@ class Daemon:
         self._places = places
         self._state = places.state
         self._clock = farm_clock(fleet, self._state)
-        self._store = Store(self._state.books)
+        self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
         self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
         self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
         self._links = Links(fleet, self._state, self._clock, self._core)
         self._planner = Planner(self._state, self._workers, self._core.planned, self._core.progressed)
+        self._timers = Timers()
+        self._edge_s: float | None = None  # for which a timer is set
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
 
@@ -97,12 +100,13 @@ class Daemon:
             app, log_config=None, access_log=False, lifespan="off", timeout_graceful_shutdown=_GRACE_S
         )
         self._server = uvicorn.Server(config)
-        self._core.start()
+        self._core.start(self._restored_s)
         self._links.start({attempt.printer for attempt in self._core.books.open_prints()})
-        timers = Timers()
+        timers = self._timers
         timers.every(_WATCH_S, "watch agents", self._links.watch)
-        timers.every(_SETTLE_S, "settle", self._core.settle)
+        timers.every(_SETTLE_S, "settle", self._turn)
         timers.start()
+        await self._back_up(due=is_due(self._state, self._clock.now()))
         listening = _listen(self._places.socket)
         log.info("listening on %s", self._places.socket)
         try:
@@ -115,6 +119,26 @@ class Daemon:
             listening.close()
             self._places.socket.unlink(missing_ok=True)
             self._store.close()
+
+    def _turn(self) -> None:
+        """Settle, and be awake when hours or start times change."""
+        self._core.settle()
+        edge_s = self._core.next_edge_s()
+        if edge_s is not None and edge_s != self._edge_s:
+            self._timers.at(self._clock.wall(edge_s), "edge of hours", self._turn)
+        self._edge_s = edge_s
+
+    async def _back_up(self, due: bool = True) -> None:
+        """Copy the books, every night; where that cannot be done it is said, and tried the next night."""
+        now_s = self._clock.now()
+        if due:
+            try:
+                copy = await asyncio.to_thread(back_up, self._state, now_s)
+                log.info("the books are copied to %s", copy)
+            except FarmError as error:
+                log.error("%s", error)
+        again_s = self._clock.wall(next_s(now_s, self._fleet.zone))
+        self._timers.at(max(again_s, wall_s() + _LEAST_S), "copy the books", self._back_up)
 
     async def _down(self, now: bool) -> None:
         """End the farm: every print first (with `now`), then the agents, then the daemon."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from datetime import UTC, datetime
 
 from apscheduler.executors.asyncio import AsyncIOExecutor
 from apscheduler.schedulers.asyncio import AsyncIOScheduler
+from apscheduler.triggers.date import DateTrigger
 from apscheduler.triggers.interval import IntervalTrigger
 
 
@@ -20,17 +22,30 @@ class Timers:
 
     def every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, again and again until the timers are stopped."""
-
-        async def on_the_loop() -> None:  # APScheduler runs a plain function in a thread
-            done = work()
-            if inspect.isawaitable(done):
-                await done
-
         trigger = IntervalTrigger(seconds=wall_seconds)
-        self._scheduler.add_job(on_the_loop, trigger, id=name, replace_existing=True)
+        self._scheduler.add_job(_on_the_loop(work), trigger, id=name, replace_existing=True)
+
+    def at(self, wall_s: float, name: str, work: Callable[[], object]) -> None:
+        """Call a function once at a moment of wall time (since the epoch), late rather than never.
+
+        A timer of the same name is put off or brought forward.
+        """
+        trigger = DateTrigger(datetime.fromtimestamp(wall_s, UTC))
+        self._scheduler.add_job(_on_the_loop(work), trigger, id=name, replace_existing=True)
 
     def start(self) -> None:
         self._scheduler.start()
 
     def stop(self) -> None:
         self._scheduler.shutdown(wait=False)
+
+
+def _on_the_loop(work: Callable[[], object]) -> Callable[[], Awaitable[None]]:
+    """As a coroutine function: APScheduler would run a plain one in a thread."""
+
+    async def run() -> None:
+        done = work()
+        if inspect.isawaitable(done):
+            await done
+
+    return run

@@ -183,6 +183,12 @@ class BedCleared(Event):
     why: str | None = None
 
 
+class BooksRestored(Event):
+    """The books were damaged; these are as they were at `copied_s`. What was printed since is not known."""
+
+    copied_s: float
+
+
 class ReelLoaded(Event):
     """A person put a reel on a printer, or said how much is on it."""
 
@@ -231,6 +237,7 @@ AnyEvent = (
     | OutageConfirmed
     | BedCleared
     | ReelLoaded
+    | BooksRestored
     | PrinterSeen
     | PrinterDoubted
 )

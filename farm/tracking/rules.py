@@ -30,11 +30,18 @@ from farm.tracking.outcome import Standing, failures, job_state, printed
 from farm.tracking.reels import less, used_grams
 
 BY_A_PERSON = "cancelled by a person"
+BY_THE_DAMAGE = "the books were restored"
 BY_A_PERSON_FAULT = "by_a_person"
 """The fault of a print that a person saw go wrong."""
 _BY_PEOPLE = (BY_A_PERSON_FAULT, "estop")
 
 _APPROVAL = Hold(code=HoldCode.APPROVAL, text="its plan is frozen until `farm approve` releases it")
+
+_RESTORED = Hold(
+    code=HoldCode.APPROVAL,
+    text="the books were damaged and restored from a copy: look what of it is printed, `farm cancel` those "
+    "parts, then `farm approve` lets the rest be printed",
+)
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
@@ -109,7 +116,7 @@ def _(event: ev.JobApproved, books: Books) -> Result:
     job = books.job(event.job)
     if job.state is not JobState.HELD:
         return books, ()
-    return put(books, edited(job, state=JobState.PRINTING, hold=None)), ()
+    return _settle(put(books, edited(job, state=JobState.PRINTING, hold=None)), job.id, event.at_s), ()
 
 
 @apply.register
@@ -284,6 +291,28 @@ def _(event: ev.PrinterLost, books: Books) -> Result:
 def _(event: ev.OutageConfirmed, books: Books) -> Result:
     outage = books.outage
     return (books if outage is None else put(books, edited(outage, confirmed_s=event.at_s))), ()
+
+
+@apply.register
+def _(event: ev.BooksRestored, books: Books) -> Result:
+    """No bed is known to be clear, and no job goes on before a person has looked what is printed of it."""
+    beds = [
+        edited(printer, bed=Bed.NOT_CLEAR, filament=FilamentState.UNKNOWN)
+        for printer in books.printers.values()
+    ]
+    # One that was only assigned may be over by now: it is not begun again.
+    prints = [
+        edited(attempt, cancel_asked=BY_THE_DAMAGE)
+        for attempt in books.open_prints()
+        if attempt.state is PrintState.ASSIGNED
+    ]
+    planned, others = [], []
+    for job in books.jobs.values():
+        if job.state is JobState.PRINTING:
+            planned.append(edited(job, state=JobState.HELD, hold=_RESTORED))
+        elif job.state in (JobState.QUEUED, JobState.PLANNING):
+            others.append(edited(job, options=job.options.model_copy(update={"hold": True})))
+    return put(books, *beds, *prints, *planned, *others), ()
 
 
 @apply.register

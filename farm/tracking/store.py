@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Self, TypeVar
 
@@ -30,6 +32,25 @@ class StoreError(FarmError):
     """The books cannot be opened or written."""
 
 
+class DamagedBooks(StoreError):
+    """What is on the disk are no books any more."""
+
+
+def copy_books(source: Path, target: Path) -> None:
+    """Copy books that may be in use, whole or not at all. Raises StoreError."""
+    half = target.with_name(f".{target.name}.half")
+    try:
+        half.unlink(missing_ok=True)
+        with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(half)) as copy:
+            books.backup(copy)
+        with half.open("rb") as file:
+            os.fsync(file.fileno())
+        half.replace(target)
+    except (sqlite3.Error, OSError) as error:
+        half.unlink(missing_ok=True)
+        raise StoreError(f"the books {source} cannot be copied to {target}: {error}") from error
+
+
 class Store:
     """Where the books are kept. Every method may raise StoreError.
 
@@ -40,11 +61,26 @@ class Store:
     def __init__(self, path: Path) -> None:
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
-            self._db.execute("PRAGMA journal_mode = WAL")
-            self._db.execute("PRAGMA synchronous = FULL")
-            self._create(path)
         except sqlite3.Error as error:
             raise StoreError(f"the books {path} cannot be opened: {error}") from error
+        try:
+            self._open(path)
+        except BaseException:
+            self._db.close()
+            raise
+
+    def _open(self, path: Path) -> None:
+        try:
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            (found,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
+            if found != "ok":
+                raise DamagedBooks(f"the books {path} are damaged: {' '.join(found.split())}")
+            self._create(path)
+        except sqlite3.OperationalError as error:  # a full disk, no right to write: nothing is damaged
+            raise StoreError(f"the books {path} cannot be opened: {error}") from error
+        except sqlite3.DatabaseError as error:
+            raise DamagedBooks(f"the books {path} cannot be opened: {error}") from error
 
     def _create(self, path: Path) -> None:
         (version,) = self._db.execute("PRAGMA user_version").fetchone()

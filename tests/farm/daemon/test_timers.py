@@ -33,3 +33,21 @@ def test_work_runs_on_the_event_loop(plain):
             timers.stop()
 
     assert asyncio.run(run()) is threading.current_thread()
+
+
+def test_a_timer_for_a_moment_runs_once_late_rather_than_never_and_can_be_moved():
+    async def run() -> list[str]:
+        ran: list[str] = []
+        done = asyncio.Event()
+        timers = Timers()
+        timers.at(0.0, "long ago", lambda: ran.append("long ago"))
+        timers.at(4e9, "moved", lambda: ran.append("far"))
+        timers.start()
+        timers.at(0.0, "moved", lambda: (ran.append("near"), done.set()))
+        try:
+            await done.wait()
+        finally:
+            timers.stop()
+        return ran
+
+    assert asyncio.run(run()) == ["long ago", "near"]

@@ -1,0 +1,96 @@
+"""The nightly copies of the books, and their way back where the books are damaged."""
+
+from __future__ import annotations
+
+import logging
+from datetime import UTC, datetime, timedelta, tzinfo
+from pathlib import Path
+
+from farm.errors import FarmError
+from farm.paths import StateFolder
+from farm.tracking.store import DamagedBooks, Store, StoreError, copy_books
+
+log = logging.getLogger(__name__)
+
+KEPT = 7
+_HOUR = 4  # local: changes of the clock are over by then
+_STAMP = "books-%Y%m%dT%H%M%SZ"
+
+
+def back_up(state: StateFolder, now_s: float) -> Path:
+    """Copy the books into a folder beside them, and drop the oldest copies. It may run in a thread.
+
+    Raises
+    ------
+    StoreError
+        Where they cannot be copied; the copies that are there stay.
+    """
+    try:
+        state.backups.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"no copy of the books can be kept: {error}") from error
+    target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
+    copy_books(state.books, target)
+    for old in copies(state)[KEPT:]:
+        old.unlink(missing_ok=True)
+    return target
+
+
+def copies(state: StateFolder) -> list[Path]:
+    """The newest first."""
+    return sorted(state.backups.glob("books-*.db"), reverse=True)
+
+
+def made_s(copy: Path) -> float:
+    """When a copy was made, in farm time."""
+    return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
+
+
+def next_s(now_s: float, zone: tzinfo) -> float:
+    """When the next copy is due."""
+    now = datetime.fromtimestamp(now_s, zone)
+    due = now.replace(hour=_HOUR, minute=0, second=0, microsecond=0, fold=0)
+    return (due if due.timestamp() > now_s else due + timedelta(days=1)).timestamp()
+
+
+def is_due(state: StateFolder, now_s: float) -> bool:
+    """Whether there is no copy of the last day: a farm may be off every night."""
+    newest = next(iter(copies(state)), None)
+    return newest is None or made_s(newest) < now_s - 86400.0
+
+
+def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
+    """The books; where they are damaged, the newest copy that is whole, and when it was made.
+
+    Damaged books are kept, under another name.
+
+    Raises
+    ------
+    FarmError
+        Where they cannot be opened for another reason, or where no copy is whole.
+    """
+    try:
+        if copies(state) and not (state.books.is_file() and state.books.stat().st_size):
+            raise DamagedBooks(f"the books {state.books} are gone")
+        return Store(state.books), None
+    except DamagedBooks as error:
+        damage = error
+    log.error("%s", damage)
+    for copy in copies(state):
+        try:
+            Store(copy).close()
+        except StoreError as error:
+            log.error("the copy %s cannot be used: %s", copy, error)
+            continue
+        aside = state.books.with_name(f"{state.books.name}.damaged-{now_s:.0f}")
+        for suffix in ("-wal", "-shm", ""):
+            path = state.books.with_name(state.books.name + suffix)
+            if path.exists():
+                path.rename(aside.with_name(aside.name + suffix))
+        copy_books(copy, state.books)
+        log.error("the books were restored from %s; the damaged ones are %s", copy, aside)
+        return Store(state.books), made_s(copy)
+    raise FarmError(
+        f"{damage}, and {state.backups} has no copy of them that is whole: move {state.books} away, and the "
+        "farm begins with empty books"
+    )

@@ -1,0 +1,136 @@
+"""Copies of the books: made every night, kept for a week, and used where the books are damaged."""
+
+from datetime import datetime
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from farm.daemon.backups import KEPT, back_up, copies, is_due, made_s, next_s, open_books
+from farm.errors import FarmError
+from farm.model import Bed, FilamentState, HoldCode, JobOptions, JobState, PrintState
+from farm.paths import StateFolder
+from farm.services.planning import Plan
+from farm.tracking import events as ev
+from farm.tracking.books import Books
+from farm.tracking.rules import apply
+from farm.tracking.store import Store, StoreError
+from make_books import fleet
+from make_books import plan as planned
+from one_core import MODEL, Farm
+
+NIGHT_S = 1_790_000_000.0
+DAY_S = 86400.0
+
+
+@pytest.fixture
+def state(tmp_path):
+    return StateFolder(tmp_path)
+
+
+def fill(state):
+    """Books with three printers; what they say."""
+    books = Books()
+    with Store(state.books) as store:
+        for event in fleet():
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+    return books
+
+
+def test_a_copy_is_made_while_the_books_are_in_use_and_the_oldest_go(state):
+    books = fill(state)
+    assert is_due(state, NIGHT_S)
+    with Store(state.books):
+        for night in range(KEPT + 2):
+            back_up(state, NIGHT_S + night * DAY_S)
+    made = [made_s(copy) for copy in copies(state)]
+    assert made == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
+    assert not is_due(state, made[0] + DAY_S - 1)
+    with Store(copies(state)[0]) as copy:
+        assert copy.load() == books
+
+
+@pytest.mark.parametrize("damage", ["no database", "a page", "nothing left"])
+def test_damaged_books_are_put_back_from_the_newest_whole_copy(state, damage):
+    books = fill(state)
+    back_up(state, NIGHT_S)
+    back_up(state, NIGHT_S + DAY_S).write_bytes(b"half a copy" * 100)
+    whole = state.books.read_bytes()
+    harm = {
+        "no database": b"these are not the books that you are looking for" * 50,
+        "a page": whole[:4096] + b"\xff" * 4096 + whole[8192:],
+        "nothing left": b"",
+    }[damage]
+    state.books.write_bytes(harm)
+    store, restored_s = open_books(state, NIGHT_S + 2 * DAY_S)
+    with store:
+        assert restored_s == NIGHT_S
+        assert store.load() == books
+    (aside,) = (path for path in state.root.glob("farm.db.damaged-*") if not path.name.endswith("-shm"))
+    assert aside.read_bytes() == harm
+
+
+def test_without_a_whole_copy_the_farm_says_what_to_do(state):
+    state.books.write_bytes(b"no books" * 999)
+    with pytest.raises(FarmError, match="no copy of them that is whole: move"):
+        open_books(state, NIGHT_S)
+    assert state.books.read_bytes() == b"no books" * 999
+
+
+def test_books_of_a_newer_farm_are_not_taken_for_damaged(state):
+    import sqlite3
+
+    fill(state)
+    back_up(state, NIGHT_S)
+    with sqlite3.connect(state.books) as db:
+        db.execute("PRAGMA user_version = 99")
+    db.close()
+    with pytest.raises(StoreError, match="newer farm"):
+        open_books(state, NIGHT_S)
+
+
+def test_a_copy_that_cannot_be_made_leaves_those_that_are_there(state):
+    fill(state)
+    back_up(state, NIGHT_S)
+    state.books.write_bytes(b"no books" * 999)
+    with pytest.raises(StoreError, match="cannot be copied"):
+        back_up(state, NIGHT_S + DAY_S)
+    assert [made_s(copy) for copy in copies(state)] == [NIGHT_S]
+    assert len(list(state.backups.iterdir())) == 1
+
+
+def test_the_next_copy_is_at_four_whatever_the_clock_does():
+    zone = ZoneInfo("Europe/London")
+
+    def at(text):
+        return datetime.fromisoformat(text).replace(tzinfo=zone).timestamp()
+
+    assert next_s(at("2026-03-28 05:00"), zone) == at("2026-03-29 04:00")
+    assert next_s(at("2026-10-24 23:00"), zone) == at("2026-10-25 04:00")
+    assert next_s(at("2026-10-25 04:00"), zone) == at("2026-10-26 04:00")
+
+
+def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    event = planned(1, 3)
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.planned(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    told = len(farm.hands.told)
+    farm.core.start(restored_s=NIGHT_S)
+    books = farm.core.books
+    assert {printer.bed for printer in books.printers.values()} == {Bed.NOT_CLEAR}
+    assert {printer.filament for printer in books.printers.values()} == {FilamentState.UNKNOWN}
+    assert (books.jobs[1].state, books.jobs[1].hold.code) == (JobState.HELD, HoldCode.APPROVAL)
+    assert books.jobs[2].options.hold
+    farm.ready("a", "b")  # their agents know nothing of the prints that were only assigned
+    assert {p.state for p in farm.core.books.prints.values()} == {PrintState.CANCELLED}
+    assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
+    for name in "ab":
+        farm.core.cleared(name, "ann", FilamentState.PARKED)
+    assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
+    farm.core.happened(ev.JobApproved(at_s=farm.core.clock.now(), job=1, by="ann"))
+    farm.core.settle()
+    assert len([i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]) == 2
