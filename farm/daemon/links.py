@@ -24,27 +24,16 @@ from drivers.errors import AgentError, DriverError
 from drivers.heartbeat import Heartbeat, look_at
 from drivers.start import Start
 from farm.config import Fleet, PrinterSection
+from farm.daemon.translate import translate
 from farm.errors import FarmError
-from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 
 log = logging.getLogger(__name__)
 
-_PHASES = {
-    m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
-    m.PrintPhase.CONNECTING: PrintState.HEATING,
-    m.PrintPhase.HEATING: PrintState.HEATING,
-    m.PrintPhase.PRINTING: PrintState.PRINTING,
-    m.PrintPhase.PAUSED: PrintState.PAUSED,
-    m.PrintPhase.ENDING: PrintState.ENDING,
-    m.PrintPhase.DONE: PrintState.DONE,
-    m.PrintPhase.FAILED: PrintState.FAILED,
-    m.PrintPhase.CANCELLED: PrintState.CANCELLED,
-}
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
-_CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
 _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach another host
@@ -52,51 +41,6 @@ _PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 
 _WAY = "way.json"  # in the folder of an agent on another host
 _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
-
-
-def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
-    """An agent's words in the farm's, and its moments on the farm's clock where its own is another."""
-    attempt = None
-    late_s = clock.now() - said.now_s
-    shift_s = late_s if said.now_s and abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S else 0.0
-
-    def moment(at_s: float | None) -> float | None:
-        return None if at_s is None else at_s + shift_s
-
-    if said.print is not None:
-        attempt = AgentPrint(
-            print_id=said.print.print_id,
-            state=_PHASES[said.print.phase],
-            fault=said.print.fault,
-            reason=said.print.reason,
-            progress_s=said.print.progress_s,
-            print_time_s=said.print.print_time_s,
-            extruded=said.print.extruded,
-            started_s=moment(said.print.started_s),
-            ended_s=moment(said.print.ended_s),
-            starved_s=said.print.starved_s,
-            layer=said.print.layer,
-            layers=said.print.layers,
-            z_mm=said.print.z_mm,
-            feature=said.print.feature,
-            pause_ends_s=moment(said.print.pause_ends_s),
-        )
-    return AgentSnapshot(
-        printer=said.printer,
-        link=Link(said.link),
-        agent_pid=said.agent_pid,
-        reason=said.reason,
-        nozzle_c=said.nozzle.now_c if said.nozzle else None,
-        bed_c=said.bed.now_c if said.bed else None,
-        nozzle_target_c=said.nozzle.target_c if said.nozzle else None,
-        bed_target_c=said.bed.target_c if said.bed else None,
-        heaters_off=said.heaters_off,
-        filament=FilamentState(said.filament),
-        bed_clear=said.bed_clear,
-        doubt=said.doubt,
-        reset_verified=said.reset_verified,
-        print=attempt,
-    )
 
 
 def _way(section: PrinterSection, farm: str, clock: Clock) -> tuple[list[str], bytes] | None:
@@ -143,6 +87,7 @@ class Links:
 
     def __init__(self, fleet: Fleet, state: StateFolder, clock: Clock, ears: Ears) -> None:
         self._state, self._clock, self._ears = state, clock, ears
+        self._strangers: asyncio.Task[None] | None = None
         self._links = {
             section.name: AgentLink(section.name, section, state, clock, ears, fleet.fleet.name)
             for section in fleet.printers
@@ -160,6 +105,22 @@ class Links:
                 self._links[name] = AgentLink(name, None, self._state, self._clock, self._ears)
         for link in self._links.values():
             link.start()
+        self._strangers = asyncio.create_task(self._end_strangers())
+
+    async def _end_strangers(self) -> None:
+        """End idle agents of printers that are no longer in the fleet: another name may need their ports."""
+        for folder in sorted((self._state.root / "agents").glob("*/")):
+            if folder.name in self._links or not alive(folder):
+                continue
+            client = AgentClient(folder)
+            try:
+                await client.connect()
+                reply = await client.request(m.Shutdown(id=0))
+                log.info("%s is not in the fleet: its agent %s", folder.name, reply.error or "ends")
+            except DriverError as error:
+                log.warning("%s is not in the fleet, and its agent does not answer: %s", folder.name, error)
+            finally:
+                await client.close()
 
     def watch(self) -> None:
         """Start what has died."""
@@ -202,6 +163,9 @@ class Links:
 
     async def close(self) -> None:
         """Leave the agents to themselves."""
+        if self._strangers is not None:
+            self._strangers.cancel()
+            await asyncio.gather(self._strangers, return_exceptions=True)
         await asyncio.gather(*(link.close() for link in self._links.values()))
 
 

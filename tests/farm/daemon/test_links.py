@@ -10,14 +10,17 @@ import pytest
 
 from drivers import heartbeat
 from drivers import messages as m
-from drivers.client import alive, pid
+from drivers.client import alive, kill, pid
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
-from drivers.emulator.launch import control
+from drivers.emulator.launch import control, launch
 from farm.config import Fleet
-from farm.daemon.links import Links, translate
+from farm.daemon.links import Links
+from farm.daemon.translate import translate
 from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder
+from farm.tracking import events as ev
+from farm.tracking.books import Books
 
 MODEL = "ultimaker2_plus"
 DEADLINE_S = 40.0
@@ -86,3 +89,50 @@ def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: 
     heard = translate(said, clock).print
     assert heard is not None
     assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
+
+
+@pytest.mark.system
+def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent_of_its_old_one(
+    tmp_path: Path,
+):
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    clock = Clock(1.0, time.time())
+    port = launch(f"sim://{MODEL}", tmp_path / "emulator", clock)
+    ears = Ears()
+
+    def fleet(name: str) -> Fleet:
+        return Fleet.model_validate({"printers": [{"name": name, "model": MODEL, "port": str(port)}]})
+
+    async def until(links: Links, link: Link) -> None:
+        async with asyncio.timeout(DEADLINE_S):
+            while ears.last is None or ears.last.link is not link:
+                links.watch()
+                await asyncio.sleep(0.05)
+
+    async def story() -> None:
+        old = Links(fleet("old"), state, clock, ears)
+        old.start(())
+        await until(old, Link.FAULT)  # nobody has said that it may be opened
+        old.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
+        await until(old, Link.READY)
+        await old.close()
+        ears.last = None
+        new = Links(fleet("new"), state, clock, ears)
+        new.start(())
+        try:
+            await until(new, Link.FAULT)
+            new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
+            await until(new, Link.READY)
+            assert not alive(state.agent("old"))
+            ended = old._links["old"]._process
+            assert ended is not None and ended.wait(10.0) == 0
+        finally:
+            await new.shut_down_agents()
+            await new.close()
+
+    try:
+        asyncio.run(story())
+    finally:
+        kill(state.agent("old"))
+        control(tmp_path / "emulator", "power_off")

@@ -1,0 +1,65 @@
+"""An agent's words in the farm's. Pure."""
+
+from __future__ import annotations
+
+from drivers import messages as m
+from drivers.clock import Clock
+from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+
+_CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
+_PHASES = {
+    m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
+    m.PrintPhase.CONNECTING: PrintState.HEATING,
+    m.PrintPhase.HEATING: PrintState.HEATING,
+    m.PrintPhase.PRINTING: PrintState.PRINTING,
+    m.PrintPhase.PAUSED: PrintState.PAUSED,
+    m.PrintPhase.ENDING: PrintState.ENDING,
+    m.PrintPhase.DONE: PrintState.DONE,
+    m.PrintPhase.FAILED: PrintState.FAILED,
+    m.PrintPhase.CANCELLED: PrintState.CANCELLED,
+}
+
+
+def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
+    """An agent's words in the farm's, and its moments on the farm's clock where its own is another."""
+    attempt = None
+    late_s = clock.now() - said.now_s
+    shift_s = late_s if said.now_s and abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S else 0.0
+
+    def moment(at_s: float | None) -> float | None:
+        return None if at_s is None else at_s + shift_s
+
+    if said.print is not None:
+        attempt = AgentPrint(
+            print_id=said.print.print_id,
+            state=_PHASES[said.print.phase],
+            fault=said.print.fault,
+            reason=said.print.reason,
+            progress_s=said.print.progress_s,
+            print_time_s=said.print.print_time_s,
+            extruded=said.print.extruded,
+            started_s=moment(said.print.started_s),
+            ended_s=moment(said.print.ended_s),
+            starved_s=said.print.starved_s,
+            layer=said.print.layer,
+            layers=said.print.layers,
+            z_mm=said.print.z_mm,
+            feature=said.print.feature,
+            pause_ends_s=moment(said.print.pause_ends_s),
+        )
+    return AgentSnapshot(
+        printer=said.printer,
+        link=Link(said.link),
+        agent_pid=said.agent_pid,
+        reason=said.reason,
+        nozzle_c=said.nozzle.now_c if said.nozzle else None,
+        bed_c=said.bed.now_c if said.bed else None,
+        nozzle_target_c=said.nozzle.target_c if said.nozzle else None,
+        bed_target_c=said.bed.target_c if said.bed else None,
+        heaters_off=said.heaters_off,
+        filament=FilamentState(said.filament),
+        bed_clear=said.bed_clear,
+        doubt=said.doubt,
+        reset_verified=said.reset_verified,
+        print=attempt,
+    )
