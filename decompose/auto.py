@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from decompose import partition
 from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import ASSEMBLE_S, CLEAR_S, curve, knee
+from decompose.curve import ASSEMBLE_S, CLEAR_S, curve, in_time, knee
 from decompose.mesh import Model
 from decompose.problem import Problem, checked
 from decompose.report import Decomposition, Options
@@ -23,6 +23,7 @@ def decompose(
     *,
     clear_s: float = CLEAR_S,
     assemble_s: float = ASSEMBLE_S,
+    within_s: float | None = None,
 ) -> Decomposition:
     """Cut a model for the first of the printers, so many that printing and handling take least together.
 
@@ -32,6 +33,8 @@ def decompose(
         Those that are free, the best ones first; see `partition.decompose`.
     clear_s, assemble_s
         What a person is busy with each part: to make its bed clear, and to put it to the others.
+    within_s
+        Where the parts have to be printed within that: as few of them as are, or the soonest.
 
     Raises
     ------
@@ -41,6 +44,9 @@ def decompose(
     checked(model, tuple(printers), options)
     problem = Problem(model, tuple(printers), cost, options, executor)
     points = curve(problem.boxes(problem.grid(model)), len(printers), executor)
-    wanted = knee(points, clear_s, assemble_s).printers if points else len(printers)
+    wanted = len(printers)
+    if points:
+        best = knee(points, clear_s, assemble_s) if within_s is None else in_time(points, within_s)
+        wanted = best.printers
     result = partition.decompose(model, printers[:wanted], options, cost, executor)
     return replace(result, curve=points)

@@ -84,3 +84,11 @@ def curve(boxes: Boxes, most: int, executor: Executor | None = None) -> tuple[Po
 def knee(points: Sequence[Point], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S) -> Point:
     """The point where printing and what a person does after it, part by part, take least together."""
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
+
+
+def in_time(points: Sequence[Point], within_s: float) -> Point:
+    """The fewest printers that are done within so many seconds; where none are, the soonest."""
+    enough = [point for point in points if point.makespan_s <= within_s]
+    if enough:
+        return min(enough, key=lambda point: point.printers)
+    return min(points, key=lambda point: (point.makespan_s, point.printers))

@@ -134,6 +134,7 @@ class JobOptions(Entity):
     priority: int = Field(default=0, ge=-100, le=100)  # higher is earlier
     at: str | None = Field(default=None, max_length=40)  # when it may start, as a person says it
     overnight: bool = False  # when attended hours end
+    done_by: str | None = Field(default=None, max_length=40)  # as few parts as are printed by then
     spares: int = Field(default=0, ge=0)  # free printers that are kept for plates that fail
     hold: bool = False  # nothing of it prints before `farm approve`
 
@@ -161,6 +162,7 @@ class Job(Entity):
     repairs: tuple[str, ...] = ()
     scale: float | None = None
     not_before_s: float | None = None
+    done_by_s: float | None = None
     plan: str | None = None  # hash of the plan and its files, which `farm approve` releases
     lower_bound_s: float | None = None  # no order of its plates takes less
     estimated_s: float | None = None  # parallel printing time of the plan

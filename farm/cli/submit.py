@@ -33,6 +33,7 @@ def submit(
     priority: Annotated[int, typer.Option(help="Higher goes first.")] = 0,
     at: Annotated[str | None, typer.Option(help="Not before: 22:00, fri 22:00, 2026-11-21T22:00.")] = None,
     overnight: Annotated[bool, typer.Option("--overnight", help="Not before attended hours end.")] = False,
+    done_by: Annotated[str | None, typer.Option(help="As few parts as are printed by then.")] = None,
     spares: Annotated[int, typer.Option(help="Free printers kept for what fails.")] = 0,
     hold: Annotated[bool, typer.Option("--hold", help="Plan it; print after `farm approve`.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the plan; print nothing.")] = False,
@@ -60,6 +61,7 @@ def submit(
             priority=priority,
             at=at,
             overnight=overnight,
+            done_by=done_by,
             spares=spares,
             hold=hold or dry_run,
         )

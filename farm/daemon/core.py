@@ -337,6 +337,10 @@ class Core:
         fleet = [idle(view) for view in self.printer_views() if view.name in used]
         books = replace(self.books, plates={plate.id: plate for plate in plan.plates})
         seen = forecast(plate_views(plan.plates, books), fleet, self.rules, now_s)
+        notices = plan.repairs
+        if job.done_by_s is not None and seen.ends_s > job.done_by_s:
+            asked, ends = self.rules.words(job.done_by_s), self.rules.words(seen.ends_s)
+            notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")
         beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
         at_once = seen.left or (beside and self.rules.max_heating is None)
         return ev.JobPlanned(
@@ -344,7 +348,7 @@ class Core:
             job=job.id,
             parts=plan.parts,
             plates=plan.plates,
-            repairs=plan.repairs,
+            repairs=notices,
             scale=plan.scale,
             serial_s=plan.serial_s,
             estimated_s=plan.estimated_s if at_once else seen.ends_s - seen.starts_s,
@@ -367,6 +371,7 @@ class Core:
             return known, True
         number = max(self.books.jobs, default=0) + 1
         now_s = self.clock.now()
+        not_before_s, done_by_s = self.when(options, now_s)
         if self.fleet.fleet.approve:
             options = options.model_copy(update={"hold": True})
         job = Job(
@@ -378,7 +383,8 @@ class Core:
             own_gcode=model.own_gcode,
             repairs=model.repairs,
             scale=model.scale,
-            not_before_s=self.starts_s(options, now_s),
+            not_before_s=not_before_s,
+            done_by_s=done_by_s,
             submitted_s=now_s,
         )
         self.happened(ev.JobSubmitted(at_s=now_s, job=job))
@@ -394,18 +400,22 @@ class Core:
         self._promised.pop(number, None)
         self.settle()
 
-    def starts_s(self, options: JobOptions, now_s: float) -> float | None:
-        """When a person wants a job to start; None for at once.
+    def when(self, options: JobOptions, now_s: float) -> tuple[float | None, float | None]:
+        """From when on a person wants a job printed, and by when; None where they did not say.
 
         Raises
         ------
         FarmError
             Where what they said is no moment to come.
         """
+        zone = self.rules.zone
         try:
             if options.at is not None:
-                return moment_s(options.at, now_s, self.rules.zone)
-            return self.rules.evening_s(now_s) if options.overnight else None
+                begins_s: float | None = moment_s(options.at, now_s, zone)
+            else:
+                begins_s = self.rules.evening_s(now_s) if options.overnight else None
+            done_by = options.done_by
+            return begins_s, None if done_by is None else moment_s(done_by, begins_s or now_s, zone)
         except ValueError as error:
             raise FarmError(str(error), ErrorCode.SETTINGS) from error
 

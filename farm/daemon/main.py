@@ -75,7 +75,9 @@ class Daemon:
 
     def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
         factors = {p.name: self._core.books.printer(p.name).time_factor for p in printers}
-        self._planner.start(job, printers, rounds, factors)
+        begins_s = max(self._clock.now(), job.not_before_s or 0.0)
+        within_s = None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s)
+        self._planner.start(job, printers, rounds, factors, within_s)
 
     def _name_files(self, job: Job) -> None:
         books = self._core.books

@@ -37,9 +37,22 @@ class Planner:
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
     def start(
-        self, job: Job, printers: list[PrinterSection], rounds: int, factors: Mapping[str, float]
+        self,
+        job: Job,
+        printers: list[PrinterSection],
+        rounds: int,
+        factors: Mapping[str, float],
+        within_s: float | None = None,
     ) -> None:
-        """Begin to plan a job for printers of which these factors were learned; returns at once."""
+        """Begin to plan a job; returns at once.
+
+        Parameters
+        ----------
+        factors
+            What was learned of these printers.
+        within_s
+            In which it has to be printed; None where nobody said.
+        """
         task = DecomposeTask(
             job=job.id,
             model=self._state.files / job.model_file,
@@ -48,6 +61,7 @@ class Planner:
             rounds=rounds,
             folder=self._state.work / f"job-{job.id}",
             factors=factors,
+            within_s=within_s,
         )
         self._tasks = {number: making for number, making in self._tasks.items() if not making.done()}
         self._tasks[job.id] = asyncio.get_running_loop().create_task(self._run(job, task))

@@ -117,7 +117,7 @@ def make_app(
         known = core.submitted(request_id)
         if known is not None:
             return api.Submitted(job=known, again=True)
-        core.starts_s(wanted, core.clock.now())  # what it says wrongly is said before the upload
+        core.when(wanted, core.clock.now())  # what it says wrongly is said before the upload
         if core.stopping:
             raise Refused("the farm is going down: submit again when it is up")
         upload = state.work / f"upload-{uuid.uuid4().hex}"

@@ -33,6 +33,8 @@ from slicing.qualities import OURS
 from slicing.resources import Resources, find_engine, find_resources
 from slicing.settings import Settings, SettingsRequest, resolve_settings
 
+LATE = 1.1
+"""The margin of `--done-by`: planning itself takes its time, and so may a print."""
 MOST_WARNINGS = 3
 """Of a plate: walls too thin to print, the largest first."""
 
@@ -59,6 +61,7 @@ class DecomposeTask:
     rounds: int
     folder: Path
     factors: Mapping[str, float] = field(default_factory=dict)  # learned of the printers; 1 where none is
+    within_s: float | None = None  # in which it has to be printed (`--done-by`)
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +193,9 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     fits = quality is not None and quality.fits_first_layer
     options = Options(engine, fit_first_layer=fits, prove=False)  # a person waits: no proof
     try:
-        if task.options.printers is None:
+        if task.within_s is not None:
+            found = _in_time(model, rooms, options, cost, task.within_s)
+        elif task.options.printers is None:
             found = _whole(model, rooms, options, cost) or auto.decompose(model, rooms, options, cost)
         else:
             found = partition.decompose(model, rooms, options, cost)
@@ -223,6 +228,17 @@ def _whole(model: Model, rooms: list[PrinterRoom], options: Options, cost: CostM
         except NoFit:
             continue
     return None
+
+
+def _in_time(
+    model: Model, rooms: list[PrinterRoom], options: Options, cost: CostModel, within_s: float
+) -> Decomposition:
+    """As few parts as are printed within that time, with a margin; where none are, the soonest."""
+    enough_s = within_s / LATE
+    whole = _whole(model, rooms, options, cost)
+    if whole is not None and whole.makespan_s <= enough_s:
+        return whole
+    return auto.decompose(model, rooms, options, cost, within_s=enough_s)
 
 
 def _part(part: Any, folder: Path) -> DecomposedPart:

@@ -10,7 +10,7 @@ from box_tables import Shape, tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.curve import CLOSE, Point, curve, knee
+from decompose.curve import CLOSE, Point, curve, in_time, knee
 from decompose.guillotine import Partitioner
 
 MOST = 8
@@ -49,3 +49,8 @@ def test_the_knee_counts_what_a_person_does() -> None:
     assert knee(points, clear_s=300.0, assemble_s=60.0).printers == 10  # the root of 36000 / 360
     assert knee(points, clear_s=0.0, assemble_s=0.0).printers == 100
     assert knee([Point(3, 100.0), Point(4, 100.0)], 0.0, 0.0).printers == 3
+
+
+def test_as_few_printers_as_are_done_in_time_or_the_soonest() -> None:
+    points = [Point(1, 9.0), Point(2, 5.0), Point(3, 4.0), Point(4, 4.0)]
+    assert [in_time(points, within_s).printers for within_s in (9.0, 8.9, 5.0, 4.5, 3.0)] == [1, 2, 2, 3, 3]

@@ -153,6 +153,24 @@ def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
         assert error.value.code is ErrorCode.SETTINGS
 
 
+def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
+    def by(seconds):
+        moment = datetime.fromtimestamp(farm.core.clock.now() + seconds).astimezone().isoformat()
+        number = submit(farm, name=f"{seconds:03d}", done_by=moment, hold=True)
+        farm.core.planned(number, plan_for(number, state))
+        return farm.core.books.job(number).repairs
+
+    assert by(3600) == ()
+    (notice,) = by(50)
+    assert notice.startswith("It was to be printed by") and "as soon as it can be is" in notice
+
+
+def test_done_by_comes_after_the_start(farm):
+    number = submit(farm, at="22:00", done_by="08:00")
+    job = farm.core.books.job(number)
+    assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
+
+
 def test_spares_are_left_out_of_the_plan(farm):
     number = submit(farm, spares=1)
     assert len(farm.hands.plans[0][1]) == 1

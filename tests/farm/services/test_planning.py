@@ -16,6 +16,8 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
+    LATE,
+    MAY_FALL,
     MOST_WARNINGS,
     DecomposeTask,
     TooFewPrinters,
@@ -76,8 +78,9 @@ def test_a_plan_is_whole(bar, files, tmp_path):
     tasks = slice_tasks(work, cut, None)
     slices = [slice_part(one) for one in tasks]
     thin = Unprinted(120.0, 1.0, 9.0, 3.0, -4.0)
+    cut = replace(cut, parts=(cut.parts[0], replace(cut.parts[1], stands=False)))
     plan = make_plan(work, cut, tasks, [replace(slices[0], unprinted=(thin,) * 9), slices[1]], files)
-    assert [p.warnings for p in plan.plates] == [(str(thin),) * MOST_WARNINGS, ()]
+    assert [p.warnings for p in plan.plates] == [(str(thin),) * MOST_WARNINGS, (MAY_FALL,)]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]
     assert sum(p.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
     assert plan.estimated_s == max(p.estimated_s for p in plan.plates)
@@ -115,6 +118,19 @@ def test_a_model_that_one_printer_can_hold_stays_whole_unless_a_person_gives_mor
     assert [part.printer for part in decompose_job(slow).parts] == ["p1"]
     given = replace(task(box, files, tmp_path), options=JobOptions(printers=2))
     assert len(decompose_job(given).parts) == 2
+
+
+def test_as_few_parts_as_are_done_in_time_are_cut(files, tmp_path):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((150.0, 50.0, 40.0)).export(path)
+    box = inspect_model(path, "box.stl", JobOptions(), files)
+    work = task(box, files, tmp_path, printers=3)
+    (whole,) = decompose_job(replace(work, within_s=1e6)).parts
+    takes_s = whole.estimated_s
+    counts = [
+        len(decompose_job(replace(work, within_s=share * takes_s * LATE)).parts) for share in (1.0, 0.7, 0.01)
+    ]
+    assert counts == [1, 2, 3]
 
 
 class NoHands:
