@@ -61,6 +61,7 @@ class Run:
     engine: str
     quality: str
     granularity: str
+    budget_s: float
 
     @property
     def name(self) -> str:
@@ -76,7 +77,8 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
     faithful = run.engine.endswith(FAITHFUL)
     engine = Engine(run.engine.removesuffix(FAITHFUL))
-    options = Options(engine, run.granularity, faithful=faithful, fit_first_layer=run.quality == "glue")
+    fits = run.quality == "glue"
+    options = Options(engine, run.granularity, faithful=faithful, fit_first_layer=fits, budget_s=run.budget_s)
     _warm(cost, room)
     start = perf_counter()
     try:
@@ -208,10 +210,10 @@ def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     found = []
 
     def one(printers: int, engine: str) -> dict[str, Any]:
-        row = measured(Run(path, args.side, printers, engine, args.quality, args.granularity), args)
+        run = Run(path, args.side, printers, engine, args.quality, args.granularity, args.budget)
+        row = measured(run, args)
         if "refused" not in row and args.whole:
-            first = Run(path, args.side, printers, engine, args.quality, args.granularity)
-            row["whole_s"] = slice_whole(first, args.results, args.results / "slices")
+            row["whole_s"] = slice_whole(run, args.results, args.results / "slices")
             if row["whole_s"] is not None:
                 row["efficiency_sliced"] = row["whole_s"] / (printers * row["parallel_s"])
         print(line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
@@ -283,6 +285,7 @@ def main() -> int:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--quality", default="paper")
     parser.add_argument("--granularity", default="auto")
+    parser.add_argument("--budget", type=float, default=20.0, help="of best, s; more on a busy machine")
     parser.add_argument("--results", type=Path, default=Path("bench-results"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--no-slices", action="store_true")
