@@ -37,6 +37,7 @@ ROUNDS, ROUNDS_EACH = 3, 8
 SHORTER = 0.6  # times as long is the next step, where one was no gain
 NOISE_MM = 2.0  # moves shorter than this teach little: supports, and so times, change by jumps
 WORTH = 0.0015  # share of the makespan that a step has to promise
+PLANE_DIGITS = 6  # of a plane that moved, in mm
 UNMOVED_MM = 0.02
 
 
@@ -199,6 +200,8 @@ class _Evening:
             if abs(new[group] - old[group]) < UNMOVED_MM:
                 new[group] = old[group]
             new[group] = clear_of(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
+            if new[group] != old[group]:  # groups that go to one plane go to the very same
+                new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], now)
 
     def _cut(self, i: int, box_mm: Floats) -> _Part:
