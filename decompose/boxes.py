@@ -55,7 +55,8 @@ def interval(lo: int, hi: int, n: int) -> int:
 
 
 @jit
-def _index(x0: int, y0: int, z0: int, x1: int, y1: int, z1: int, nx: int, ny: int, nz: int) -> int:
+def index_of(x0: int, y0: int, z0: int, x1: int, y1: int, z1: int, nx: int, ny: int, nz: int) -> int:
+    """`box_index` for compiled code."""
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     return (interval(x0, x1, nx) * ty + interval(y0, y1, ny)) * tz + interval(z0, z1, nz)
 
@@ -157,8 +158,8 @@ def _all_boxes(
                                     e[k] = max(e[k], v)
                             if e[9] < 0.0:
                                 continue  # no needed cell
-                            box = _index(x0, y0, z0, x1, y1, z1, nx, ny, nz)
-                            tight = _index(
+                            box = index_of(x0, y0, z0, x1, y1, z1, nx, ny, nz)
+                            tight = index_of(
                                 int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]), nx, ny, nz
                             )
                             trimmed[box] = tight
@@ -259,7 +260,7 @@ def _count_pieces(
                                         if a != b:
                                             parent[max(a, b)] = min(a, b)
                                             k -= 1
-                            box = _index(x0, y0, z0, x1, y1, z + 1, nx, ny, nz)
+                            box = index_of(x0, y0, z0, x1, y1, z + 1, nx, ny, nz)
                             if trimmed[box] == box and seconds[box] < np.inf:
                                 pieces[box] = max(1, k)
 
@@ -299,7 +300,7 @@ def all_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Boxes
 
 def box_index(box: Box, shape: tuple[int, int, int]) -> int:
     """Index of a box in the tables of `Boxes`."""
-    return int(_index(*box, *shape))
+    return int(index_of(*box, *shape))
 
 
 def box_at(index: int, shape: tuple[int, int, int]) -> Box:

@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Box, Boxes, _index
+from decompose.boxes import Box, Boxes, index_of
 from decompose.grid import OVERHANG, VOLUME, Grid
 from decompose.jit import jit
 
@@ -31,6 +31,12 @@ class Score(StrEnum):
 
     LOW = "low"  # costs are costs
     HIGH = "high"  # as the paper's text has it
+    BOTH = "both"  # attempts with each
+
+    @property
+    def readings(self) -> tuple[Score, ...]:
+        """The readings to be tried, of which each is low or high."""
+        return (Score.LOW, Score.HIGH) if self is Score.BOTH else (self,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +129,7 @@ def _paper_prices(
                                 area += cut_y[x0, y, z0]
                                 area += cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z]
                                 area += cut_z[x0, y0, z]
-                            box = _index(x0, y0, z0, x1, y1, z1, nx, ny, nz)
+                            box = index_of(x0, y0, z0, x1, y1, z1, nx, ny, nz)
                             printing[box] = speed * (s[0] + area)
                             overhang[box] = s[2:8].min()
     return printing, overhang
@@ -170,8 +176,8 @@ def can_grow(
                 worth = worth or needed[x, y, z]
     if not worth:
         return -1
-    box = _index(grown[0], grown[1], grown[2], grown[3], grown[4], grown[5], nx, ny, nz)
-    now = _index(block[0], block[1], block[2], block[3], block[4], block[5], nx, ny, nz)
+    box = index_of(grown[0], grown[1], grown[2], grown[3], grown[4], grown[5], nx, ny, nz)
+    now = index_of(block[0], block[1], block[2], block[3], block[4], block[5], nx, ny, nz)
     if not np.isfinite(seconds[box]) or pieces[box] > pieces[now]:
         return -1
     return box
@@ -222,7 +228,7 @@ def _grow(
     for i in range(len(blocks)):
         b = blocks[i]
         take(b, i, owner)
-        cost[i] = printing[_index(b[0], b[1], b[2], b[3], b[4], b[5], nx, ny, nz)]
+        cost[i] = printing[index_of(b[0], b[1], b[2], b[3], b[4], b[5], nx, ny, nz)]
     while len(blocks):
         cheapest = int(np.argmin(cost))
         if cost[cheapest] == np.inf:

@@ -19,7 +19,7 @@ from decompose.seeds import seeds
 from decompose.voids import fill
 
 Floats = npt.NDArray[np.float64]
-Draw = tuple[int, int]  # seeds, and which of the tries
+Draw = tuple[Score, int, int]  # reading of the score, seeds, and which of the tries
 Run = Callable[[Callable[[Draw], "Attempt | None"], Sequence[Draw]], Iterable["Attempt | None"]]
 
 
@@ -41,11 +41,12 @@ class Attempt:
 
 
 def attempt(
-    draw: Draw, points: Floats, grid: Grid, terrain: Terrain, printers: int, score: Score, seed: int
+    draw: Draw, points: Floats, grid: Grid, terrain: Terrain, printers: int, seed: int
 ) -> Attempt | None:
     """One attempt; None where it needs more parts than there are printers."""
-    rng = np.random.default_rng([seed, *draw])
-    blocks, owner = grow(seeds(points, grid, terrain.barred, draw[0], rng), terrain, score)
+    score, count, number = draw
+    rng = np.random.default_rng([seed, count, number])
+    blocks, owner = grow(seeds(points, grid, terrain.barred, count, rng), terrain, score)
     parts = _parts(blocks, terrain)
     filled = fill(blocks, owner, terrain, printers - parts)
     if filled is None or _parts(filled, terrain) > printers:
@@ -83,10 +84,11 @@ def attempts(
         As the builtin `map`: calls a function with each of a list, in any order, and returns what it returns
         in that of the list.
     """
-    draws = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
+    counts = range(printers, 0, -1)
+    draws = [(reading, count, n) for reading in score.readings for count in counts for n in range(tries)]
 
     def one(draw: Draw) -> Attempt | None:
-        return attempt(draw, points, grid, terrain, printers, score, seed)
+        return attempt(draw, points, grid, terrain, printers, seed)
 
     with threadpool_limits(1):  # threads of k-means would add up in any order
         found = [result for result in run(one, draws) if result is not None]

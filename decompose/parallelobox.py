@@ -1,75 +1,32 @@
 """The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper, section by section.
 
-Symmetry cut (`symmetry`), then for each half seeds (`seeds`), growth (`growth`) and void fill (`voids`), over
-many attempts (`metaheuristic`). Of the paper's orientation step the symmetry plane is laid on an axis; that
-the whole model has little overhang is not sought, as every part is priced and printed in its own best pose.
+Orientation (`alignment`) and symmetry cut (`symmetry`), then for each half seeds (`seeds`), growth (`growth`)
+and void fill (`voids`), over many attempts (`metaheuristic`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice, product
 
 import numpy as np
 import numpy.typing as npt
 
+from decompose.alignment import Aligned, align
 from decompose.boxes import Box
 from decompose.errors import NoFit
-from decompose.grid import CLEAR_MM, VOLUME, Grid, flat_coordinates
+from decompose.grid import VOLUME, Grid
 from decompose.growth import OVERHANG_TOLERANCE_DEG, Score, Terrain, terrain_in_seconds, terrain_of_the_paper
-from decompose.mesh import Model
 from decompose.metaheuristic import Attempt, attempts
 from decompose.piece import Piece, pieces_in_cells
 from decompose.problem import Found, Problem
 from decompose.report import Options
 from decompose.solid import Solid
-from decompose.symmetry import find_mirror, rotation_to_axis
 
 Floats = npt.NDArray[np.float64]
 MOST_CUT = 12  # attempts whose pieces are counted, the best first
-
-
-@dataclass(frozen=True, slots=True)
-class Aligned:
-    """A model in the frame that it is cut in.
-
-    Attributes
-    ----------
-    rotation
-        (3, 3) ``v_aligned = rotation @ v_model``.
-    mirror
-        The axis and the coordinate in mm of its plane of symmetry; None where it has none.
-    """
-
-    model: Model
-    rotation: Floats
-    mirror: tuple[int, float] | None
-
-
-def as_it_stands(model: Model) -> Aligned:
-    """No symmetry is looked for."""
-    return Aligned(model, np.eye(3), None)
-
-
-def align(model: Model, seed: int) -> Aligned:
-    """Lay the plane of symmetry on an axis, where the model is symmetric enough.
-
-    A plane next to a face of the model would cut slivers off, and the face be taken for a cut: there is none.
-    """
-    vertices = model.solid.arrays()[0]
-    mirror = find_mirror(vertices, np.random.default_rng(seed))
-    if mirror is None:
-        return as_it_stands(model)
-    rotation, axis = rotation_to_axis(mirror.normal)
-    at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
-    if (rotation != np.eye(3)).any():
-        model = replace(model, solid=model.solid.turned(rotation))
-    vertices, faces = model.solid.arrays()
-    if (np.abs(flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
-        return Aligned(model, rotation, None)
-    return Aligned(model, rotation, (axis, at_mm))
 
 
 def paper_settings(options: Options) -> Options:
@@ -86,13 +43,14 @@ def search(problem: Problem) -> Found:
         No attempt covers the model.
     """
     options = problem.options
-    aligned = align(problem.model, options.seed)
+    steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
+    overhang_cos = steep if options.faithful else problem.cost.overhang_cos
+    aligned = align(problem.model, options.seed, overhang_cos)
     grid = problem.grid(aligned.model, aligned.mirror)
     problem.lap("grid")
     boxes = problem.boxes(grid)
     problem.lap("boxes")
     if options.faithful:
-        steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))
         terrain = terrain_of_the_paper(problem.grid(aligned.model, aligned.mirror, steep), boxes)
     else:
         terrain = terrain_in_seconds(grid, boxes)
@@ -108,7 +66,7 @@ def _best_attempt(aligned: Aligned, grid: Grid, terrain: Terrain, problem: Probl
     """The boxes of the best attempt that has no more pieces than there are printers, and their pieces."""
     printers, options, executor = len(problem.printers), problem.options, problem.executor
     points = np.unique(aligned.model.solid.arrays()[0], axis=0)
-    tried = options.tries * printers
+    tried = options.tries * printers * len(options.score.readings)
     for halves in _halves(aligned.mirror, grid, terrain, points, printers):
         found = []
         for half, part_of_points, share in halves:

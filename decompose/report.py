@@ -50,7 +50,7 @@ class Options:
     min_glue_mm2: float = MIN_GLUE_MM2  # a joint of less area holds nothing
     seed: int = 0  # for engines that draw; the guillotine engine does not
     tries: int = 3  # of parallelobox, for each number of seeds
-    score: Score = Score.LOW  # of parallelobox
+    score: Score = Score.BOTH  # of parallelobox
     faithful: bool = False  # parallelobox with the paper's own prices and settings
     fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
     budget_s: float = 20.0  # of `best`: an engine is not begun, and a search not gone on with, after it

@@ -19,6 +19,7 @@ Floats = npt.NDArray[np.float64]
 SAMPLES = 100  # normals a round
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)  # of the rounds after the first, about the best so far
 MOST_MIRRORED = 1000  # vertices whose mirror images are looked up
+FEW_MIRRORED = 300  # likewise, where part after part is looked at
 TOLERANCE = 0.01  # of the diagonal of the model's box
 SAME_AXIS_RAD = 0.01  # nearer to an axis than this, a normal is the axis where that is as good
 APART_RAD = 0.5  # two planes of one part differ by more than this
@@ -36,12 +37,12 @@ class Mirror:
 class _Cloud:
     """Vertices (n, 3) in mm, and how far from them the mirror images of some of them are."""
 
-    def __init__(self, vertices: Floats, rng: np.random.Generator) -> None:
+    def __init__(self, vertices: Floats, rng: np.random.Generator, most: int = MOST_MIRRORED) -> None:
         self.centre = vertices.mean(axis=0)
         self.rng = rng
         self._tree = KDTree(vertices)
-        if len(vertices) > MOST_MIRRORED:
-            vertices = vertices[rng.choice(len(vertices), MOST_MIRRORED, replace=False)]
+        if len(vertices) > most:
+            vertices = vertices[rng.choice(len(vertices), most, replace=False)]
         self.mirrored = vertices - self.centre
 
     def error_mm(self, normal: Floats) -> float:
@@ -86,7 +87,7 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
 
 def drawn_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
     """The best of one draw of normals, however bad, as the program of SBD answers: the best first."""
-    cloud = _Cloud(vertices, rng)
+    cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.drawn())
     return [cloud.mirror(np.array(normal), error) for error, normal in _apart(ranked, most)]
 
@@ -95,7 +96,7 @@ def good_mirrors(
     vertices: Floats, rng: np.random.Generator, most: int, samples: int, tolerance: float = TOLERANCE
 ) -> list[Mirror]:
     """The same refined, with `samples` normals a round, and only those that are good enough."""
-    cloud = _Cloud(vertices, rng)
+    cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     normals = np.vstack([cloud.principal(), cloud.drawn()])
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
     found = [cloud.refined(np.array(n), error, samples) for error, n in _apart(ranked, most)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import _index
+from decompose.boxes import index_of
 from decompose.growth import Ints, Terrain, can_grow, take
 from decompose.jit import jit
 
@@ -28,7 +28,7 @@ def _fill(
                 if owner[x, y, z] != -1 or not needed[x, y, z]:
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
-                at = _index(x, y, z, x + 1, y + 1, z + 1, nx, ny, nz)
+                at = index_of(x, y, z, x + 1, y + 1, z + 1, nx, ny, nz)
                 parts += pieces[at]
                 if parts > most or not np.isfinite(seconds[at]):
                     return False, blocks[:found]

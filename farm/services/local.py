@@ -72,7 +72,7 @@ def decompose_to_folder(
     try:
         read = Score(score)
     except ValueError:
-        raise FarmError(f"--score {score}: low or high", ErrorCode.SETTINGS) from None
+        raise FarmError(f"--score {score}: low, high or both", ErrorCode.SETTINGS) from None
     try:
         cutter = Engine(engine)
     except ValueError:

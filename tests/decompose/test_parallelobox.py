@@ -12,6 +12,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose.alignment import align, overhang_mm2
 from decompose.boxes import Boxes, all_boxes, box_index, ends
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
@@ -27,7 +28,6 @@ from decompose.growth import (
 )
 from decompose.mesh import Model
 from decompose.metaheuristic import attempts
-from decompose.parallelobox import align
 from decompose.partition import decompose
 from decompose.report import Engine, Options
 from decompose.seeds import seeds
@@ -68,7 +68,7 @@ def cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
     shape=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4)),
     seed=st.integers(0, 10**6),
     share=st.floats(0.0, 1.0),
-    score=st.sampled_from(Score),
+    score=st.sampled_from(Score.BOTH.readings),
 )
 def test_blocks_never_meet_and_all_is_covered(shape: Shape, seed: int, share: float, score: Score) -> None:
     terrain = invented(shape, seed)
@@ -253,7 +253,7 @@ GROWN = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
 @pytest.mark.parametrize("options", [GROWN, replace(GROWN, score=Score.HIGH), replace(GROWN, faithful=True)])
 def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
     printers = [replace(plus_room, name=str(i)) for i in range(9)]
-    assert align(skewed, 1).mirror is not None
+    assert align(skewed, 1, cost.overhang_cos).mirror is not None
     result = decompose(skewed, printers, options, cost)
     assert result.engine is Engine.PARALLELOBOX
     assert 2 <= len(result.parts) <= 9
@@ -275,6 +275,23 @@ def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoo
     assert again.makespan_s == result.makespan_s
 
 
+def test_a_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
+    """A crooked block without symmetry, which overhangs nowhere once it stands straight."""
+    solid = Solid.union([Solid.box((0, 0, 0), (90, 60, 40)), Solid.box((0, 0, 0), (30, 20, 80))])
+    solid = Solid.union([solid, Solid.box((0, 0, 0), (50, 60, 55))])
+    vertices, faces = solid.arrays()
+    crooked = vertices @ turn(0.7, (1.0, 0.3, 0.2)).T
+    assert overhang_mm2(vertices[faces], cost.overhang_cos) == pytest.approx(0.0)
+    assert overhang_mm2(crooked[faces], cost.overhang_cos) > 1000.0
+    aligned = align(Model(Solid.from_arrays(crooked, faces), (), 1.0), 1, cost.overhang_cos)
+    straight, on = aligned.model.solid.arrays()
+    assert overhang_mm2(straight[on], cost.overhang_cos) == pytest.approx(0.0, abs=1.0)
+    assert aligned.rotation @ aligned.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert np.linalg.det(aligned.rotation) == pytest.approx(1.0)
+    again = align(Model(solid, (), 1.0), 1, cost.overhang_cos)
+    assert (again.rotation == np.eye(3)).all()  # what stands straight is left so
+
+
 def test_too_few_printers_are_told(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
-    with pytest.raises(NoFit, match=r"none of 6 attempts of parallelobox .* --engine guillotine"):
+    with pytest.raises(NoFit, match=r"none of 12 attempts of parallelobox .* --engine guillotine"):
         decompose(ball, [plus_room, replace(plus_room, name="b")], GROWN, cost)

@@ -52,7 +52,7 @@ def test_an_engine_by_name(bar, tmp_path):
     ("wrong", "said"),
     [
         ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry, cube-skeleton"),
-        ({"engine": "parallelobox", "score": "up"}, "--score up: low or high"),
+        ({"engine": "parallelobox", "score": "up"}, "--score up: low, high or both"),
         ({"interior": "gone"}, "--interior gone: leave or keep"),
         ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
     ],
