@@ -10,7 +10,7 @@ from box_tables import Shape, tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.boxes import Box, Boxes, box_index, shared_rooms
+from decompose.boxes import Box, Boxes, box_at, box_index, shared_rooms
 from decompose.cost import PrinterRoom
 from decompose.guillotine import AREA_MM2, UNREACHABLE, Partitioner
 
@@ -101,6 +101,76 @@ def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None
         assert found is None
     else:
         assert found == pytest.approx(float(reachable[0]), abs=2e-3)
+
+
+def random_partition(boxes: Boxes, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
+    """A guillotine partition of a box by cuts at random, down to boxes that end in time; or None."""
+    at = int(boxes.trimmed[box_index(box, boxes.shape)])
+    if at < 0:
+        return []
+    box = box_at(at, boxes.shape)
+    if boxes.seconds[at] <= limit_s and boxes.pieces[at] == 1:
+        return [box]
+    cuts = [(axis, plane) for axis in range(3) for plane in range(box[axis] + 1, box[axis + 3])]
+    if not cuts:
+        return None
+    axis, plane = cuts[rng.integers(len(cuts))]
+    near, far = list(box), list(box)
+    near[axis + 3] = far[axis] = plane
+    sides = [random_partition(boxes, tuple(side), limit_s, rng) for side in (near, far)]  # type: ignore[arg-type]
+    return None if sides[0] is None or sides[1] is None else sides[0] + sides[1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), share=st.floats(0.05, 0.8))
+def test_no_partition_by_random_cuts_is_better(shape: Shape, seed: int, share: float) -> None:
+    boxes, needed = tables(shape, seed)
+    rng = np.random.default_rng(seed)
+    found = random_partition(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
+    if found is None or not needed.any():
+        return
+    solver = Partitioner(boxes)
+    least = solver.least_makespan(len(found), 0.0, tolerance_s=1e-3)
+    assert least is not None
+    assert solver.longest_s() <= boxes.longest_s(found)
+    assert solver.parts(boxes.longest_s(found)) <= len(found)
+
+
+def turned(boxes: Boxes, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]) -> Boxes:
+    """The tables of the same model with its axes in another order, and some of them reversed."""
+    shape = (boxes.shape[axes[0]], boxes.shape[axes[1]], boxes.shape[axes[2]])
+
+    def place(box: Box) -> Box:
+        lo, hi = list(box[:3]), list(box[3:])
+        for axis in range(3):
+            if mirrored[axis]:
+                lo[axis], hi[axis] = boxes.shape[axis] - box[axis + 3], boxes.shape[axis] - box[axis]
+        a, b, c = axes
+        return lo[a], lo[b], lo[c], hi[a], hi[b], hi[c]
+
+    where = np.array([box_index(place(box_at(i, boxes.shape)), shape) for i in range(len(boxes.seconds))])
+    result = Boxes(shape, *(np.empty_like(t) for t in (boxes.seconds, boxes.trimmed, boxes.pieces)))
+    result.seconds[where], result.pieces[where] = boxes.seconds, boxes.pieces
+    result.trimmed[where] = np.where(boxes.trimmed < 0, -1, where[boxes.trimmed])
+    return result
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    shape=shapes,
+    seed=st.integers(0, 10**6),
+    axes=st.permutations(range(3)),
+    mirrored=st.tuples(*[st.booleans()] * 3),
+    printers=st.integers(1, 8),
+)
+def test_a_model_turned_or_mirrored_takes_as_long(
+    shape: Shape, seed: int, axes: list[int], mirrored: tuple[bool, bool, bool], printers: int
+) -> None:
+    boxes, _ = tables(shape, seed)
+    other = turned(boxes, (axes[0], axes[1], axes[2]), mirrored)
+    times = [Partitioner(each).least_makespan(printers, 0.0, tolerance_s=1e-3) for each in (boxes, other)]
+    assert (times[0] is None) == (times[1] is None)
+    assert times[0] is None or times[0] == pytest.approx(times[1], abs=2e-3)
 
 
 def test_all_rooms_count() -> None:
