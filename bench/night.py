@@ -1,0 +1,311 @@
+"""A whole night on the accelerated clock: real daemon, agents and emulators, a script for the operator.
+
+    python -m bench.night --json
+
+One job of many equal plates of slow moves. The operator clears beds in attended hours and is away for a
+night; a seeded list resets some boards in mid-print, one printer is unplugged for good, and the daemon is
+killed twice. The lower bound is that of the printers that are left, without the hours in which nobody was
+there to clear a bed (`away_s`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from drivers.client import kill as kill_agent
+from drivers.emulator.launch import Command, alive, control
+from drivers.errors import DriverError
+from drivers.profiles import PROFILES
+from farm import api
+from farm.cli.client import Client
+from farm.config import load_fleet
+from farm.errors import DaemonUnreachable, FarmError
+from farm.model import Bed, Job, JobOptions, PrintState, Verdict
+from farm.paths import StateFolder
+from farm.services.fleet import mistake_in
+from farm.services.gcode import inspect_gcode, plan_gcode
+from farm.services.planning import DecomposeTask, Plan
+from farm.tracking import events as ev
+from farm.tracking.books import Books
+from farm.tracking.outcome import Standing
+from farm.tracking.rules import apply
+from farm.tracking.store import Store
+
+MODEL = "ultimaker2_plus"
+SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
+E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
+AWAY_AFTER_S, BACK_AFTER_S = 1800.0, 6 * 3600.0  # of farm time: the operator's night
+LOOK_S = 0.3  # wall seconds between two looks of the operator
+PATIENCE_S = 900.0  # wall seconds
+
+
+def slow_gcode(moves: int, move_s: float) -> str:
+    """A square tower of slow moves."""
+    lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28"]
+    lines += ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000", "M82", "G92 E0"]
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    fed = 0.0
+    for layer in range(max(1, moves // MOVES_A_LAYER)):
+        lines += [f";LAYER:{layer}", f"G0 F9000 X100 Y100 Z{LAYER_MM * (layer + 1):.2f}"]
+        for x, y in (*corners[1:], corners[0]):
+            fed += SIDE_MM * E_PER_MM
+            speed = 60 * SIDE_MM / move_s
+            lines.append(f"G1 F{speed:.1f} X{100 + SIDE_MM * x:g} Y{100 + SIDE_MM * y:g} E{fed:.4f}")
+    end = ["G1 F1500 E-6", "M104 S0", "M140 S0", "M107", "G91", "G1 Z10", "G90", "G28 X0 Y0", "M84"]
+    return "\n".join([*lines, *end]) + "\n"
+
+
+class Night:
+    """One night. `run` gives its figures."""
+
+    def __init__(self, folder: Path, args: argparse.Namespace) -> None:
+        self.args = args
+        self.state = StateFolder(folder / "state")
+        self.fleet_file = folder / "fleet.yaml"
+        self.names = [f"um2-{i:02d}" for i in range(1, args.printers + 1)]
+        self.rng = random.Random(args.seed)
+        self.client = Client(self.state.root / "farm.sock")
+        self.state.make()
+        self._write_fleet()
+        self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), mistake_in)
+        self.plate_s = self._book_job()
+        begun = range(1, args.plates + 1)
+        self.to_fail = set(self.rng.sample(begun, max(1, round(args.failing * args.plates))))
+        self.to_unplug = self.rng.randint(2, args.printers)  # which print, by order, loses its printer
+        self.kills = [args.plates // 4, args.plates // 2]  # at so many plates printed
+        self.seen: set[tuple[str, str]] = set()  # prints that began, and where
+        self.failed = 0
+        self.unplugged: str | None = None
+        self.kills_done = 0
+
+    def _write_fleet(self) -> None:
+        now = datetime.now(UTC)
+        here = [
+            (now - timedelta(hours=1), AWAY_AFTER_S),
+            (now + timedelta(seconds=BACK_AFTER_S), 12 * 3600.0),
+        ]
+        windows = [
+            f"{begins:%H:%M}-{(max(begins, now) + timedelta(seconds=length_s)):%H:%M}"
+            for begins, length_s in here
+        ]
+        rows = "".join(
+            f"  - {{name: {name}, model: {MODEL}, port: 'sim://{MODEL}?seed={i}'}}\n"
+            for i, name in enumerate(self.names)
+        )
+        self.fleet_file.write_text(
+            f"fleet: {{name: night, time_scale: {self.args.scale}, attended: {json.dumps(windows)}}}\n"
+            f"printers:\n{rows}"
+        )
+
+    def _book_job(self) -> float:
+        """Put one planned job of many equal plates into the books. Returns what one of them takes."""
+        path = self.state.work / "slow.gcode"
+        path.write_text(slow_gcode(self.args.moves, self.args.move_s))
+        options = JobOptions()
+        model = inspect_gcode(path, path.name, options, self.fleet.printers, self.state.files)
+        scratch = self.state.work / "plan"
+        scratch.mkdir()
+        task = DecomposeTask(
+            1, self.state.files / model.file, options, self.fleet.printers[:1], rounds=1, folder=scratch
+        )
+        plan = plan_gcode(task, self.state.files)
+        now_s = time.time()
+        job = Job(
+            id=1,
+            request_id="the-night",
+            name="night.gcode",
+            model_file=model.file,
+            options=options,
+            submitted_s=now_s,
+        )
+        books = Books()
+        with Store(self.state.books) as store:
+            for event in (
+                *(ev.PrinterAdded(at_s=now_s, name=name, bed=Bed.UNKNOWN) for name in self.names),
+                ev.JobSubmitted(at_s=now_s, job=job),
+                ev.PlanningStarted(at_s=now_s, job=1),
+                self._planned(plan, now_s),
+            ):
+                after, _ = apply(event, books)
+                store.commit(event, books, after)
+                books = after
+        return plan.plates[0].estimated_s
+
+    def _planned(self, plan: Plan, now_s: float) -> ev.JobPlanned:
+        parts, plates = [], []
+        for number in range(1, self.args.plates + 1):
+            plate_id, part_id = f"1/{number:02d}", f"1/p{number:02d}"
+            printer = self.names[(number - 1) % len(self.names)]
+            parts.append(plan.parts[0].model_copy(update={"id": part_id, "plate": plate_id}))
+            changes = {"id": plate_id, "parts": (part_id,), "printer": printer}
+            plates.append(plan.plates[0].model_copy(update=changes))
+        return ev.JobPlanned(
+            at_s=now_s,
+            job=1,
+            parts=tuple(parts),
+            plates=tuple(plates),
+            repairs=(),
+            scale=1.0,
+            serial_s=plan.serial_s * self.args.plates,
+            estimated_s=plan.estimated_s,
+            picture=None,
+        )
+
+    # -- the farm ---------------------------------------------------------------------------------------
+
+    def farm(self, *words: str) -> None:
+        command = [sys.executable, "-P", "-m", "farm.cli.main", *words, "--state", str(self.state.root)]
+        if words[0] == "up":
+            command += ["--fleet", str(self.fleet_file)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise SystemExit(f"farm {' '.join(words)}: {done.stderr}")
+
+    def run(self) -> dict[str, object]:
+        began = time.monotonic()
+        self.farm("up")
+        try:
+            while True:
+                view = self._status()
+                job = view.jobs[0]
+                if job.state == "done" or time.monotonic() - began > PATIENCE_S:
+                    break
+                self._mishaps(view, job)
+                self._operate(view, job)
+                time.sleep(LOOK_S)
+            return self._figures(job, time.monotonic() - began)
+        finally:
+            self._end()
+
+    def _status(self) -> api.Status:
+        while True:
+            try:
+                return self.client.status()
+            except DaemonUnreachable:
+                time.sleep(LOOK_S)
+
+    def _mishaps(self, view: api.Status, job: api.JobView) -> None:
+        """What goes wrong: by the order in which prints begin to extrude, and by how far the job is."""
+        for printer in view.printers:
+            printing = printer.print
+            key = (printer.name, printing.plate if printing else "")
+            if (
+                printing is None
+                or printing.state != PrintState.PRINTING
+                or not printing.layer
+                or key in self.seen
+            ):
+                continue
+            self.seen.add(key)
+            if len(self.seen) == self.to_unplug and self.unplugged is None:
+                self.unplugged = printer.name
+                control(self._emulator(printer.name), Command.UNPLUG)
+            elif len(self.seen) in self.to_fail:
+                self.failed += 1
+                control(self._emulator(printer.name), Command.RESET)
+        if self.kills_done < len(self.kills) and job.printed >= self.kills[self.kills_done]:
+            self.kills_done += 1
+            os.kill(view.daemon.pid, signal.SIGKILL)
+            self.farm("up")
+
+    def _operate(self, view: api.Status, job: api.JobView) -> None:
+        """In attended hours a person clears what is done, and looks at what went wrong."""
+        away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < BACK_AFTER_S
+        if away:
+            return
+        for item in view.todo:
+            try:
+                if item.code == "outage":
+                    self.client.tell("/outage/confirm", by="the script")
+                elif item.code in ("clear", "look"):
+                    for name in item.printers:
+                        if name != self.unplugged:
+                            self.client.cleared(name, api.ClearedRequest(by="the script"))
+            except FarmError:
+                pass  # it changed meanwhile: the next look shows how
+
+    # -- the end ----------------------------------------------------------------------------------------
+
+    def _figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
+        with Store(self.state.books) as store:
+            books = store.load()
+        done = Counter(
+            p.plate
+            for p in books.prints.values()
+            if p.state is PrintState.DONE and p.verdict is not Verdict.BAD
+        )
+        good = [p for p in books.plates.values() if books.standing(p) is Standing.GOOD]
+        machines = len(self.names) - (self.unplugged is not None)
+        rounds = -(-len(books.plates) // machines)
+        return {
+            "printers": len(self.names),
+            "plates": len(books.plates),
+            "done": len(good),
+            "lost": len(books.plates) - len(good),
+            "doubled": sum(count > 1 for count in done.values()),
+            "failed": sum(p.state is PrintState.FAILED for p in books.prints.values()),
+            "daemon_killed": self.kills_done,
+            "unplugged": self.unplugged,
+            "makespan_s": round(job.elapsed_s or 0.0),
+            "lower_bound_s": round(rounds * self.plate_s),
+            "away_s": BACK_AFTER_S - AWAY_AFTER_S,
+            "starved": round(job.starved_share or 0.0, 4),
+            "wall_s": round(wall_s, 1),
+        }
+
+    def _emulator(self, name: str) -> Path:
+        return self.state.agent(name) / "emulator"
+
+    def _end(self) -> None:
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "farm.cli.main",
+            "down",
+            "--now",
+            "--state",
+            str(self.state.root),
+        ]
+        if subprocess.run(command, capture_output=True, check=False).returncode != 0:
+            for name in self.names:
+                kill_agent(self.state.agent(name))
+        for name in self.names:
+            if alive(self._emulator(name)):
+                try:
+                    control(self._emulator(name), Command.POWER_OFF)
+                except DriverError as error:
+                    print(error, file=sys.stderr)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--printers", type=int, default=20)
+    parser.add_argument("--plates", type=int, default=60)
+    parser.add_argument("--moves", type=int, default=300, help="of a plate")
+    parser.add_argument("--move-s", type=float, default=20.0, help="farm seconds of a move")
+    parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
+    parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="night-") as folder:
+        figures = Night(Path(folder), args).run()
+    print(json.dumps(figures, indent=2) if args.json else "\n".join(f"{k}: {v}" for k, v in figures.items()))
+
+
+if __name__ == "__main__":
+    main()
