@@ -297,6 +297,7 @@ def build_grid(
         inner_planes = planes[plane_at[0]][1:-1]
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
     area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, skin_cos, overhang_cos)
+    surface = extents.copy()  # the solid's follow from it
     steps = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):
@@ -322,21 +323,21 @@ def build_grid(
     cells[area > 0.0] = Cell.BOUNDARY
     needed = cells != Cell.EXTERNAL
     if not keep_interior:
-        needed = (cells == Cell.BOUNDARY) | _wall(cells, extents, planes, min_wall_mm)
+        needed = (cells == Cell.BOUNDARY) | _wall(cells, surface, planes, min_wall_mm)
     return Grid(planes, cells, needed, sums, area, extents, (cuts[0], cuts[1], cuts[2]))
 
 
 def _wall(
-    cells: npt.NDArray[np.int8], extents: Floats, planes: tuple[Floats, ...], min_wall_mm: float
+    cells: npt.NDArray[np.int8], surface: Floats, planes: tuple[Floats, ...], min_wall_mm: float
 ) -> Bools:
     """Internal cells that the surface may come nearer to than min_wall_mm.
 
-    The distance is that between the cell and the box about the solid of each boundary cell, never more than
-    the true one.
+    The distance is that between the cell and the box about the surface in each boundary cell, never more
+    than the true one.
     """
     boundary = np.argwhere(cells == Cell.BOUNDARY)
     wall = np.zeros(cells.shape, dtype=np.bool_)
-    boxes = extents[tuple(boundary.T)]
+    boxes = surface[tuple(boundary.T)]
     for x, y, z in np.argwhere(cells == Cell.INTERNAL):
         lo = np.array([planes[0][x], planes[1][y], planes[2][z]])
         hi = np.array([planes[0][x + 1], planes[1][y + 1], planes[2][z + 1]])
