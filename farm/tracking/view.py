@@ -192,7 +192,7 @@ def todo(scene: Scene) -> list[api.Todo]:
             text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
             looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
         elif attempt is not None and attempt.state is PrintState.PAUSED:
-            paused.append(api.Todo(code="resume", printers=[section.name], text=_resume(scene, attempt)))
+            paused += _resume(scene, attempt)
         elif entry.bed is not Bed.CLEAR and attempt is None:
             full.append(section.name)
     clear = []
@@ -211,14 +211,15 @@ def _when(scene: Scene, printer: str) -> str:
     return datetime.fromtimestamp(last.ended_s, scene.fleet.zone).strftime(" %H:%M")
 
 
-def _resume(scene: Scene, attempt: Print) -> str:
-    """That a pause has to be ended, and by when."""
+def _resume(scene: Scene, attempt: Print) -> list[api.Todo]:
+    """That a pause has to be ended, and by when; nothing while it parks, or goes on already."""
     said = _said(scene, attempt)
-    ends_s = None if said is None else said.pause_ends_s
-    if not attempt.pause_asked or ends_s is None:
-        return f"{attempt.printer} is paused: it goes on by itself"
-    by = datetime.fromtimestamp(ends_s, scene.fleet.zone).strftime("%a %H:%M")
-    return f"resume {attempt.printer} by {by}, or its print is ended: `farm resume {attempt.printer}`"
+    if not attempt.pause_asked or said is None or said.pause_ends_s is None:
+        return []
+    name = attempt.printer
+    by = datetime.fromtimestamp(said.pause_ends_s, scene.fleet.zone).strftime("%a %H:%M")
+    text = f"resume {name} by {by}, or its print is ended: `farm resume {name}`"
+    return [api.Todo(code="resume", printers=[name], text=text)]
 
 
 def _snapshot(scene: Scene, name: str) -> AgentSnapshot:

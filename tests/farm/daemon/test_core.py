@@ -181,6 +181,7 @@ def test_a_person_pauses_what_a_printer_prints_and_is_told_by_when_to_resume_it(
 
     word(PrintState.PRINTING)  # it was heating when it was told
     assert told_last() == paused
+    assert word(PrintState.PAUSED)[1] == []  # it parks
     view, (item,) = word(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by Thu 02:00, or its print is ended: `farm resume a`"
