@@ -4,7 +4,7 @@ Parts of decomposed models are sliced with CuraEngine: as we lay them, with the 
 are chosen for them and with the quality's; in every axis pose that fits the printer; and as they are. A pose
 whose slice is refused does not count.
 
-Usage: python -m bench.orientation [--parts 30] [--models DIR] [--workers 1] [--cache DIR] [--json]
+Usage: python -m bench.orientation [--parts 30] [--unseen] [--models DIR] [--workers 1] [--cache DIR] [--json]
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -24,13 +24,16 @@ from typing import Any
 
 import numpy as np
 
+from bench.other_shapes import OTHER_SHAPES
 from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, models
+from bench.shapes import SHAPES
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
 from decompose.errors import DecomposeError
 from decompose.orientation import TOUCHED_MM2, Pose, best_pose, measure
 from decompose.partition import decompose
 from decompose.piece import cut_faces
 from decompose.report import Options, Part
+from decompose.solid import Solid
 from decompose.stl import write_stl
 from drivers.profiles import PROFILES, part_room
 from farm.services.recipe import recipe
@@ -38,6 +41,8 @@ from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.resources import find_engine, find_resources
 from slicing.settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
+
+Shapes = Mapping[str, Callable[[], Solid]]
 
 REQUEST = SettingsRequest(PRINTER, "glue")
 AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
@@ -74,15 +79,17 @@ class Row:
         return min((t for t, stands in times if t is not None and (stands or not standing)), default=None)
 
 
-def parts(folder: Path | None, cost: CostModel, room: PrinterRoom, count: int) -> Iterator[tuple[str, Part]]:
+def parts(
+    folder: Path | None, shapes: Shapes, cost: CostModel, room: PrinterRoom, count: int
+) -> Iterator[tuple[str, Part]]:
     """A part of each decomposed model, then another of each ...; `count` in all."""
     draw = np.random.default_rng(2)
 
     def of_each() -> Iterator[list[tuple[str, Part]]]:
-        for name, model in models(folder):
+        for name, model in models(folder, shapes):
             for printers in COUNTS:
                 try:
-                    found = decompose(model, [room] * printers, Options(), cost).parts
+                    found = decompose(model, [room] * printers, Options(prove=False), cost).parts
                 except DecomposeError as error:
                     print(f"{name} for {printers}: {error}", file=sys.stderr)
                     continue
@@ -168,6 +175,7 @@ def summary(rows: list[Row]) -> dict[str, Any]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--parts", type=int, default=30)
+    parser.add_argument("--unseen", action="store_true", help="shapes that nothing was tuned on")
     parser.add_argument("--models", type=Path)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--cache", type=Path)
@@ -176,10 +184,11 @@ def main() -> int:
     settings = resolve_settings(REQUEST, find_resources())
     cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
     room = PrinterRoom("0", tuple(b.size_mm for b in part_room(PROFILES[PRINTER], settings.brim_width_mm)))
+    shapes = OTHER_SHAPES if args.unseen else SHAPES
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
         one = partial(compare, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
         rows = []
-        for row in pool.map(one, parts(args.models, cost, room, args.parts)):
+        for row in pool.map(one, parts(args.models, shapes, cost, room, args.parts)):
             rows.append(row)
             print(_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
     result = summary(rows)

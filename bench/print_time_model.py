@@ -27,7 +27,7 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from bench.print_time_parts import ALWAYS, SETTINGS, Row, make, read, recipe_of, write
-from decompose.cost import ADDITIVE, FACTORS, CostModel, terms
+from decompose.cost import ADDITIVE, FACTORS, SUPPORT, CostModel, terms
 
 Floats = npt.NDArray[np.float64]
 
@@ -35,10 +35,10 @@ KINDS = {
     "walls_s": ("walls",),
     "fill_s": ("infill", "connections"),
     "skin_s": ("skin", "skin rim"),
-    "support_s": ("support", "support sides", "towers"),
+    "support_s": ("support", "support sides"),
     "brim_s": ("brim",),
 }
-REST = ("slope ends", "infill ends", "travel", "support", "support sides", "towers")
+REST = ("slope ends", "infill ends", "travel", *SUPPORT)
 ROUNDS, SMALL = 30, 1e-3  # of the fit; errors below it count as this large
 TABLES = "columns"  # the term of the tables, in place of those of supports
 
@@ -73,14 +73,14 @@ class Table:
             matrix = np.array([self.terms[name][rows] * weight for name in names]).T
             for name, factor in zip(names, _fit(matrix, seconds[rows] * weight), strict=True):
                 factors[name] += float(factor)
-        support = sum(factors[name] * self.terms[name] for name in KINDS["support_s"])
+        support = sum(factors[name] * self.terms[name] for name in SUPPORT)
         columns = (self.terms[TABLES][rows] * weight)[:, None]
         factors[TABLES] = float(_fit(columns, support[rows] * weight)[0])
         return factors
 
     def errors(self, factors: dict[str, float], tables: bool) -> Floats:
         """(rows,) Relative errors: of the tables' price, or of a part's with its own supports."""
-        left_out = KINDS["support_s"] if tables else (TABLES,)
+        left_out = SUPPORT if tables else (TABLES,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
             if name not in left_out:
@@ -111,7 +111,7 @@ def _features(row: Row, brim_mm: float) -> Floats:
     ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE]
     rim = math.sqrt(row.skin_mm2)
-    supports = [row.support_mm3, row.support_side_mm2, row.towers_mm]
+    supports = [row.support_mm3, row.support_side_mm2, row.towers_mm, row.islands_mm]
     return np.array([*additive, row.height_mm, rim, ring, *supports])
 
 

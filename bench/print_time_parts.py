@@ -10,7 +10,7 @@ import math
 import re
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -25,6 +25,7 @@ from decompose.errors import DecomposeError
 from decompose.mesh import Model, load_model
 from decompose.partition import decompose
 from decompose.report import Options
+from decompose.solid import Solid
 from decompose.stl import single_precision, write_stl
 from drivers.profiles import PROFILES, part_room
 from farm.services.recipe import recipe
@@ -95,6 +96,7 @@ class Row:
     support_mm3: float
     support_side_mm2: float
     towers_mm: float
+    islands_mm: float
     sliced_s: float
     walls_s: float
     fill_s: float
@@ -139,9 +141,11 @@ def read(path: Path) -> list[Row]:
         ]
 
 
-def models(folder: Path | None) -> Iterator[tuple[str, Model]]:
+def models(
+    folder: Path | None, shapes: Mapping[str, Callable[[], Solid]] = SHAPES
+) -> Iterator[tuple[str, Model]]:
     """Those made here, and those of a folder that can be read and made solid."""
-    for name, make in SHAPES.items():
+    for name, make in shapes.items():
         yield name, Model(make(), (), 1.0)
     for path in sorted(folder.iterdir()) if folder else ():
         if path.suffix.lower() in (".stl", ".obj"):
@@ -174,7 +178,7 @@ def parts(folder: Path | None, each: int) -> Iterator[Posed]:
         for count in COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]
             try:
-                found = list(decompose(model, printers, Options(), cost).parts)
+                found = list(decompose(model, printers, Options(prove=False), cost).parts)
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
@@ -214,7 +218,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
     support = columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)
     figures = [*map(float, features), *map(float, extents)]
-    figures += [support.support_mm3, support.support_side_mm2, support.towers_mm]
+    figures += [support.support_mm3, support.support_side_mm2, support.towers_mm, support.islands_mm]
     return Row(posed.model, posed.part, posed.printed, setting, *figures, sliced_s, **kinds)
 
 

@@ -16,22 +16,22 @@ from examples.make_aqueduct import aqueduct
 _ROUND = 48
 
 
-def _solid(mesh: trimesh.Trimesh) -> Solid:
+def solid(mesh: trimesh.Trimesh) -> Solid:
     return Solid.from_arrays(mesh.vertices, mesh.faces)
 
 
-def _rod(start: tuple[float, ...], end: tuple[float, ...], radius: float) -> Solid:
-    return _solid(creation.cylinder(radius, segment=[start, end], sections=24))
+def rod(start: tuple[float, ...], end: tuple[float, ...], radius: float) -> Solid:
+    return solid(creation.cylinder(radius, segment=[start, end], sections=24))
 
 
-def _ellipsoid(centre: tuple[float, ...], radii: tuple[float, ...]) -> Solid:
+def ellipsoid(centre: tuple[float, ...], radii: tuple[float, ...]) -> Solid:
     mesh = creation.icosphere(4, 1.0)
     mesh.apply_scale(radii)
     mesh.apply_translation(centre)
-    return _solid(mesh)
+    return solid(mesh)
 
 
-def _drawn(rings: list[np.ndarray]) -> Solid:
+def drawn(rings: list[np.ndarray]) -> Solid:
     """A body through closed rings (k, n, 3) of points, one above the other."""
     n, k = len(rings[0]), len(rings)
     vertices = np.concatenate([*rings, [rings[0].mean(axis=0), rings[-1].mean(axis=0)]])
@@ -42,20 +42,20 @@ def _drawn(rings: list[np.ndarray]) -> Solid:
         for r in range(k - 1):
             a, b = r * n, (r + 1) * n
             faces += [(a + i, a + j, b + j), (a + i, b + j, b + i)]
-    solid = Solid.from_arrays(vertices, np.array(faces))
-    return solid if solid.volume_mm3 > 0.0 else Solid.from_arrays(vertices, np.array(faces)[:, ::-1])
+    body = Solid.from_arrays(vertices, np.array(faces))
+    return body if body.volume_mm3 > 0.0 else Solid.from_arrays(vertices, np.array(faces)[:, ::-1])
 
 
 def ball() -> Solid:
     """So large that the decomposition leaves its inside out."""
-    return _ellipsoid((0.0, 0.0, 0.0), (95.0, 95.0, 95.0))
+    return ellipsoid((0.0, 0.0, 0.0), (95.0, 95.0, 95.0))
 
 
 def ring() -> Solid:
     """A tilted torus with a bar through it."""
     torus = creation.torus(60.0, 25.0, major_sections=64, minor_sections=32)
     torus.apply_transform(rotation_matrix(0.6, [1.0, 0.5, 0.2]))
-    return Solid.union([_solid(torus), Solid.box((-45.0, -8.0, -37.0), (110.0, 15.0, 60.0))])
+    return Solid.union([solid(torus), Solid.box((-45.0, -8.0, -37.0), (110.0, 15.0, 60.0))])
 
 
 def vase() -> Solid:
@@ -64,13 +64,13 @@ def vase() -> Solid:
     outer = 45.0 + 22.0 * np.sin(z / 180.0 * 2.2 * math.pi)
     profile = [(0.0, 0.0), *zip(outer, z, strict=True)]
     profile += [*zip(outer[::-1][:-2] - 7.0, z[::-1][:-2], strict=True), (0.0, 9.0)]
-    return _solid(creation.revolve(np.array(profile), sections=64))
+    return solid(creation.revolve(np.array(profile), sections=64))
 
 
 def house() -> Solid:
     """Walls of 6 mm with windows, under a pitched roof."""
     roof = [np.array([(x, -60.0, 80.0), (x, 60.0, 80.0), (x, 0.0, 135.0)]) for x in (-90.0, 90.0)]
-    body = Solid.union([Solid.box((-80.0, -50.0, 0.0), (80.0, 50.0, 85.0)), _drawn(roof)])
+    body = Solid.union([Solid.box((-80.0, -50.0, 0.0), (80.0, 50.0, 85.0)), drawn(roof)])
     holes = [Solid.box((-74.0, -44.0, 5.0), (74.0, 44.0, 78.0))]
     holes += [Solid.box((x, -70.0, 30.0), (x + 24.0, 70.0, 60.0)) for x in (-60.0, -12.0, 36.0)]
     return body.subtract(Solid.union(holes))
@@ -84,24 +84,24 @@ def bracket() -> Solid:
     ]
     for y in (-50.0, -5.0, 40.0):
         rib = [np.array([(10.0, t, 10.0), (130.0, t, 10.0), (10.0, t, 110.0)]) for t in (y + 10.0, y)]
-        plates.append(_drawn(rib))
-    bores = [_rod((x, y, -5.0), (x, y, 20.0), 7.0) for x in (60.0, 110.0, 145.0) for y in (-25.0, 22.0)]
-    bores += [_rod((-5.0, y, 85.0), (20.0, y, 85.0), 9.0) for y in (-25.0, 22.0)]
+        plates.append(drawn(rib))
+    bores = [rod((x, y, -5.0), (x, y, 20.0), 7.0) for x in (60.0, 110.0, 145.0) for y in (-25.0, 22.0)]
+    bores += [rod((-5.0, y, 85.0), (20.0, y, 85.0), 9.0) for y in (-25.0, 22.0)]
     return Solid.union(plates).subtract(Solid.union(bores))
 
 
 def animal() -> Solid:
     """Ellipsoids for body and head, leaning legs, a tail."""
     parts = [
-        _ellipsoid((0.0, 0.0, 95.0), (85.0, 42.0, 45.0)),
-        _ellipsoid((95.0, 0.0, 130.0), (36.0, 25.0, 28.0)),
+        ellipsoid((0.0, 0.0, 95.0), (85.0, 42.0, 45.0)),
+        ellipsoid((95.0, 0.0, 130.0), (36.0, 25.0, 28.0)),
     ]
-    parts += [_rod((x, y, 80.0), (x * 1.2, y * 1.3, 0.0), 14.0) for x in (-55.0, 55.0) for y in (-22.0, 22.0)]
+    parts += [rod((x, y, 80.0), (x * 1.2, y * 1.3, 0.0), 14.0) for x in (-55.0, 55.0) for y in (-22.0, 22.0)]
     parts += [
-        _rod((-75.0, 0.0, 100.0), (-120.0, 0.0, 60.0), 8.0),
-        _rod((60.0, 0.0, 105.0), (95.0, 0.0, 130.0), 22.0),
+        rod((-75.0, 0.0, 100.0), (-120.0, 0.0, 60.0), 8.0),
+        rod((60.0, 0.0, 105.0), (95.0, 0.0, 130.0), 22.0),
     ]
-    parts += [_rod((90.0, y, 145.0), (85.0, 2.2 * y, 180.0), 7.0) for y in (-14.0, 14.0)]
+    parts += [rod((90.0, y, 145.0), (85.0, 2.2 * y, 180.0), 7.0) for y in (-14.0, 14.0)]
     return Solid.union(parts)
 
 
@@ -113,22 +113,22 @@ def gear() -> Solid:
         np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * angle + z], axis=1)
         for z in (0.0, 32.0)
     ]
-    holes = [_rod((0.0, 0.0, -1.0), (0.0, 0.0, 40.0), 14.0)]
+    holes = [rod((0.0, 0.0, -1.0), (0.0, 0.0, 40.0), 14.0)]
     for i in range(5):
         x, y = 46.0 * math.cos(i * 0.4 * math.pi), 46.0 * math.sin(i * 0.4 * math.pi)
-        holes.append(_rod((x, y, -1.0), (x, y, 40.0), 19.0))
-    return _drawn(outline).subtract(Solid.union(holes))
+        holes.append(rod((x, y, -1.0), (x, y, 40.0), 19.0))
+    return drawn(outline).subtract(Solid.union(holes))
 
 
 def tree() -> Solid:
     """A stem and branches that lean."""
     rods = [
-        _rod((0.0, 0.0, 0.0), (10.0, 5.0, 190.0), 17.0),
+        rod((0.0, 0.0, 0.0), (10.0, 5.0, 190.0), 17.0),
         Solid.box((-45.0, -45.0, 0.0), (45.0, 45.0, 10.0)),
     ]
     for i in range(6):
         a, z = i * 1.9, 60.0 + 22.0 * i
-        rods.append(_rod((2.0, 1.0, z), (85.0 * math.cos(a), 85.0 * math.sin(a), z + 40.0), 9.0))
+        rods.append(rod((2.0, 1.0, z), (85.0 * math.cos(a), 85.0 * math.sin(a), z + 40.0), 9.0))
     return Solid.union(rods)
 
 
@@ -140,7 +140,7 @@ def column() -> Solid:
         r = (48.0 - 0.09 * z) * (1.0 + 0.16 * np.cos(5.0 * angle))
         turned = angle + 0.008 * z
         rings.append(np.stack([r * np.cos(turned), r * np.sin(turned), 0.0 * angle + z], axis=1))
-    return _drawn(rings)
+    return drawn(rings)
 
 
 def hills() -> Solid:
@@ -151,13 +151,13 @@ def hills() -> Solid:
         z = 64.0 + 16.0 * np.sin(x / 27.0) * np.cos(y / 21.0) + 12.0 * np.sin((x + 2.0 * y) / 55.0)
         top = np.stack([x, 0.0 * x + y, z], axis=1)
         rows.append(np.concatenate([top * (1.0, 1.0, 0.0), top[::-1]]))
-    return _drawn(rows)
+    return drawn(rows)
 
 
 def stairs() -> Solid:
     """Steps over an arch."""
     steps = [Solid.box((0.0, 0.0, 0.0), (180.0 - 26.0 * i, 70.0, 20.0 * (i + 1))) for i in range(6)]
-    return Solid.union(steps).subtract(_rod((80.0, -5.0, 0.0), (80.0, 75.0, 0.0), 38.0))
+    return Solid.union(steps).subtract(rod((80.0, -5.0, 0.0), (80.0, 75.0, 0.0), 38.0))
 
 
 SHAPES: Mapping[str, Callable[[], Solid]] = {

@@ -19,6 +19,7 @@ Bools = npt.NDArray[np.bool_]
 COLUMNS = 12_000  # about how many: support volumes then err by 1 to 2 %
 LEAST_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is looked at
+ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
 LEVEL_MM = 0.01  # heights that are the same
 LEAST_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no support
 
@@ -35,6 +36,8 @@ class Columns:
         Upright sides of this support, counted along the columns' grid.
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
+    islands_mm
+        Height of all islands but one, of part or support, in each layer: the nozzle goes there and back.
     propped_mm2, props_mm
         Area, as seen from above, that this support carries from the bed, and (p, 2) what it stands on there:
         the ends of each row of columns, which span the rest.
@@ -48,6 +51,7 @@ class Columns:
     support_mm3: float
     support_side_mm2: float
     towers_mm: float
+    islands_mm: float
     propped_mm2: float
     props_mm: Floats
     touched_mm2: float
@@ -76,7 +80,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = 
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    touched, levels, propped, supports, towers_mm = _sweep(
+    touched, levels, propped, supports, towers_mm, islands_mm = _sweep(
         triangles,
         marked.astype(np.float64),
         origin,
@@ -91,6 +95,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = 
         support_mm3=float(supports.sum() * area),
         support_side_mm2=_side_mm2(supports, step),
         towers_mm=towers_mm,
+        islands_mm=islands_mm,
         propped_mm2=float(propped.sum() * area),
         props_mm=origin + step * _row_ends(propped),
         touched_mm2=float(touched * area),
@@ -123,12 +128,14 @@ def _sweep(
     ny: int,
     height: float,
     overhang_cos: float,
-) -> tuple[float, Floats, Bools, Floats, float]:
-    """Touched columns; (LEVELS, 4) moments and mass; which are propped, what of each is support; towers."""
+) -> tuple[float, Floats, Bools, Floats, float, float]:
+    """Touched columns; (LEVELS, 4) moments and mass; which are propped, what of each is support; towers,
+    islands.
+    """
     normals = _normals(triangles)
     start, where, which = _crossings(triangles, normals, origin, step, nx, ny)
     touched = 0.0
-    runs = np.zeros((len(where), 3))  # of solid in a column: its ends, and the unsupported air below it
+    runs = np.zeros((len(where), 4))  # of solid in a column: its ends, the open air and the support below it
     counts = np.zeros(nx * ny, np.int64)
     supports = np.zeros((nx, ny))
     propped = np.zeros((nx, ny), np.bool_)
@@ -138,7 +145,7 @@ def _sweep(
         i, j = column // ny, column % ny
         x, y = origin[0] + i * step, origin[1] + j * step
         below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
-        depth, bottom, air = 0, 0.0, 0.0
+        depth, bottom, air, support = 0, 0.0, 0.0, 0.0
         for k in range(start[column], start[column + 1]):
             z, t = where[k], which[k]
             up = normals[t, 2]
@@ -146,10 +153,10 @@ def _sweep(
                 depth += 1
                 if depth != 1:
                     continue
-                bottom, air = z, z - below
+                bottom, air, support = z, z - below, 0.0
                 if -up > overhang_cos and air > LEAST_GAP_MM:
                     supports[i, j] += air
-                    air = 0.0
+                    air, support = 0.0, air
                     touched += marked[t] + on_marked
                     if below == 0.0:
                         propped[i, j] = True
@@ -159,7 +166,7 @@ def _sweep(
                 continue
             below, on_marked = z, marked[t]
             run = start[column] + counts[column]
-            runs[run, 0], runs[run, 1], runs[run, 2] = bottom, z, air
+            runs[run, 0], runs[run, 1], runs[run, 2], runs[run, 3] = bottom, z, air, support
             counts[column] += 1
             level = int(bottom / height * LEVELS)
             while level < LEVELS - 1 and height * (level + 1) / LEVELS < z:
@@ -169,7 +176,8 @@ def _sweep(
     for level in range(LEVELS):
         for above in range(level, LEVELS):
             passing[above] += ending[level]
-    return touched, passing, propped, supports, _towers_mm(start, counts, runs, supports)
+    towers_mm = _towers_mm(start, counts, runs, supports)
+    return touched, passing, propped, supports, towers_mm, _islands_mm(start, counts, runs, nx, ny, height)
 
 
 @jit
@@ -304,3 +312,54 @@ def _towers_mm(
             if begins:
                 total += air
     return total
+
+
+@jit
+def _islands_mm(
+    start: npt.NDArray[np.int64],
+    counts: npt.NDArray[np.int64],
+    runs: Floats,
+    nx: int,
+    ny: int,
+    height: float,
+) -> float:
+    """The number of islands but one, of solid and of support, summed over the height."""
+    total = 0
+    rows, row = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
+    kind = np.zeros(rows * row, np.int8)  # none, solid, support
+    parent = np.zeros(rows * row, np.int64)
+    for level in range(ISLAND_LEVELS):
+        z = height * (level + 0.5) / ISLAND_LEVELS
+        islands = 0
+        for i in range(rows):
+            for j in range(row):
+                me = i * row + j
+                column = i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
+                kind[me], parent[me] = 0, me
+                for k in range(start[column], start[column] + counts[column]):
+                    if runs[k, 0] < z < runs[k, 1]:
+                        kind[me] = 1
+                    elif runs[k, 0] - runs[k, 3] < z <= runs[k, 0]:
+                        kind[me] = 2
+                if kind[me] == 0:
+                    continue
+                islands += 1
+                for n in range(4):  # those of the eight neighbours that were seen before
+                    u, v = (i, j - 1) if n == 3 else (i - 1, j - 1 + n)
+                    if u < 0 or v < 0 or v >= row or kind[u * row + v] != kind[me]:
+                        continue
+                    a, b = _root(parent, me), _root(parent, u * row + v)
+                    if a != b:
+                        parent[a] = b
+                        islands -= 1
+        total += max(0, islands - 1)
+    return total * height / ISLAND_LEVELS
+
+
+@jit
+def _root(parent: npt.NDArray[np.int64], at: int) -> int:
+    """Which group this belongs to."""
+    while parent[at] != at:
+        parent[at] = parent[parent[at]]
+        at = parent[at]
+    return at

@@ -37,11 +37,11 @@ column_mm3
 FEATURES = (
     *ADDITIVE,
     *("height_mm", "skin_rim_mm", "brim_mm2"),
-    *("support_mm3", "support_side_mm2", "towers_mm"),
+    *("support_mm3", "support_side_mm2", "towers_mm", "islands_mm"),
 )
 """And those that do not add up: the height, the root of `skin_mm2`, the ring of the brim about the part's
-rectangle and, in place of `column_mm3` where a part is looked at closely, the support that it really has
-(`decompose.columns`)."""
+rectangle and, where a part is looked at closely, its islands and, in place of `column_mm3`, the support that
+it really has (`decompose.columns`)."""
 
 FACTORS: Mapping[str, float] = {
     "infill": 1.006,
@@ -51,18 +51,21 @@ FACTORS: Mapping[str, float] = {
     "skin rim": 5.2,
     "slope ends": 2.16,
     "columns": 1.15,
-    "support": 0.965,
-    "support sides": 1.155,
-    "towers": 2.28,
+    "support": 1.06,
+    "support sides": 0.715,
+    "islands": 0.86,
     "brim": 0.96,
     "infill ends": 0.756,
     "travel": 0.974,
 }
 """What the seconds of each term of `terms` are multiplied by: one set for all settings.
 
-``columns`` stands for ``support``, ``support sides`` and ``towers`` where only tables are at hand. That of
-``towers`` is seconds a layer: half of them go there and back, with a retraction each way.
+``columns`` stands for all of `SUPPORT` where only tables are at hand. The factor of ``islands`` is seconds
+a layer: there and back, with a retraction each way.
 """
+SUPPORT = ("support", "support sides", "islands")
+TOWER = 2.7
+"""What a layer of a tower of support takes, in islands: it is printed, too."""
 INSET = 8.0
 """A loop is shorter by so many mm for each mm that it lies inside the outline: two at each right angle."""
 INSET_AT_MOST = 0.1
@@ -76,10 +79,14 @@ POSES = 6
 
 @dataclass(frozen=True, slots=True)
 class PrinterRoom:
-    """The boxes (x, y, z) in mm that a part may fill on a printer; x and y may be swapped."""
+    """The boxes (x, y, z) in mm that a part may fill on a printer; x and y may be swapped.
+
+    A part takes `time_factor` times what it costs: what was learned of the printer.
+    """
 
     name: str
     boxes: tuple[tuple[float, float, float], ...]
+    time_factor: float = 1.0
 
     def fits(self, width_mm: float, depth_mm: float, height_mm: float) -> bool:
         """Whether a part of these extents fits one of the boxes, turned about Z if need be."""
@@ -145,7 +152,7 @@ class Recipe:
 
 
 def terms(recipe: Recipe) -> dict[str, Floats]:
-    """Seconds of each term for one unit of each of `FEATURES`: (11,) vectors, under the names of `FACTORS`.
+    """Seconds of each term for one unit of each of `FEATURES`: (12,) vectors, under the names of `FACTORS`.
 
     An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
     Walls cover the rim of a skin.
@@ -175,7 +182,7 @@ def terms(recipe: Recipe) -> dict[str, Floats]:
         "columns": vector(column_mm3=supports / (layer * r.support_mm_s)),
         "support": vector(support_mm3=supports / (layer * r.support_mm_s)),
         "support sides": vector(support_side_mm2=1.0 / (layer * r.support_mm_s) if supports else 0.0),
-        "towers": vector(towers_mm=1.0 / layer if supports else 0.0),
+        "islands": vector(islands_mm=1.0 / layer, towers_mm=TOWER / layer if supports else 0.0),
         "brim": vector(brim_mm2=1.0 / (r.outer_line_width_mm * r.brim_mm_s)),
         "infill ends": vector(lateral_mm2=ends * (TURNED if connected else 1.0)),
         "travel": vector(lateral_mm2=1.0 / (layer * r.travel_mm_s)),
@@ -211,6 +218,7 @@ class CostModel:
     support_s_mm3: float = 0.0
     support_side_s_mm2: float = 0.0
     tower_s_mm: float = 0.0
+    island_s_mm: float = 0.0
     shrinkage: float = 0.007  # how wide a brim has to be against warping; no part of the price
 
     @property
@@ -243,12 +251,15 @@ class CostModel:
             support_s_mm3=seconds["support_mm3"],
             support_side_s_mm2=seconds["support_side_mm2"],
             tower_s_mm=seconds["towers_mm"],
+            island_s_mm=seconds["islands_mm"],
         )
 
-    def support_seconds(self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0) -> float:
-        """The time of a support of this volume, these upright sides and towers of this height."""
+    def support_seconds(
+        self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
+    ) -> float:
+        """The time of a support of this volume and these upright sides, with towers and islands this high."""
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
-        return support + self.tower_s_mm * towers_mm
+        return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
     def coefficients(self) -> Floats:
         """The coefficients in the order of the fields, for compiled code."""

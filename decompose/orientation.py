@@ -151,7 +151,7 @@ def best_pose(
 
 
 def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
-    """The time of the support in a pose, at a glance."""
+    """The time of the support in a pose, at a glance: too few columns to tell islands apart."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
     seen = columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW)
     return cost.support_seconds(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
@@ -200,7 +200,9 @@ def _measured(
         to_model=to_model,
         size_mm=(width, depth, height),
         seconds=priced.seconds([*features[:COLUMN], 0.0], hi - lo)
-        + cost.support_seconds(inside.support_mm3, inside.support_side_mm2, inside.towers_mm),
+        + cost.support_seconds(
+            inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
+        ),
         footing=footing,
         strain=_strain(footing, inside, height, leans),
         lean_mm=leans[-1],

@@ -84,6 +84,16 @@ def test_a_tip_in_mid_air_gets_a_tower() -> None:
     assert seen(cup).towers_mm == 0.0  # what looks up is no tip
 
 
+def test_islands_are_what_is_apart_in_a_layer() -> None:
+    legs = [Solid.box((x, y, 0), (x + 8, y + 8, 30)) for x in (0, 32) for y in (0, 32)]
+    table = Solid.union([*legs, Solid.box((0, 0, 30), (40, 40, 40))])
+    assert seen(legs[0]).islands_mm == 0.0
+    assert seen(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
+    assert seen(table).islands_mm == pytest.approx(
+        4 * 30.0, abs=4 * 40.0 / 16
+    )  # and the support between them
+
+
 def test_a_slope_from_its_wall_needs_no_tower() -> None:
     """It leans out by 40 degrees all the way, and has a level edge below: it hangs on its wall."""
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
