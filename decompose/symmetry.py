@@ -1,9 +1,10 @@
 """Planes of symmetry, by the search of SBD; and the paper's symmetry cut: the best one, if it is good enough.
 
 Hatton et al. 2023: planes through the mean of the vertices, normals drawn from the sphere; the score is the
-mean distance from the vertices' mirror images to the nearest vertex. Two things differ from their program,
-where they have no effect by mistake: the best normals are refined, and a plane counts only within a
-tolerance, which is a share of the model's size.
+mean distance from the vertices' mirror images to the nearest vertex. Two things have no effect in their
+program by mistake, and are left out by `drawn_mirrors` alone: the best normals are refined, and a plane
+counts only within a tolerance, which is here a share of the model's size. Of their three draws of normals
+the second alone has an effect: here is one.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def search(problem: Problem) -> Found:
     merged = _merged(pieces, len(problem.printers) - len(skeleton), problem)
     problem.lap("merge")
     found = tuple(merged + skeleton)
-    refuse_misfits("cube-skeleton", found, problem)
+    refuse_misfits("cube-skeleton", found, problem, would_do=len(found))
     return Found(found, model, np.eye(3))
 
 

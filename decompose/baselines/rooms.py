@@ -66,8 +66,11 @@ def connected(piece: Piece) -> list[Piece]:
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in piece.solid.pieces()]
 
 
-def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem) -> None:
-    """Raise `NoFit` where a piece fits no printer in any pose, or the pieces are more than the printers."""
+def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem, would_do: int | None) -> None:
+    """Raise `NoFit` where a piece fits no printer in any pose, or the pieces are more than the printers.
+
+    `would_do` printers would do, if that is known.
+    """
     printers = len(problem.printers)
     large = [p for p in pieces if parts_needed(p.solid, problem.rooms) > 1]
     misfits = sum(pose is None for pose in problem.poses(large))
@@ -80,5 +83,5 @@ def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem) -> No
         raise NoFit(
             f"{engine} makes {len(pieces)} parts, each on a printer of its own, and there are {printers}: "
             f"free more printers, or take --engine guillotine",
-            len(pieces),
+            would_do,
         )

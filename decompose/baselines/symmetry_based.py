@@ -100,7 +100,7 @@ def search(problem: Problem) -> Found:
     parts = form.cut_on(parts)
     problem.lap("greedy")
     pieces = tuple(piece for part in parts for piece in connected(part.piece))
-    refuse_misfits("symmetry", pieces, problem)
+    refuse_misfits("symmetry", pieces, problem, would_do=None)  # with more it makes more
     return Found(pieces, problem.model, np.eye(3))
 
 
