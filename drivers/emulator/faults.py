@@ -8,6 +8,7 @@ itself.
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from urllib.parse import parse_qsl, urlsplit
@@ -32,6 +33,9 @@ class Faults:
     slowdown: bool = False  # not a fault: short moves are stretched while few are queued
     # in the firmware's ears and mouth; each a probability of a line
     checksum: float = 0.0  # a byte of a received line is flipped
+    no_number: float = 0.0  # a received line lacks its number: refused, and not asked for again
+    no_checksum: float = 0.0  # it lacks its checksum
+    wrong_number: float = 0.0  # it comes with that of the line before
     drop_ok: float = 0.0  # an ok is lost on its way to the host
     garble_ok: float = 0.0  # an ok arrives as something else
     swallow: float = 0.0  # a line is neither carried out nor answered
@@ -68,8 +72,11 @@ class Faults:
     @property
     def on_lines(self) -> bool:
         """Whether every single line has to be looked at."""
-        drawn = self.checksum or self.drop_ok or self.garble_ok or self.swallow or self.resend
-        return bool(drawn or self.stuck_after or self.due)
+        drawn = (
+            self.checksum, self.no_number, self.no_checksum, self.wrong_number,
+            self.drop_ok, self.garble_ok, self.swallow, self.resend,
+        )  # fmt: skip
+        return bool(any(drawn) or self.stuck_after or self.due)
 
     @property
     def on_bytes(self) -> bool:
@@ -84,6 +91,7 @@ class Faults:
 
 
 SLEEP_S = 25.0
+_NUMBER = re.compile(rb"N(\d+) ?")
 WEAK_NOZZLE_C, WEAK_BED_C = 140.0, 45.0
 
 
@@ -95,8 +103,16 @@ class Dice:
         self._rng = rng
 
     def disturb(self, line: bytes) -> bytes:
-        """The line as it arrives: as sent, or with one bit of one byte flipped."""
-        if line and self._faults.checksum and self._rng.random() < self._faults.checksum:
+        """The line as it arrives: as sent, or with one bit of one byte flipped, or without a part of it."""
+        faults = self._faults
+        if b"M110" not in line:
+            if faults.no_number and self._rng.random() < faults.no_number:
+                return _NUMBER.sub(b"", line, count=1)
+            if faults.no_checksum and self._rng.random() < faults.no_checksum:
+                return line.partition(b"*")[0]
+            if faults.wrong_number and self._rng.random() < faults.wrong_number:
+                return _NUMBER.sub(lambda n: b"N%d " % (int(n[1]) - 1), line, count=1)
+        if line and faults.checksum and self._rng.random() < faults.checksum:
             at = self._rng.randrange(len(line))
             flipped = line[at] ^ (1 << self._rng.randrange(7))
             return line[:at] + bytes((flipped,)) + line[at + 1 :]

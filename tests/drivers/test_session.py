@@ -141,6 +141,7 @@ def test_a_heater_that_burns_on_at_the_end_fails_a_print_that_was_all_right():
         Faults(garble_ok=0.01),
         Faults(resend=0.005),
         Faults(swallow=0.004),
+        Faults(no_number=0.004, no_checksum=0.004, wrong_number=0.004),
         Faults(noise=0.00005, lost=0.00002, doubled=0.00002),
     ],
 )
