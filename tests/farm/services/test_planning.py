@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose import exact, parallelobox
+from decompose import exact, parallelobox, planes
 from decompose.piece import pieces_in_box
 from drivers.clock import Clock
 from farm.config import Fleet
@@ -151,12 +151,15 @@ def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
 
 
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
-    def too_large(solid, grid, box):
-        lo, hi = grid.bounds_mm(box)
+    def larger(solid, lo, hi):
         return pieces_in_box(solid, lo - 0.5, hi + 0.5)
+
+    def too_large(solid, grid, box):
+        return larger(solid, *grid.bounds_mm(box))
 
     for engine in (exact, parallelobox):
         monkeypatch.setattr(engine, "pieces_in_cells", too_large)
+    monkeypatch.setattr(planes, "pieces_in_box", larger)
     with pytest.raises(FarmError) as error:
         decompose_job(task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
