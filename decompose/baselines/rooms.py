@@ -19,6 +19,7 @@ from decompose.solid import Solid
 Floats = npt.NDArray[np.float64]
 
 FIT_MM = 1e-6  # a part may be this much larger than its room: rounding
+ROUNDING_MM3 = 1e-6  # a film on a cut plane
 
 
 def blocks_needed(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
@@ -62,8 +63,9 @@ def clear_of_faces(solid: Solid, normal: Floats, at_mm: float, reach_mm: float =
 
 
 def connected(piece: Piece) -> list[Piece]:
-    """The connected pieces of what an engine takes for one."""
-    return [Piece(solid, piece.planes, piece.boxes_mm) for solid in piece.solid.pieces()]
+    """The connected pieces of what an engine takes for one, without what rounding leaves on a cut."""
+    found = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
+    return [Piece(solid, piece.planes, piece.boxes_mm) for solid in found]
 
 
 def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem, would_do: int | None) -> None:

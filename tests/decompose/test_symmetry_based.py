@@ -10,13 +10,13 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.baselines.rooms import blocks_needed, clear_of_faces, parts_needed
+from decompose.baselines.rooms import blocks_needed, clear_of_faces, connected, parts_needed
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
 from decompose.grid import CLEAR_MM
 from decompose.mesh import Model
 from decompose.partition import decompose
-from decompose.piece import cut_faces
+from decompose.piece import Piece, cut_faces
 from decompose.report import Engine, Options
 from decompose.solid import Solid
 from decompose.symmetry import APART_RAD, drawn_mirrors, good_mirrors
@@ -69,6 +69,12 @@ def test_what_the_room_asks_for() -> None:
     assert blocks_needed(size, [ROOM, tall]) == (3, 1, 2)
     assert parts_needed(Solid.box((0, 0, 0), (190.9, 205.0, 206.9)), [ROOM]) == 1
     assert parts_needed(Solid.box((0, 0, 0), (191.0, 205.1, 206.9)), [ROOM]) == 2
+
+
+def test_films_on_a_cut_are_no_pieces() -> None:
+    two = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
+    found = connected(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
+    assert [piece.solid.volume_mm3 for piece in found] == pytest.approx([1000.0])
 
 
 def test_a_plane_keeps_clear_of_faces() -> None:
