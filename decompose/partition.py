@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose import exact, parallelobox
+from decompose.assignment import soonest
 from decompose.baselines import cube_skeleton, symmetry_based
 from decompose.check import check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
@@ -173,18 +174,16 @@ def _fitting(pose: Pose | None) -> Pose:
     return pose
 
 
-def _printers_for(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> dict[int, str]:
-    """The printer of each part; the part that fits the fewest printers chooses first."""
-    free = list(printers)
-    names: dict[int, str] = {}
-    fitting = {i: [p for p in printers if p.fits(*pose.size_mm)] for i, pose in enumerate(posed)}
-    for i in sorted(fitting, key=lambda i: (len(fitting[i]), i)):
-        taken = next((p for p in free if p in fitting[i]), None)
-        if taken is None:
-            raise NoFit(f"part {i + 1} of {len(posed)} fits no printer that is left", len(posed))
-        free.remove(taken)
-        names[i] = taken.name
-    return names
+def _printers_for(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[str]:
+    """The printer of each part, so that the last one ends soonest; `estimated_s` leaves their speeds out."""
+    seconds = [
+        [pose.seconds * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
+        for pose in posed
+    ]
+    found = soonest(np.array(seconds))
+    if found is None:
+        raise NoFit(f"{len(posed)} parts do not fit these printers, each on one of its own", len(posed))
+    return [printers[i].name for i in found]
 
 
 def _turned_back(part: Part, rotation: Floats) -> Part:

@@ -179,7 +179,11 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     }
     quickest = sorted(task.printers, key=lambda section: task.factors.get(section.name, 1.0))
     rooms = [
-        PrinterRoom(section.name, model_sizes(room, settings[section.name]))
+        PrinterRoom(
+            section.name,
+            model_sizes(room, settings[section.name]),
+            task.factors.get(section.name, 1.0),
+        )
         for _ in range(task.rounds)
         for section in quickest
         for room in (printer_room(section, settings[section.name].brim_width_mm),)
