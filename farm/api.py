@@ -47,7 +47,7 @@ class PlateStatus(_View):
     filament_mm: float
     price: float | None
     cached: bool  # its G-code was there already: the engine did not run
-    warnings: list[str]  # walls too thin to print
+    warnings: list[str]  # walls too thin to print, a part that may fall over
     printing: bool
     hold: Hold | None
 

@@ -219,7 +219,7 @@ class Plate(Entity):
     printer: str  # as planned
     time_factor: float = 1.0  # of that printer, when it was planned; it is in `estimated_s`
     cached: bool = False  # sliced before: the engine did not run
-    warnings: tuple[str, ...] = ()  # what of it will not be printed, in sentences
+    warnings: tuple[str, ...] = ()  # what of it will not be printed or may fall over, in sentences
     prints: tuple[str, ...] = ()
     counted_from: int = 0  # a person asked for it again: only failures of these prints count
     cancelled: bool = False  # by a person: never tried again, unless a person asks

@@ -37,6 +37,7 @@ LATE = 1.1
 """The margin of `--done-by`: planning itself takes its time, and so may a print."""
 MOST_WARNINGS = 3
 """Of a plate: walls too thin to print, the largest first."""
+MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
 
 
 class TooFewPrinters(FarmError):
@@ -78,6 +79,7 @@ class DecomposedPart:
     printer: str
     brim_width_mm: float | None = None  # None: the quality's
     layer_0_expansion_mm: float | None = None  # None: the quality's
+    stands: bool = True  # while it is printed, in the pose that it is printed in
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +260,7 @@ def _part(part: Any, folder: Path) -> DecomposedPart:
         printer=part.printer,
         brim_width_mm=part.brim_width_mm,
         layer_0_expansion_mm=part.layer_0_expansion_mm,
+        stands=part.stands,
     )
 
 
@@ -303,6 +306,11 @@ def slice_tasks(task: DecomposeTask, decomposed: Decomposed, cache: Path) -> lis
             )
         )
     return tasks
+
+
+def _warnings(part: DecomposedPart, sliced: PlateResult) -> tuple[str, ...]:
+    falls = () if part.stands else (MAY_FALL,)
+    return (*falls, *map(str, sliced.unprinted[:MOST_WARNINGS]))
 
 
 def make_plan(
@@ -354,7 +362,7 @@ def make_plan(
                 printer=section.name,
                 time_factor=factor,
                 cached=sliced.cached,
-                warnings=tuple(map(str, sliced.unprinted[:MOST_WARNINGS])),
+                warnings=_warnings(part, sliced),
             )
         )
     prelude_s = prelude_seconds(sections[decomposed.parts[0].printer], tasks[0].settings)

@@ -17,6 +17,7 @@ from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
     LATE,
+    MAY_FALL,
     MOST_WARNINGS,
     DecomposeTask,
     TooFewPrinters,
@@ -77,8 +78,9 @@ def test_a_plan_is_whole(bar, files, tmp_path):
     tasks = slice_tasks(work, cut, None)
     slices = [slice_part(one) for one in tasks]
     thin = Unprinted(120.0, 1.0, 9.0, 3.0, -4.0)
+    cut = replace(cut, parts=(cut.parts[0], replace(cut.parts[1], stands=False)))
     plan = make_plan(work, cut, tasks, [replace(slices[0], unprinted=(thin,) * 9), slices[1]], files)
-    assert [p.warnings for p in plan.plates] == [(str(thin),) * MOST_WARNINGS, ()]
+    assert [p.warnings for p in plan.plates] == [(str(thin),) * MOST_WARNINGS, (MAY_FALL,)]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]
     assert sum(p.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
     assert plan.estimated_s == max(p.estimated_s for p in plan.plates)
