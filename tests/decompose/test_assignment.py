@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -7,6 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decompose.assignment import soonest
+from decompose.cost import CostModel, PrinterRoom
+from decompose.mesh import Model
+from decompose.partition import decompose
+from decompose.report import Engine, Options
+from decompose.solid import Solid
 
 
 @given(
@@ -38,3 +44,13 @@ def test_a_greedy_choice_would_leave_the_last_part_without_a_printer() -> None:
 
 def test_of_equal_printers_the_first_are_taken() -> None:
     assert sorted(soonest(np.full((3, 6), 60.0)) or []) == [0, 1, 2]
+
+
+def test_the_quickest_printer_takes_the_longest_part(
+    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    printers = [replace(fleet[0], name=str(i), time_factor=1.5 - 0.2 * i) for i in range(3)]
+    options = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
+    parts = decompose(Model(lump, (), 1.0), printers, options, cost).parts
+    longest_first = sorted(parts, key=lambda part: -part.estimated_s)
+    assert [part.printer for part in longest_first] == ["2", "1", "0"]

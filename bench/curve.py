@@ -1,0 +1,83 @@
+"""How long the curve of makespan over the number of printers takes, and the proof of a bound.
+
+Usage: python -m bench.curve MODEL [--most 100] [--printers 20] [--side 450] [--json]
+
+Seconds of wall time and of the processors, of a machine that should have nothing else to do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any
+
+from bench.print_time_parts import recipe_of
+from decompose.bound import makespan_bound
+from decompose.cost import CostModel, PrinterRoom
+from decompose.curve import curve
+from decompose.guillotine import Partitioner
+from decompose.mesh import load_model
+from decompose.problem import Problem
+from decompose.report import Options
+from drivers.profiles import PROFILES, part_room
+
+PRINTER = "ultimaker2_plus"
+
+
+def main() -> None:
+    """Measure, and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--most", type=int, default=100)
+    parser.add_argument("--printers", type=int, default=20)
+    parser.add_argument("--side", type=float, default=450.0)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    recipe = recipe_of("paper")
+    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
+    printers = tuple(PrinterRoom(str(i), room) for i in range(asked.printers))
+    model = load_model(asked.model, longest_side_mm=asked.side)
+    problem = Problem(model, printers, CostModel.from_recipe(recipe), Options())
+    took: dict[str, dict[str, float]] = {}
+
+    def timed(stage: str, work: Callable[[], Any]) -> Any:
+        wall, cpu = perf_counter(), process_time()
+        answer = work()
+        took[stage] = {"wall_s": perf_counter() - wall, "cpu_s": process_time() - cpu}
+        return answer
+
+    grid = timed("grid", lambda: problem.grid(model))
+    problem.boxes(grid)  # compiles, or loads what was compiled
+    boxes = timed("boxes", lambda: problem.boxes(grid))
+    solver = Partitioner(boxes)
+    for ties in (False, True):
+        solver.parts(0.0, ties)
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        points = timed("curve", lambda: curve(boxes, asked.most, executor))
+    report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": took}
+    if timed("search", lambda: solver.least_makespan(asked.printers, 0.0)) is not None:
+        chosen, makespan_s = solver.chosen(), solver.longest_s()
+        proven = timed(
+            "bound", lambda: makespan_bound(boxes, grid.needed, asked.printers, chosen, makespan_s)
+        )
+        report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}
+    report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    report["curve"] = [[point.printers, point.makespan_s] for point in points]
+    if asked.json:
+        print(json.dumps(report))
+        return
+    print(f"{report['boxes']} boxes of {grid.shape} cells; peak {report['peak_mb']:.0f} MB")
+    for stage, times in took.items():
+        print(f"{stage:>8}: {times['wall_s']:6.1f} s, {times['cpu_s']:6.1f} s of the processors")
+
+
+if __name__ == "__main__":
+    main()
