@@ -9,12 +9,11 @@ from __future__ import annotations
 import logging
 import uuid
 from collections import Counter
-from dataclasses import replace
 from typing import Protocol
 
 from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
-from farm.errors import ErrorCode, FarmError, Refused
+from farm.errors import FarmError, Refused
 from farm.model import (
     AgentSnapshot,
     Bed,
@@ -26,23 +25,20 @@ from farm.model import (
     JobState,
     Link,
     PlanProgress,
-    Plate,
     PrintState,
     Verdict,
 )
 from farm.paths import StateFolder
 from farm.scheduling.assign import assign, spare_printers
-from farm.scheduling.forecast import forecast, idle
-from farm.scheduling.front import Begin, begin, unmatched
-from farm.scheduling.moments import moment_s
+from farm.scheduling.front import Begin, begin, begin_beside, unmatched
+from farm.scheduling.moments import wished_s
 from farm.scheduling.rules import Rules
 from farm.scheduling.snapshot import PrinterView
+from farm.services.made import planned_event
 from farm.services.models import Inspected
-from farm.services.outlook import Rooms, job_need, plan_hash, plate_views, printer_views
+from farm.services.outlook import Rooms, job_need, own_holds, plate_views, printer_views
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
-from farm.tracking.outage import LOSSES, WINDOW_S
-from farm.tracking.outcome import Standing
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
@@ -157,7 +153,7 @@ class Core:
         if self.stopping:
             return
         now_s = self.clock.now()
-        held_back = self._held_back(now_s)
+        held_back = own_holds(self.books, now_s)
         offered = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
         waiting = plate_views(offered, self.books)
         given, holds = assign(waiting, self.printer_views(), self.rules, now_s, self._spares())
@@ -173,35 +169,6 @@ class Core:
         if news:
             self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
         self._settle_front(holds)
-
-    def _held_back(self, now_s: float) -> dict[str, Hold]:
-        """The plates that are offered to no printer, and why."""
-        held = {}
-        for job in self.books.jobs.values():
-            for plate in self.books.plates_of(job) if not job.state.ended else ():
-                hold = self._own_hold(job, plate, now_s)
-                if hold is not None:
-                    held[plate.id] = hold
-        return held
-
-    def _own_hold(self, job: Job, plate: Plate, now_s: float) -> Hold | None:
-        """Why a plate would start on no printer at all."""
-        standing = self.books.standing(plate)
-        if standing is Standing.OUT_OF_ATTEMPTS:
-            text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
-            return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
-        if standing is not Standing.WAITING:
-            return None
-        if self.books.outage is not None:
-            text = f"{' '.join(self.books.outage.printers)} were lost at once: look, then `farm resume`"
-            return Hold(code=HoldCode.OUTAGE, text=text)
-        if job.paused:
-            return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
-        last = self.books.prints[plate.prints[-1]] if plate.prints else None
-        if last is not None and last.fault in LOSSES and now_s - (last.ended_s or 0.0) <= WINDOW_S:
-            text = f"{last.printer} was lost just now: others may be lost with it"
-            return Hold(code=HoldCode.JUST_LOST, text=text)
-        return None
 
     def _remind(self) -> None:
         """Tell agents again what they were told while they were away."""
@@ -279,13 +246,8 @@ class Core:
                 job.options.hold,
             )
 
-        # A job that is being planned keeps its printers from those of less priority, and from others while
-        # there are more.
-        others = [(self.books.job(n).options.priority, names) for n, names in self._promised.items()]
-        answer = answer_without(frozenset().union(*(names for _, names in others)))
-        if isinstance(answer, Hold):
-            above = (names for priority, names in others if priority > job.options.priority)
-            answer = answer_without(frozenset().union(*above))
+        promised = [(self.books.job(n).options.priority, names) for n, names in self._promised.items()]
+        answer = begin_beside(job.options.priority, promised, answer_without)
         if isinstance(answer, Hold):
             self._hold(job, answer)
             return
@@ -328,35 +290,9 @@ class Core:
         elif isinstance(result, FarmError):
             self.happened(ev.JobFailed(at_s=now_s, job=number, error=result.code, reason=str(result)))
         else:
-            self.happened(self._plan_made(job, result, now_s))
+            made = planned_event(job, result, self.printer_views(), self.books, self.rules, now_s)
+            self.happened(made)
         self.settle()
-
-    def _plan_made(self, job: Job, plan: Plan, now_s: float) -> ev.JobPlanned:
-        """The plan with the night that it needs: rounds, hours and the breaker make it longer."""
-        used = {plate.printer for plate in plan.plates}
-        fleet = [idle(view) for view in self.printer_views() if view.name in used]
-        books = replace(self.books, plates={plate.id: plate for plate in plan.plates})
-        seen = forecast(plate_views(plan.plates, books), fleet, self.rules, now_s)
-        notices = plan.repairs
-        if job.done_by_s is not None and seen.ends_s > job.done_by_s:
-            asked, ends = self.rules.words(job.done_by_s), self.rules.words(seen.ends_s)
-            notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")
-        beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
-        at_once = seen.left or (beside and self.rules.max_heating is None)
-        return ev.JobPlanned(
-            at_s=now_s,
-            job=job.id,
-            parts=plan.parts,
-            plates=plan.plates,
-            repairs=notices,
-            scale=plan.scale,
-            serial_s=plan.serial_s,
-            estimated_s=plan.estimated_s if at_once else seen.ends_s - seen.starts_s,
-            lower_bound_s=max(0.0, seen.lower_bound_s - seen.starts_s),
-            picture=plan.picture,
-            plan=plan_hash(plan.parts, plan.plates),
-            held=job.options.hold,
-        )
 
     # -- what people ask --------------------------------------------------------------------------------
 
@@ -371,7 +307,7 @@ class Core:
             return known, True
         number = max(self.books.jobs, default=0) + 1
         now_s = self.clock.now()
-        not_before_s, done_by_s = self.when(options, now_s)
+        not_before_s, done_by_s = wished_s(options, self.rules, now_s)
         if self.fleet.fleet.approve:
             options = options.model_copy(update={"hold": True})
         job = Job(
@@ -399,25 +335,6 @@ class Core:
         self.progress.pop(number, None)
         self._promised.pop(number, None)
         self.settle()
-
-    def when(self, options: JobOptions, now_s: float) -> tuple[float | None, float | None]:
-        """From when on a person wants a job printed, and by when; None where they did not say.
-
-        Raises
-        ------
-        FarmError
-            Where what they said is no moment to come.
-        """
-        zone = self.rules.zone
-        try:
-            if options.at is not None:
-                begins_s: float | None = moment_s(options.at, now_s, zone)
-            else:
-                begins_s = self.rules.evening_s(now_s) if options.overnight else None
-            done_by = options.done_by
-            return begins_s, None if done_by is None else moment_s(done_by, begins_s or now_s, zone)
-        except ValueError as error:
-            raise FarmError(str(error), ErrorCode.SETTINGS) from error
 
     def cleared(
         self,

@@ -22,6 +22,7 @@ from farm.daemon.workers import Workers
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.model import JobOptions, Verdict
 from farm.paths import StateFolder
+from farm.scheduling.moments import wished_s
 from farm.services.gcode import inspect_gcode, is_gcode
 from farm.services.models import inspect_model
 from farm.services.planning import check_settings
@@ -117,7 +118,7 @@ def make_app(
         known = core.submitted(request_id)
         if known is not None:
             return api.Submitted(job=known, again=True)
-        core.when(wanted, core.clock.now())  # what it says wrongly is said before the upload
+        wished_s(wanted, core.rules, core.clock.now())  # what it says wrongly is said before the upload
         if core.stopping:
             raise Refused("the farm is going down: submit again when it is up")
         upload = state.work / f"upload-{uuid.uuid4().hex}"

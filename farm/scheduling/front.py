@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from farm.model import Hold, HoldCode, Link
@@ -91,3 +91,26 @@ def begin(
     # The roomiest first: a person who gives two printers gives the best two.
     idle.sort(key=lambda p: (-p.kind.height_mm, p.name))
     return Begin(tuple(sorted(p.name for p in idle[:given])))
+
+
+def begin_beside(
+    priority: int,
+    promised: Iterable[tuple[int, frozenset[str]]],
+    answer: Callable[[frozenset[str]], Begin | Hold],
+) -> Begin | Hold:
+    """The answer for a job beside others that are being planned.
+
+    Those keep their printers from jobs of less priority, and from others while there are more.
+
+    Parameters
+    ----------
+    promised
+        The priorities of the jobs that are being planned, and their printers.
+    answer
+        What `begin` says without these printers.
+    """
+    others = list(promised)
+    first = answer(frozenset().union(*(names for _, names in others)))
+    if isinstance(first, Begin):
+        return first
+    return answer(frozenset().union(*(names for above, names in others if above > priority)))

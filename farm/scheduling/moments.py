@@ -5,6 +5,9 @@ from __future__ import annotations
 import re
 from datetime import datetime, timedelta, tzinfo
 
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions
+from farm.scheduling.rules import Rules
 from farm.windows import DAYS
 
 _TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
@@ -35,6 +38,25 @@ def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
     return at_s
+
+
+def wished_s(options: JobOptions, rules: Rules, now_s: float) -> tuple[float | None, float | None]:
+    """From when on a person wants a job printed, and by when; None where they did not say.
+
+    Raises
+    ------
+    FarmError
+        Where what they said is no moment to come.
+    """
+    try:
+        if options.at is not None:
+            begins_s: float | None = moment_s(options.at, now_s, rules.zone)
+        else:
+            begins_s = rules.evening_s(now_s) if options.overnight else None
+        done_by = options.done_by
+        return begins_s, None if done_by is None else moment_s(done_by, begins_s or now_s, rules.zone)
+    except ValueError as error:
+        raise FarmError(str(error), ErrorCode.SETTINGS) from error
 
 
 def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from farm.config import PrinterSection
-from farm.model import AgentSnapshot, Job, Link, Part, Plate, Print, PrintState
+from farm.model import AgentSnapshot, Hold, HoldCode, Job, Link, Plate, Print, PrintState
 from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.tracking.books import Books
+from farm.tracking.outage import LOSSES, WINDOW_S
+from farm.tracking.outcome import Standing
 
 Rooms = Callable[[PrinterSection], tuple[Box, ...]]
 
@@ -100,10 +100,32 @@ def job_need(job: Job) -> Need:
     )
 
 
-def plan_hash(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
-    """Names a plan by all that is printed and where: 12 hexadecimal digits."""
-    facts = [
-        sorted((part.id, part.plate, part.file) for part in parts),
-        sorted((plate.id, plate.sha256, plate.printer, plate.material, plate.nozzle_mm) for plate in plates),
-    ]
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:12]
+def own_holds(books: Books, now_s: float) -> dict[str, Hold]:
+    """The plates that are offered to no printer, and why."""
+    held = {}
+    for job in books.jobs.values():
+        for plate in books.plates_of(job) if not job.state.ended else ():
+            hold = _own_hold(books, job, plate, now_s)
+            if hold is not None:
+                held[plate.id] = hold
+    return held
+
+
+def _own_hold(books: Books, job: Job, plate: Plate, now_s: float) -> Hold | None:
+    """Why a plate would start on no printer at all."""
+    standing = books.standing(plate)
+    if standing is Standing.OUT_OF_ATTEMPTS:
+        text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
+        return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
+    if standing is not Standing.WAITING:
+        return None
+    if books.outage is not None:
+        text = f"{' '.join(books.outage.printers)} were lost at once: look, then `farm resume`"
+        return Hold(code=HoldCode.OUTAGE, text=text)
+    if job.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
+    last = books.prints[plate.prints[-1]] if plate.prints else None
+    if last is not None and last.fault in LOSSES and now_s - (last.ended_s or 0.0) <= WINDOW_S:
+        text = f"{last.printer} was lost just now: others may be lost with it"
+        return Hold(code=HoldCode.JUST_LOST, text=text)
+    return None
