@@ -21,15 +21,14 @@ def decomposition_lines(report: dict[str, Any], printers: int, out: Path) -> lis
     lines.append(
         f"{count}: {span(makespan_s)} on {printers} printers, {alone} on one large one; E {used:.2f}"
     )
-    where = " on this grid" if report["cells"] else ""
-    proof = f"No partition{where} ends before {span(report['lower_bound_s'])} (gap {report['gap']:.0%})"
-    lines.append(f"By {report['engine']}. {proof}.")
+    least = f"at most {report['gap']:.0%} above the least that is possible"
+    lines.append(f"By {report['engine']}: {least}{', by cuts along its grid' if report['cells'] else ''}")
     glued = [joint for joint in report["joints"] if joint["glued"]]
     if glued:
-        least = min(glued, key=lambda joint: float(joint["area_mm2"]))
+        small = min(glued, key=lambda joint: float(joint["area_mm2"]))
         lines.append(
-            f"{len(glued)} joints; the smallest, {least['a']} to {least['b']}, has "
-            f"{least['area_mm2']:.0f} mm2 of glue and is {least['width_mm']:.1f} mm wide"
+            f"{len(glued)} joints; the smallest, {small['a']} to {small['b']}, has "
+            f"{small['area_mm2']:.0f} mm2 of glue and is {small['width_mm']:.1f} mm wide"
         )
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
     warnings += [f"{part['id']} may not stand while it is printed" for part in parts if not part["stands"]]

@@ -83,7 +83,7 @@ def test_too_few_printers_are_told_how_many_would_do(
     with pytest.raises(NoFit, match="no-bed has no room"):
         decompose(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE, cost)
     with pytest.raises(NoFit, match="mm each way would do"):
-        decompose(ball, [PrinterRoom("toy", ((5.0, 5.0, 5.0),))], COARSE, cost)
+        decompose(ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE, cost)
 
 
 def test_a_printer_may_be_there_for_several_rounds(

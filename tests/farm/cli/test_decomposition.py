@@ -32,7 +32,7 @@ def report(**more: Any) -> dict[str, Any]:
 def test_a_good_result() -> None:
     assert decomposition_lines(report(), 4, Path("out")) == [
         "3 parts: 1h00 on 4 printers, 2h30 on one large one; E 0.75",
-        "By guillotine. No partition on this grid ends before 55 min (gap 8%).",
+        "By guillotine: at most 8% above the least that is possible, by cuts along its grid",
         "2 joints; the smallest, p01 to p02, has 120 mm2 of glue and is 8.0 mm wide",
         "In out: p01.stl to p03.stl, assembly.png, assembly.glb, decomposition.json",
     ]
