@@ -27,10 +27,13 @@ from farm.model import (
 )
 from farm.paths import StateFolder
 from farm.tracking.account import job_account, took_s
+from farm.tracking.asks import asks
 from farm.tracking.books import Books
 
 _PASSING_HOLDS = {
-    HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING
+    HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
+    HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
+    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST,
 }  # fmt: skip
 
 
@@ -200,7 +203,7 @@ def todo(scene: Scene) -> list[api.Todo]:
         beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
-    return [*looks, *absent, *paused, *clear]
+    return [*looks, *absent, *paused, *clear, *asks(scene.books)]
 
 
 def _when(scene: Scene, printer: str) -> str:

@@ -15,6 +15,7 @@ from farm.paths import StateFolder
 from farm.services.models import Inspected
 from farm.services.planning import Plan
 from farm.tracking import events as ev
+from farm.tracking.view import job_view, todo
 from make_books import plan as planned
 from one_core import MODEL, Farm
 
@@ -187,3 +188,19 @@ def test_the_night_of_a_held_job_is_foreseen(farm, state):
     assert night.grams == pytest.approx(9.0)
     assert night.lower_bound_s <= night.makespan_s
     assert farm.core.books.job(number).estimated_s == pytest.approx(night.makespan_s)
+
+
+def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, state, monkeypatch):
+    monkeypatch.setattr(module, "mistake_in", lambda section: None)
+    first = submit(farm, hold=True)
+    farm.core.planned(first, plan_for(first, state))
+    for name in "ab":
+        asyncio.run(Ahead(farm.core, state).load(name, LoadRequest(grams=4.0)))
+    second = submit(farm, "s")
+    farm.core.planned(second, plan_for(second, state, plates=1))
+    scene = farm.core.scene(state)
+    assert [(item.code, item.text) for item in todo(scene)] == [
+        ("approve", f"approve job {first} (2 parts, 0.006 kg): `farm approve {first}`"),
+        ("reel", "a has 4 g, it needs 8 g: load a reel, then `farm load a`"),
+    ]
+    assert [job_view(scene, farm.core.books.job(n)).waits_for_person for n in (first, second)] == [True] * 2
