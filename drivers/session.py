@@ -308,7 +308,8 @@ class Session(Identifying):
             self.link.halt()
             yield Wait(lambda: self.link.drained)
             start = self.link.streamed
-            yield from self._pause(program, start)
+            if self._pausable():  # the line that was under way may have ended the heat
+                yield from self._pause(program, start)
 
     def _lines(self, start: int, stop: int) -> list[bytes]:
         """Lines for the link. Once some cannot be had there are no more: none must be left out."""

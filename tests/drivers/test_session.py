@@ -576,3 +576,19 @@ def test_a_board_that_nothing_resets_and_that_falls_silent_loses_its_mains():
     rig = Rig(Faults(no_reset=True, silent_after=150)).run()
     assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.NO_ANSWER)
     assert rig.session.wants_power_off and not rig.session.heaters_off
+
+
+@pytest.mark.parametrize("steps", range(12))
+def test_a_pause_that_comes_while_the_file_ends_its_heat_pushes_no_cold_filament(steps: int):
+    ends = Rig().program.lines(0, 10_000).index(b"M104 S0")
+    rig = Rig().printing(ends - 2)
+    for _ in range(steps):
+        rig.step()
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.pause_ends_s is not None or rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.streamed <= ends or rig.session.phase is not PrintPhase.PAUSED
+    cold_s = rig.now_s + 900.0
+    rig.run(until=lambda: rig.now_s > cold_s)
+    rig.session.resume(rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
