@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from farm import api
 from farm.cli import follow, night, render
 from farm.cli.client import Client
+from farm.cli.count import count_or_auto
 from farm.cli.operate import FleetFile, Socket, State
 from farm.cli.words import say
 from farm.errors import ErrorCode, FarmError, Refused
@@ -51,7 +52,7 @@ def submit(
         raise typer.BadParameter("--at and --overnight exclude each other", param_hint="--overnight")
     try:
         options = JobOptions(
-            printers=_count(printers),
+            printers=count_or_auto(printers),
             longest_side_mm=longest_side,
             scale=scale,
             engine=engine,
@@ -118,11 +119,3 @@ def _dry_run(client: Client, number: int, json: bool) -> None:
         if not JobState(client.job(number).job.state).ended:
             client.cancel(number)
     print(seen.model_dump_json(by_alias=True, indent=2)) if json else night.show(seen)
-
-
-def _count(printers: str) -> int | None:
-    if printers == "auto":
-        return None
-    if not printers.isdigit() or int(printers) < 1:
-        raise typer.BadParameter("a number from 1, or auto", param_hint="--printers")
-    return int(printers)
