@@ -187,12 +187,14 @@ def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
         **{name: st.sampled_from([0, 0, 0, 0, 30, 450, 600]) for name in AFTER},
     ),
     cancel_s=st.sampled_from([math.inf, 5.0, 300.0, 600.0]),
-    pause_s=st.sampled_from([math.inf, 250.0, 500.0]),
+    pause_s=st.just(math.inf) | st.floats(200.0, 700.0),
+    unplug_s=st.sampled_from([math.inf, math.inf, 300.0, 500.0]),
+    back_s=st.sampled_from([2.0, 20.0, 100.0]),
     seed=st.integers(0, 1000),
 )
 @settings(max_examples=120, deadline=None)
 def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
-    faults: Faults, cancel_s: float, pause_s: float, seed: int
+    faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, back_s: float, seed: int
 ):
     """Heaters off, or somebody told to cut the mains; and a print that is said to be done was made."""
     rig = Rig(faults, text=gcode(150), seed=seed)
@@ -200,6 +202,10 @@ def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
     while not session.ended:
         rig.step()
         passed_s = rig.now_s - 1000.0
+        if passed_s > unplug_s:
+            unplug_s, rig.plugged, rig.back_s = math.inf, False, rig.now_s + back_s
+            rig.link.closed()
+            session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
         if passed_s > cancel_s:
             session.cancel("no more", rig.now_s)
         if passed_s > pause_s and not paused:
