@@ -157,7 +157,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--dataset", type=Path, help="read where it is there, written where not")
     parser.add_argument("--models", type=Path, help="a folder of more models")
-    parser.add_argument("--parts", type=int, default=4, help="of each model and number of printers")
+    parser.add_argument("--parts", type=int, default=2, help="of each model and number of printers")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--cache", type=Path, help="a folder that keeps slices")
     parser.add_argument("--json", action="store_true", help="one object on stdout")

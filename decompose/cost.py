@@ -44,19 +44,19 @@ rectangle and, where a part is looked at closely, its islands and, in place of `
 it really has (`decompose.columns`)."""
 
 FACTORS: Mapping[str, float] = {
-    "infill": 1.006,
+    "infill": 1.005,
     "walls": 1.0,
-    "connections": 0.36,
-    "skin": 0.995,
-    "skin rim": 5.2,
-    "slope ends": 2.16,
-    "columns": 1.15,
-    "support": 1.06,
-    "support sides": 0.715,
-    "islands": 0.86,
-    "brim": 0.96,
-    "infill ends": 0.756,
-    "travel": 0.974,
+    "connections": 0.361,
+    "skin": 1.005,
+    "skin rim": 6.1,
+    "slope ends": 2.0,
+    "columns": 1.26,
+    "support": 1.054,
+    "support sides": 0.701,
+    "islands": 1.07,
+    "brim": 0.963,
+    "infill ends": 0.808,
+    "travel": 0.868,
 }
 """What the seconds of each term of `terms` are multiplied by: one set for all settings.
 
@@ -197,9 +197,9 @@ class CostModel:
     + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in
     mm2, H the height in mm. Where a part's columns are known, `support_seconds` takes the place of O.
 
-    Held out by model, over parts that the decomposition makes, a part with its own supports errs by 2.6 %
-    on average, and in each of five settings by 3.2 % at most, also where three of them are not fitted on;
-    the tables, with supports down to the bed, by 4.1 % (bench/print_time_model.py, bench/print_time.csv).
+    Held out by model, over parts that the decomposition makes, a part with its own supports errs by 1.5 % on
+    average, and in each of five settings by 2.3 % at most, also where three of them are not fitted on; the
+    tables, with supports down to the bed, by 2.8 % (bench/print_time_model.py, bench/print_time.csv).
     """
 
     fixed_s: float
