@@ -13,10 +13,7 @@ from farm.model import (
     FilamentState,
     Hold,
     HoldCode,
-    Job,
     JobState,
-    Outage,
-    Plate,
     Print,
     Printer,
     PrintState,
@@ -24,12 +21,21 @@ from farm.model import (
 )
 from farm.tracking import events as ev
 from farm.tracking.books import Books, edited, put
+from farm.tracking.consequences import (
+    BY_A_PERSON,
+    Result,
+    end_job,
+    give_up,
+    lose,
+    settle,
+    soil,
+    stop_print,
+)
 from farm.tracking.factor import learned
-from farm.tracking.outage import LOSSES, lost_together
-from farm.tracking.outcome import Standing, failures, job_state, printed
+from farm.tracking.outage import LOSSES
+from farm.tracking.outcome import printed
 from farm.tracking.reels import less, used_grams
 
-BY_A_PERSON = "cancelled by a person"
 BY_THE_DAMAGE = "the books were restored"
 BY_A_PERSON_FAULT = "by_a_person"
 """The fault of a print that a person saw go wrong."""
@@ -42,8 +48,6 @@ _RESTORED = Hold(
     text="the books were damaged and restored from a copy: look what of it is printed, `farm cancel` those "
     "parts, then `farm approve` lets the rest be printed",
 )
-
-Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
 
 @singledispatch
@@ -116,18 +120,18 @@ def _(event: ev.JobApproved, books: Books) -> Result:
     job = books.job(event.job)
     if job.state is not JobState.HELD:
         return books, ()
-    return _settle(put(books, edited(job, state=JobState.PRINTING, hold=None)), job.id, event.at_s), ()
+    return settle(put(books, edited(job, state=JobState.PRINTING, hold=None)), job.id, event.at_s), ()
 
 
 @apply.register
 def _(event: ev.JobFailed, books: Books) -> Result:
-    return _end_job(books, event.job, JobState.FAILED, event.at_s, event.error, event.reason)
+    return end_job(books, event.job, JobState.FAILED, event.at_s, event.error, event.reason)
 
 
 @apply.register
 def _(event: ev.JobCancelled, books: Books) -> Result:
     planning = books.job(event.job).state is JobState.PLANNING
-    books, instructions = _end_job(
+    books, instructions = end_job(
         books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, BY_A_PERSON
     )
     return books, (ev.StopPlanning(job=event.job), *instructions) if planning else instructions
@@ -164,7 +168,7 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
     paused = attempt.paused or event.state is PrintState.PAUSED
     attempt = edited(attempt, state=event.state, started_s=started_s, extruded=extruded, paused=paused)
     books = put(books, attempt)
-    return (_soil(books, attempt.printer) if extruded else books), ()
+    return (soil(books, attempt.printer) if extruded else books), ()
 
 
 @apply.register
@@ -215,10 +219,10 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     books = put(books, attempt, printer)
     # A print that failed may have extruded without anybody having seen it.
     if attempt.extruded or state is PrintState.FAILED:
-        books = _soil(books, attempt.printer)
-    books = _settle(books, attempt.job, event.at_s)
+        books = soil(books, attempt.printer)
+    books = settle(books, attempt.job, event.at_s)
     if state is PrintState.FAILED and fault in LOSSES:
-        books = _lost(books, attempt.printer, event.ended_s, event.at_s)
+        books = lose(books, attempt.printer, event.ended_s, event.at_s)
     return books, (forget,)
 
 
@@ -232,7 +236,7 @@ def _(event: ev.BedCleared, books: Books) -> Result:
     books = put(books, edited(printer, bed=Bed.CLEAR, look=None, filament=filament))
     if judged is not None:
         books = put(books, edited(judged, verdict=event.verdict, verdict_why=event.why))
-        books = _settle(books, judged.job, event.at_s)
+        books = settle(books, judged.job, event.at_s)
     return books, (ev.SendCleared(printer=printer.name, filament=event.filament),)
 
 
@@ -241,15 +245,15 @@ def _(event: ev.PrintFailAsked, books: Books) -> Result:
     attempt = books.prints[event.print_id]
     if attempt.state.ended or attempt.cancel_asked is not None:
         return books, ()
-    stopped, stop = _stop(edited(attempt, fail_asked=event.why), event.why)
+    stopped, stop = stop_print(edited(attempt, fail_asked=event.why), event.why)
     return put(books, stopped), (stop,)
 
 
 @apply.register
 def _(event: ev.PlateCancelled, books: Books) -> Result:
     plate = books.plates[event.plate]
-    books, stops = _give_up(books, plate, BY_A_PERSON)
-    return _settle(books, plate.job, event.at_s), stops
+    books, stops = give_up(books, plate, BY_A_PERSON)
+    return settle(books, plate.job, event.at_s), stops
 
 
 @apply.register
@@ -259,7 +263,7 @@ def _(event: ev.ReprintAsked, books: Books) -> Result:
     if done is not None:
         books = put(books, edited(done, verdict=Verdict.BAD, verdict_why=event.why))
     books = put(books, edited(plate, cancelled=False, counted_from=len(plate.prints)))
-    return _settle(books, plate.job, event.at_s, again=True), ()
+    return settle(books, plate.job, event.at_s, again=True), ()
 
 
 @apply.register
@@ -284,7 +288,7 @@ def _(event: ev.MaintenanceDone, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.PrinterLost, books: Books) -> Result:
-    return _lost(books, event.printer, event.at_s, event.at_s), ()
+    return lose(books, event.printer, event.at_s, event.at_s), ()
 
 
 @apply.register
@@ -333,88 +337,3 @@ def _(event: ev.PrinterDoubted, books: Books) -> Result:
     printer = books.printer(event.printer)
     doubted = edited(printer, bed=Bed.UNKNOWN, filament=FilamentState.UNKNOWN, look=event.reason)
     return put(books, doubted), ()
-
-
-def _settle(books: Books, number: int, at_s: float, again: bool = False) -> Books:
-    """The state that a job's plates give it; `again` also one that was cancelled."""
-    job = books.jobs[number]
-    if not job.plates or (job.state is JobState.CANCELLED and not again):
-        return books
-    if job.state is JobState.HELD:  # what is left of its plan is still frozen
-        return books
-    state = job_state([books.standing(plate) for plate in books.plates_of(job)])
-    ends_s = [p.ended_s or 0.0 for plate in books.plates_of(job) if (p := printed(books.prints_of(plate)))]
-    error, reason, ended_s = None, None, None
-    match state:
-        case JobState.PRINTED | JobState.DONE:
-            ended_s = max(ends_s)
-        case JobState.CANCELLED:
-            error, reason, ended_s = ErrorCode.CANCELLED, BY_A_PERSON, at_s
-        case JobState.FAILED:
-            error, reason, ended_s = ErrorCode.ATTEMPTS, _why_failed(books, job), at_s
-    if state is job.state and state is not JobState.PRINTED:
-        return books
-    return put(books, edited(job, state=state, error=error, reason=reason, ended_s=ended_s))
-
-
-def _why_failed(books: Books, job: Job) -> str:
-    lost = [p for p in books.plates_of(job) if books.standing(p) is Standing.OUT_OF_ATTEMPTS]
-    failed = failures(lost[0], books.prints_of(lost[0]))
-    more = f" (and {len(lost) - 1} more plates)" if len(lost) > 1 else ""
-    return (
-        f"plate {lost[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "
-        f"{failed[-1].reason or failed[-1].fault}{more}"
-    )
-
-
-def _stop(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
-    stopped = edited(attempt, cancel_asked=attempt.cancel_asked or reason)
-    return stopped, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
-
-
-def _give_up(books: Books, plate: Plate, reason: str) -> Result:
-    """Never try a plate again, unless a person asks; end its print where it is being printed."""
-    if books.standing(plate) in (Standing.PRINTED, Standing.GOOD, Standing.CANCELLED):
-        return books, ()
-    stopped = [_stop(p, reason) for p in books.prints_of(plate) if not p.state.ended]
-    books = put(books, edited(plate, cancelled=True, hold=None), *(attempt for attempt, _ in stopped))
-    return books, tuple(instruction for _, instruction in stopped)
-
-
-def _end_job(
-    books: Books, number: int, state: JobState, at_s: float, error: ErrorCode, reason: str
-) -> Result:
-    job = books.job(number)
-    if job.state.ended:
-        return books, ()
-    instructions: list[ev.AnyInstruction] = []
-    for plate in books.plates_of(job):
-        books, stops = _give_up(books, plate, reason)
-        instructions += stops
-    job = edited(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
-    return put(books, job), tuple(instructions)
-
-
-def _lost(books: Books, name: str, lost_s: float, at_s: float) -> Books:
-    """A printer is gone; where others went with it, it is an outage, and no plate's fault."""
-    books = put(books, edited(books.printer(name), lost_s=lost_s))
-    together = lost_together(name, books.printers.values())
-    if len(together) < 2:
-        return books
-    outage = books.outage or Outage(id=len(books.outages) + 1, at_s=lost_s, printers=())
-    books = put(books, edited(outage, printers=tuple(sorted({*outage.printers, *together}))))
-    jobs = set()
-    for attempt in list(books.prints.values()):
-        printer = books.printers.get(attempt.printer)
-        if attempt.printer in together and printer is not None and attempt.ended_s == printer.lost_s:
-            books = put(books, edited(attempt, charged=False))
-            jobs.add(attempt.job)
-    for number in sorted(jobs):
-        books = _settle(books, number, at_s)
-    return books
-
-
-def _soil(books: Books, printer: str) -> Books:
-    """Something may lie on the bed; what is unknown stays unknown."""
-    entry = books.printers[printer]
-    return put(books, edited(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books

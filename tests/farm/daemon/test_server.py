@@ -203,3 +203,27 @@ def test_status_has_the_fields_that_are_promised(daemon):
 def test_down_goes_down(daemon):
     assert ask(daemon, "POST", "/down", json={"now": True}).status_code == 200
     assert daemon.state.went_down == [True]
+
+
+def test_what_a_person_asks_of_prints_goes_to_the_desk(daemon):
+    said = {"why": "a new belt", "by": "ann"}
+    assert ask(daemon, "POST", "/printers/a/maintenance", json=said).status_code == 200
+    printer = ask(daemon, "GET", "/status").json()["printers"][0]
+    assert (printer["state"], printer["maintenance"]) == ("maintenance", "a new belt")
+    assert ask(daemon, "POST", "/printers/a/maintained", json=said).status_code == 200
+    submit(daemon, stl())
+    assert ask(daemon, "POST", "/jobs/1/pause").status_code == 200
+    assert ask(daemon, "GET", "/jobs/1").json()["job"]["paused"]
+    assert ask(daemon, "POST", "/jobs/1/resume").status_code == 200
+    for path in (
+        *("/printers/a/fail", "/printers/a/cancel", "/printers/a/maintained", "/outage/confirm"),
+        *("/jobs/1/resume", "/printers/a/cleared"),
+    ):
+        body = None if path.startswith("/jobs") else {**said, **({"bad": True} if "cleared" in path else {})}
+        answer = ask(daemon, "POST", path, json=body)
+        assert (answer.status_code, answer.json()["exit_code"]) == (409, 5), path
+    for path in ("/jobs/1/parts/p9/reprint", "/jobs/1/parts/p9/cancel", "/jobs/7/pause", "/printers/z/fail"):
+        assert ask(daemon, "POST", path, json=said).status_code == 404, path
+    assert ask(daemon, "POST", "/jobs/1/parts/p9/pause").status_code == 404
+    assert ask(daemon, "GET", "/history").json() == {"schema": 1, "prints": []}
+    assert ask(daemon, "GET", "/history?job=7").status_code == 404

@@ -6,7 +6,7 @@ from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
-from make_books import fleet, job, plan
+from make_books import fleet, job, plan, printing
 
 
 def test_the_store_gives_back_what_was_committed(tmp_path):
@@ -41,6 +41,21 @@ def test_books_that_are_no_database_are_named(tmp_path):
     (tmp_path / "farm.db").write_text("these are not the books that you are looking for" * 50)
     with pytest.raises(StoreError, match="cannot be opened"):
         Store(tmp_path / "farm.db")
+
+
+def test_books_of_the_first_form_are_brought_up_to_date(tmp_path):
+    import sqlite3
+
+    path = tmp_path / "farm.db"
+    books = printing(plates=1)
+    with Store(path) as store:
+        store.commit(plan(), Books(), books)
+    with sqlite3.connect(path) as db:  # a verdict was the part's
+        db.execute("UPDATE part SET body = json_set(body, '$.verdict', NULL)")
+        db.execute("PRAGMA user_version = 1")
+    db.close()
+    with Store(path) as store:
+        assert store.load() == books
 
 
 def test_a_row_that_cannot_be_read_is_named(tmp_path):
