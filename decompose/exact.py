@@ -96,7 +96,7 @@ class _Search:
         for _ in range(MOST_ROUNDS):
             if self.problem.expired() or len(self.mends) == MOST_MENDS:
                 break
-            chosen = improved(self.boxes, best, len(self.problem.printers))
+            chosen = improved(self.boxes, best, len(self.problem.printers), expired=self.problem.expired)
             if chosen == best:
                 break
             if self._more_pieces(chosen) or self._mended(chosen):
@@ -145,7 +145,8 @@ class _Search:
         if self.mends:
             return NoFit(
                 f"no way to cut it holds together; of {len(self.mends)} the last was given up since a part "
-                f"{self.mends[-1]}: take a lower --min-glue, another --granularity or more printers"
+                f"{self.mends[-1]}: take more printers, a greater --longest-side, or (farm decompose) a "
+                "lower --min-glue"
             )
         printers = len(problem.printers)
         needed = self.solver.parts(sys.float_info.max)  # below inf, which stands for no fit
