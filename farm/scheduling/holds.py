@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from farm.model import Hold, HoldCode
 from farm.scheduling.rules import Rules, short_of_filament
-from farm.scheduling.snapshot import PlateView, PrinterView
+from farm.scheduling.snapshot import Kind, PlateView, PrinterView
 
 _NAMED = 4  # printers that a sentence names; the rest is counted
 
@@ -39,7 +39,9 @@ class Reasons:
         self._rules, self._now_s, self._full = rules, now_s, full
         self._obstacles = {name: printer.obstacle() for name, printer in fleet.items()}
         self._kinds = tuple(dict.fromkeys(printer.kind for printer in fleet.values()))
+        self._having: dict[tuple[Kind, ...], tuple[str, ...]] = {}  # the printers that are not of these kinds
         self._busy: dict[tuple[str, ...], Hold | None] = {}
+        self._idle = frozenset(n for n, hold in self._obstacles.items() if hold is None) - given
 
     def no_place(self) -> Hold:
         return Hold(
@@ -49,28 +51,30 @@ class Reasons:
 
     def why(self, plate: PlateView) -> Hold:
         """Why it waits. What ends by itself comes first, with what a person could do to end it sooner."""
-        fits = {kind: plate.need.matches(kind) for kind in self._kinds}
-        names = [name for name, printer in self._fleet.items() if fits[printer.kind]]
+        lacking = tuple(kind for kind in self._kinds if not plate.need.matches(kind))
+        if lacking not in self._having:
+            self._having[lacking] = tuple(n for n, p in self._fleet.items() if p.kind not in lacking)
+        names = self._having[lacking]
         if not names:
             asked = plate.need.words() or "nothing asked"
             return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {asked}")
-        lacking = tuple(kind for kind, fit in fits.items() if not fit)
         needs = plate.need.words(lacking) if lacking else ""
         hold = self._among(plate, names)
         return Hold(code=hold.code, text=f"needs {needs}: {hold.text}") if needs else hold
 
-    def _among(self, plate: PlateView, names: list[str]) -> Hold:
-        idle = [n for n in names if self._obstacles[n] is None and n not in self._given]
-        held = [hold for n in idle if (hold := self._held(plate, n)) is not None]
-        passing = [hold for hold in held if hold.code is not HoldCode.REEL_TOO_SHORT]
+    def _among(self, plate: PlateView, names: tuple[str, ...]) -> Hold:
+        short: Hold | None = None
+        for name in names if self._idle else ():
+            held = self._held(plate, name) if name in self._idle else None
+            if held is not None and held.code is not HoldCode.REEL_TOO_SHORT:
+                return held  # it passes by itself
+            short = short or held
         busy = self._printing(names)
-        if passing:
-            return passing[0]
         if busy is not None:
-            return Hold(code=busy.code, text=f"{busy.text}; {held[0].text}") if held else busy
+            return Hold(code=busy.code, text=f"{busy.text}; {short.text}") if short else busy
         planned = self._obstacles.get(plate.planned) if plate.planned in names else None
         first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
-        return planned or (held[0] if held else first) or _given_away()
+        return planned or short or first or _given_away()
 
     def _held(self, plate: PlateView, name: str) -> Hold | None:
         """Why it does not go to a printer that is idle and clear."""
@@ -90,14 +94,13 @@ class Reasons:
             )
         return None
 
-    def _printing(self, names: list[str]) -> Hold | None:
+    def _printing(self, names: tuple[str, ...]) -> Hold | None:
         """Which of these print, until when the first of them does, and what could be used before that."""
-        key = tuple(names)
-        if key not in self._busy:
-            self._busy[key] = self._printing_now(names)
-        return self._busy[key]
+        if names not in self._busy:
+            self._busy[names] = self._printing_now(names)
+        return self._busy[names]
 
-    def _printing_now(self, names: list[str]) -> Hold | None:
+    def _printing_now(self, names: tuple[str, ...]) -> Hold | None:
         obstacles = {n: hold for n in names if (hold := self._obstacles[n]) is not None}
         busy = [n for n, hold in obstacles.items() if hold.code is HoldCode.PRINTER_BUSY]
         if not busy:

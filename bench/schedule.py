@@ -1,0 +1,114 @@
+"""Scheduling: how long one answer takes, and how far a foreseen night ends above its lower bound.
+
+Usage: python -m bench.schedule [--printers N] [--plates N] [--json]
+
+A fleet of which half the printers print and a queue of plates of random times, some of which fit the tall
+printers only. `assign_ms` and `forecast_ms` are the best of three; `over_bound` is the end of the forecast
+of one job over its lower bound, where somebody is always there (the bound leaves clearing beds out).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from zoneinfo import ZoneInfo
+
+from farm.model import Bed, FilamentState, Link
+from farm.scheduling.assign import assign
+from farm.scheduling.forecast import forecast
+from farm.scheduling.hours import Hours
+from farm.scheduling.rules import Rules
+from farm.scheduling.snapshot import Kind, Need, PlateView, PrinterView
+from farm.windows import parse_window
+
+NOW_S = 1_790_000_000.0
+LOW = Kind(((-111.0, -104.0, 111.0, 102.0, 205.0),), "generic_pla", None, 0.4)
+TALL = Kind(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", None, 0.4)
+
+
+def fleet(count: int, busy: bool) -> list[PrinterView]:
+    """Every third printer tall; where `busy`, every other one prints for some hours more."""
+    return [
+        PrinterView(
+            name=f"um2-{number:03d}",
+            kind=TALL if number % 3 == 0 else LOW,
+            bed=Bed.CLEAR,
+            filament=FilamentState.PARKED,
+            link=Link.READY,
+            booked=busy and number % 2 == 0,
+            look=None,
+            free_s=NOW_S + 3600.0 * (number % 7) if busy and number % 2 == 0 else None,
+            grams=500.0 if number % 5 else None,
+        )
+        for number in range(count)
+    ]
+
+
+def queue(count: int, rng: random.Random) -> list[PlateView]:
+    """Plates of ten jobs."""
+    plates = []
+    for number in range(count):
+        height = 250.0 if rng.random() < 0.2 else 100.0
+        plates.append(
+            PlateView(
+                id=f"{number % 10}/{number:04d}",
+                need=Need("generic_pla", None, 0.4, (-50.0, -50.0, 50.0, 50.0, height)),
+                job=number % 10,
+                planned=f"um2-{rng.randrange(100):03d}",
+                estimated_s=rng.uniform(1800.0, 36000.0),
+                heating_s=300.0,
+                first_layer_s=600.0,
+                grams=rng.uniform(5.0, 150.0),
+            )
+        )
+    return plates
+
+
+def best_ms(work: Callable[[], object]) -> float:
+    """The best of three."""
+    times = []
+    for _ in range(3):
+        begun = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - begun)
+    return min(times) * 1000
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--printers", type=int, default=100)
+    parser.add_argument("--plates", type=int, default=1000)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    zone = ZoneInfo("Europe/London")
+    hours = Hours((parse_window("mon-fri 08:00-18:00"),), zone)
+    house = Rules(hours, Hours((), zone), first_layers_attended=False, max_heating=20)
+    free = Rules(Hours((), zone), Hours((), zone))
+    plates = queue(given.plates, random.Random(1))
+    busy, idle = fleet(given.printers, busy=True), fleet(given.printers, busy=False)
+    unlimited = [replace(printer, grams=None) for printer in idle]
+    seen = forecast([replace(plate, job=1) for plate in plates], unlimited, free, NOW_S)
+    report = {
+        "schema": 1,
+        "printers": given.printers,
+        "plates": given.plates,
+        "assign_ms": best_ms(lambda: assign(plates, busy, house, NOW_S)),
+        "forecast_ms": best_ms(lambda: forecast(plates, unlimited, free, NOW_S)),
+        "over_bound": (seen.ends_s - NOW_S) / (seen.lower_bound_s - NOW_S) - 1,
+    }
+    if given.json:
+        print(json.dumps(report))
+        return
+    print(
+        f"{given.plates} plates, {given.printers} printers: assigned in {report['assign_ms']:.0f} ms, ",
+        end="",
+    )
+    print(f"foreseen in {report['forecast_ms']:.0f} ms, {report['over_bound']:.1%} above the lower bound")
+
+
+if __name__ == "__main__":
+    main()
