@@ -65,7 +65,7 @@ def joints(pieces: Sequence[Cut]) -> list[Joint]:
     """All joints, by the numbers of the pieces."""
     sides: dict[tuple[float, ...], list[tuple[int, shapely.Geometry]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
-        for plane, face in _cut_sides(piece.solid, piece.planes):
+        for plane, face in _cut_sides(piece.solid, piece.planes).items():
             sides[plane].append((number, face))
     found: dict[tuple[int, int], list[shapely.Geometry]] = defaultdict(list)
     for faces in sides.values():
@@ -138,10 +138,10 @@ def _groups(count: int, touching: Sequence[Joint]) -> npt.NDArray[np.int64]:
     return components(count, pairs[:, 0], pairs[:, 1])
 
 
-def _cut_sides(solid: Solid, planes: Floats) -> list[tuple[tuple[float, ...], shapely.Geometry]]:
-    """The faces of a solid on each plane, as one geometry in its coordinates; and the plane's name."""
+def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.Geometry]:
+    """The faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
     vertices, faces = solid.arrays()
-    found = []
+    found: dict[tuple[float, ...], shapely.Geometry] = {}
     for plane in planes:
         on = np.abs(vertices @ plane[:3] - plane[3]) < ON_PLANE_MM
         flat = faces[on[faces].all(axis=1)]
@@ -155,7 +155,7 @@ def _cut_sides(solid: Solid, planes: Floats) -> list[tuple[tuple[float, ...], sh
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         whole = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if whole.area > 0.0:
-            found.append((tuple(float(v) for v in name), whole))
+            found[tuple(float(v) for v in name)] = whole
     return found
 
 

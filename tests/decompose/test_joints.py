@@ -44,6 +44,13 @@ def test_two_halves() -> None:
     assert joint.width_mm == pytest.approx(30.0, rel=0.02)
 
 
+def test_a_plane_that_is_given_twice_counts_once() -> None:
+    one, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    twice = Piece(one.solid, np.concatenate([one.planes, -one.planes]), one.boxes_mm)
+    (joint,) = joints([twice, other])
+    assert joint.area_mm2 == pytest.approx(1200.0)
+
+
 def test_a_frame_is_as_wide_as_its_rim() -> None:
     frame = block((0, 0, 0), (60, 60, 30)).subtract(block((4, 4, -1), (56, 56, 31)))
     pieces = cut(frame, z=(15.0,))
