@@ -31,6 +31,7 @@ ROUNDS = 40  # of column generation
 CLOSE = 0.005  # a bound this close to what can be proven so is good enough
 SMOOTH = 0.5  # share of the best weights so far in those that are priced: dual solutions jump about
 IDLE = 0.8  # a box that holds less than this share of what it may is left out of the next programme
+LARGE = 1000  # boxes in a programme, beyond which such are left out
 MOST_BLOCKS = 600  # cells share a weight in blocks, so that the programme stays small
 
 
@@ -127,8 +128,8 @@ class _Master:
         """(nx, ny, nz) The dual solution: weights whose sum is greatest while no box overruns.
 
         Only boxes that were added and take at most limit_s count. Each block may be covered alone, as a part.
-        Boxes that are far from overrun are dropped, so that the programme stays small; should later weights
-        overrun one, it is added again.
+        Of many boxes those that are far from overrun are dropped, so that the programme stays small; should
+        later weights overrun one, it is added again.
         """
         columns = [at for at in self._shares if self._boxes.seconds[at] <= limit_s]
         count = len(self._cells)
@@ -143,8 +144,9 @@ class _Master:
         if solved.status == 0:
             each = np.clip(-solved.ineqlin.marginals, 0.0, 1.0)
             held = (cover.T @ each)[: len(columns)] / parts[: len(columns)]
-            for at in np.array(columns, dtype=np.int64)[held < IDLE].tolist():
-                del self._shares[at]
+            if len(columns) > LARGE:
+                for at in np.array(columns, dtype=np.int64)[held < IDLE].tolist():
+                    del self._shares[at]
             spread[self._needed] = (each / self._cells)[self._block[self._needed]]
         return spread
 
