@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
@@ -46,7 +47,8 @@ def history(
         used = f"{mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
         name = row.name[:20]
         table.add_row(moment(row.ended), row.printer, row.part, name, span(row.took_s), off, used, outcome)
-    console = Console(highlight=False, soft_wrap=True)
+    wide = None if sys.stdout.isatty() else 200
+    console = Console(highlight=False, soft_wrap=True, width=wide)
     console.print(table)
     lost = [row for row in past.prints if row.wasted]
     console.print(

@@ -91,7 +91,7 @@ def night(books: Books, recent: Iterable[Print], now_s: float) -> Night | None:
     ended = [p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None]
     if not ended:
         return None
-    done = {p.plate for p in ended if p.state is PrintState.DONE}
+    done = {p.plate for p in ended if not wasted(p)}
     failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
     printing = {p.plate for p in books.open_prints()} - done
     waiting = {plate.id for plate in books.waiting_plates()} - done - failed

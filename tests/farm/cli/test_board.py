@@ -38,6 +38,7 @@ def test_what_has_been_looked_at_is_good_or_bad():
     )
     view, scene = status_of(books), scene_of(books)
     assert (view.jobs[0].printed, view.jobs[0].good) == (2, 2)
+    assert (view.night.printed, view.night.plates, view.night.waiting) == (2, 5, 1)
     assert view.jobs[0].wasted_grams == pytest.approx(3.0 + 3.0 * 35 / 90)
     rows = history(scene, job=1)
     assert [(row.printer, row.wasted) for row in rows] == [
