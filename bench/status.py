@@ -1,6 +1,6 @@
 """How soon `farm status` is answered with many printers and jobs in the books: the daemon's own HTTP interface.
 
-    python -m bench.status --json
+python -m bench.status --json
 """
 
 from __future__ import annotations
