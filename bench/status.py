@@ -1,4 +1,4 @@
-"""How soon `farm status` is answered with many printers and jobs in the books: the daemon's own HTTP interface.
+"""How soon the daemon answers `farm status` with many printers and jobs in the books.
 
 python -m bench.status --json
 """
@@ -99,7 +99,8 @@ def snapshot(printer: str, books: Books) -> AgentSnapshot:
     if attempt is not None:
         said = AgentPrint(
             print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=600.0,
-            print_time_s=HOUR_S, extruded=True, started_s=attempt.started_s, ended_s=None, layer=80, layers=500,
+            print_time_s=HOUR_S, extruded=True, started_s=attempt.started_s, ended_s=None,
+            layer=80, layers=500,
         )  # fmt: skip
     return AgentSnapshot(
         printer=printer, link=Link.BUSY if said else Link.READY, agent_pid=1, nozzle_c=210.0, bed_c=60.0,
