@@ -205,10 +205,12 @@ def makespan_bound(
         grew = master.add((a, b, c, d, e, f) for a, b, c, d, e, f in corners) > 0
         if low.seconds >= limit:
             limit, best_sum = (low.seconds + high) / 2.0, 0.0
+            grew = True  # nothing was priced at this limit yet
         if high <= low.seconds * (1.0 + CLOSE):
             break
         weights = master.weights(limit)
         if weights.sum() <= printers + 1e-6 or not (grew or smooth):  # no weights refute this limit
             high, limit, best_sum = limit, (low.seconds + limit) / 2.0, 0.0
+            grew = True  # as above
         smooth = SMOOTH if grew else 0.0
     return low
