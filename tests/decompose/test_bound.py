@@ -6,11 +6,13 @@ import math
 from functools import cache
 
 import numpy as np
+import pytest
 from box_tables import Shape, every_box, tables
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from decompose import bound as bound_module
 from decompose.bound import CLOSE, Bound, makespan_bound
 from decompose.boxes import Box, Boxes, box_index
 from decompose.guillotine import Partitioner
@@ -122,3 +124,14 @@ def test_a_row_of_like_cells_is_bounded_by_the_longest_share() -> None:
         boxes.seconds[at] = 10.0 * (box[3] - box[0])
     split: list[Box] = [(0, 0, 0, 3, 1, 1), (3, 0, 0, 6, 1, 1), (6, 0, 0, 7, 1, 1)]
     assert makespan_bound(boxes, needed, 3, split, 30.0).seconds == 30.0
+
+
+def test_boxes_that_are_dropped_cost_the_bound_little(monkeypatch: pytest.MonkeyPatch) -> None:
+    boxes, needed = tables((5, 4, 4), 7)
+    solver = Partitioner(boxes)
+    solver.least_makespan(9, 0.0)
+    found, makespan = solver.chosen(), solver.longest_s()
+    kept = makespan_bound(boxes, needed, 9, found, makespan)
+    monkeypatch.setattr(bound_module, "LARGE", 20)
+    dropped = makespan_bound(boxes, needed, 9, found, makespan)
+    assert 0.95 * kept.seconds <= dropped.seconds <= makespan
