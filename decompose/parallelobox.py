@@ -73,7 +73,7 @@ def _best_attempt(aligned: Aligned, grid: Grid, terrain: Terrain, problem: Probl
             run = map if executor is None else executor.map
             settings = (share, options.tries, options.score, options.seed, run)
             found.append(attempts(part_of_points, grid, half, *settings))
-        best = _whole_within(found, aligned.model.solid, grid, printers)
+        best = _whole_within(found, aligned.model.solid, grid, problem)
         if best is not None:
             return best
     raise NoFit(
@@ -107,20 +107,33 @@ def _halves(
 
 
 def _whole_within(
-    found: Sequence[list[Attempt]], solid: Solid, grid: Grid, printers: int
+    found: Sequence[list[Attempt]], solid: Solid, grid: Grid, problem: Problem
 ) -> dict[Box, list[Piece]] | None:
-    """Cut the best attempts until one has no more pieces than there are printers."""
+    """Of the best attempts the first that has no more pieces than there are printers.
+
+    Not faithful, the one of them whose pieces, in the poses that they are printed in, end soonest.
+    """
     each = product(*(range(len(half)) for half in found))
     ranked = sorted(
         islice(each, 10_000),
         key=lambda picks: max(half[i].longest for half, i in zip(found, picks, strict=True)),
     )
     cut: dict[Box, list[Piece]] = {}
+    best: dict[Box, list[Piece]] | None = None
+    best_s = math.inf
     for picks in ranked[:MOST_CUT]:
         boxes = [box for half, i in zip(found, picks, strict=True) for box in half[i].blocks]
         for box in boxes:
             if box not in cut:
                 cut[box] = pieces_in_cells(solid, grid, box)
-        if sum(len(cut[box]) for box in boxes) <= printers:
+        pieces = [piece for box in boxes for piece in cut[box]]
+        if len(pieces) > len(problem.printers):
+            continue
+        if problem.options.faithful:
             return {box: cut[box] for box in boxes}
-    return None
+        longest_s = max(math.inf if pose is None else pose.seconds for pose in problem.poses(pieces))
+        if best is None or longest_s < best_s:
+            best, best_s = {box: cut[box] for box in boxes}, longest_s
+        if problem.expired():
+            break
+    return best

@@ -135,6 +135,10 @@ def _halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
 
 
+def _needs(parts: list[_Part]) -> int:
+    return sum(part.needs for part in parts)
+
+
 class _Faithful(_Form):
     """As the authors' program is, with its mistakes."""
 
@@ -186,11 +190,15 @@ class _Mended(_Form):
         for mirror in good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
             yield from self.pieces(part.piece, mirror.normal, mirror.offset_mm)
         normal, places_mm = self.across(solid)
+        least, fewest = max(2, part.needs), None
         for at_mm in places_mm:
-            found = list(self.pieces(part.piece, normal, at_mm))
-            if found and sum(child.needs for child in found[0]) <= max(2, part.needs):
-                yield found[0]
-                return
+            for children in self.pieces(part.piece, normal, at_mm):
+                if fewest is None or _needs(children) < _needs(fewest):
+                    fewest = children
+            if fewest is not None and _needs(fewest) <= least:
+                break
+        if fewest is not None:
+            yield fewest
 
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """The connected pieces on both sides of a plane next to this one, unless one of them is a crumb."""
@@ -215,10 +223,10 @@ class _Mended(_Form):
         while True:
             worst = max(parts, key=lambda part: (part.needs > 1, part.price))
             others = [part for part in parts if part is not worst]
-            free = len(self.problem.printers) - sum(part.needs for part in others)
+            free = len(self.problem.printers) - _needs(others)
             for children in self.cuts(worst):
                 dearer = worst.needs == 1 and max(child.price for child in children) >= worst.price
-                if sum(child.needs for child in children) <= free and not dearer:
+                if _needs(children) <= free and not dearer:
                     parts = others + children
                     break
             else:
