@@ -103,6 +103,11 @@ class Profile:
     bed: HeaterModel = HeaterModel(gain_c=105.0, tau_s=520.0)
     banner_suffix: str = ""  # how the firmware's author line ends: "ex" on the Extended
 
+    @property
+    def kin(self) -> str:
+        """What printers of one feeder and hot end share: G-code for one is right for all, but for height."""
+        return self.model.replace("_extended", "")
+
 
 _UM2_PLUS_CLIPS = (
     Rect(-115.0, 102.5, -78.0, 112.5),

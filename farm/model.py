@@ -216,6 +216,7 @@ class Plate(Entity):
     max_mm: tuple[float, float, float]
     material: str
     nozzle_mm: float
+    kin: str | None = None  # `Profile.kin` of the printers that it was sliced for; None: any
     printer: str  # as planned
     time_factor: float = 1.0  # of that printer, when it was planned; it is in `estimated_s`
     cached: bool = False  # sliced before: the engine did not run

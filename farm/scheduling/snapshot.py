@@ -21,6 +21,7 @@ class Kind:
     material: str
     colour: str | None
     nozzle_mm: float
+    kin: str | None = None  # printers of one kin take the same G-code
 
     @property
     def height_mm(self) -> float:
@@ -95,12 +96,14 @@ class Need:
     colour: str | None
     nozzle_mm: float | None
     box: Box | None = None  # what its plate extrudes; not known before it is planned
+    kin: str | None = None  # of the printers that it was sliced for; None: any
 
     def matches(self, kind: Kind) -> bool:
         return (
             self.material in (None, kind.material)
             and self.colour in (None, kind.colour)
             and self.nozzle_mm in (None, kind.nozzle_mm)
+            and self.kin in (None, kind.kin)
             and (self.box is None or kind.holds(self.box))
         )
 
@@ -112,6 +115,8 @@ class Need:
                 asked.append(value)
         if self.nozzle_mm and (not lacking or any(kind.nozzle_mm != self.nozzle_mm for kind in lacking)):
             asked.append(f"nozzle {self.nozzle_mm} mm")
+        if self.kin and (not lacking or any(kind.kin != self.kin for kind in lacking)):
+            asked.append(f"an {self.kin}, which it was sliced for")
         if self.box is not None:
             x0, y0, x1, y1, height = self.box
             width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"

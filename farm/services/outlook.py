@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
+from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Hold, HoldCode, Job, Link, Plate, Print, PrintState
 from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
@@ -37,7 +38,9 @@ def _printer_view(
     verified = said is None or said.reset_verified
     return PrinterView(
         name=section.name,
-        kind=Kind(rooms(section), section.material, section.colour, section.nozzle_mm),
+        kind=Kind(
+            rooms(section), section.material, section.colour, section.nozzle_mm, PROFILES[section.model].kin
+        ),
         bed=entry.bed,
         filament=entry.filament,
         link=said.link if said is not None else Link.STARTING,
@@ -74,6 +77,7 @@ def plate_views(plates: Iterable[Plate], books: Books) -> Iterator[PlateView]:
                 material=plate.material,
                 colour=job.options.colour,
                 nozzle_mm=plate.nozzle_mm,
+                kin=plate.kin,
                 box=(*plate.min_mm[:2], *plate.max_mm),
             ),
             planned=plate.printer,

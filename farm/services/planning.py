@@ -359,6 +359,7 @@ def make_plan(
                 max_mm=sliced.max_mm,
                 material=section.material,
                 nozzle_mm=section.nozzle_mm,
+                kin=profile.kin,
                 printer=section.name,
                 time_factor=factor,
                 cached=sliced.cached,

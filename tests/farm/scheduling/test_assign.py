@@ -129,3 +129,17 @@ def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
     waiting = [plate("1/01", "x", job=1, estimated_s=60.0), plate("2/01", "x", job=2, estimated_s=6000.0)]
     given_, _ = assign(waiting, [printer("a")])
     assert given_[0].plate == "1/01"
+
+
+def test_gcode_for_another_kind_of_printer_waits():
+    """A plain 2 feeds and heats in another way than a 2+: what was sliced for one is not for the other."""
+    plain = printer("plain")
+    plain = replace(plain, kind=replace(plain.kind, kin="ultimaker2"))
+    plus = printer("plus")
+    plus = replace(plus, kind=replace(plus.kind, kin="ultimaker2_plus"))
+    sliced = plate("p1", "plus", need=Need("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus"))
+    given_, holds = assign([sliced], [plain])
+    assert not given_
+    assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
+    given_, _ = assign([sliced], [plain, plus])
+    assert [a.printer for a in given_] == ["plus"]
