@@ -238,7 +238,8 @@ def line(row: dict[str, Any]) -> str:
     sliced = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
     return (
         f"{head} {row['parts']:3} parts, {row['parallel_s']:6.0f} s, E {row['efficiency']:.3f}{sliced}, "
-        f"balance {row['balance']:.3f}, gap {row['gap']:.1%} (result {row['above_bound']:+.1%}), cost error {error}, {row['wall_s']:.0f} s, "
+        f"balance {row['balance']:.3f}, gap {row['gap']:.1%} (result {row['above_bound']:+.1%}), "
+        f"cost error {error}, {row['wall_s']:.0f} s, "
         f"{row['peak_mb']:.0f} MB"
     )
 
