@@ -15,6 +15,7 @@ log = logging.getLogger(__name__)
 KEPT = 7
 _HOUR = 4  # local: changes of the clock are over by then
 _STAMP = "books-%Y%m%dT%H%M%SZ"
+_NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
 
 
 def back_up(state: StateFolder, now_s: float) -> Path:
@@ -30,15 +31,15 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     except OSError as error:
         raise StoreError(f"no copy of the books can be kept: {error}") from error
     target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
-    copy_books(state.books, target)
+    copy_books(state.books, target, now_s)
     for old in copies(state)[KEPT:]:
         old.unlink(missing_ok=True)
     return target
 
 
 def copies(state: StateFolder) -> list[Path]:
-    """The newest first."""
-    return sorted(state.backups.glob("books-*.db"), reverse=True)
+    """The newest first; files that a person put there have names of another form."""
+    return sorted(state.backups.glob(_NAMES), reverse=True)
 
 
 def made_s(copy: Path) -> float:
@@ -60,9 +61,10 @@ def is_due(state: StateFolder, now_s: float) -> bool:
 
 
 def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
-    """The books; where they are damaged, the newest copy that is whole, and when it was made.
+    """The books; where they are damaged, the newest copy that is whole. Damaged ones are kept, renamed.
 
-    Damaged books are kept, under another name.
+    With them comes when they were copied, where they are a copy that has not been restored yet: put there
+    now, by a daemon that died over it, or by a person.
 
     Raises
     ------
@@ -72,7 +74,8 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     try:
         if copies(state) and not (state.books.is_file() and state.books.stat().st_size):
             raise DamagedBooks(f"the books {state.books} are gone")
-        return Store(state.books), None
+        store = Store(state.books)
+        return store, store.copied_s
     except DamagedBooks as error:
         damage = error
     log.error("%s", damage)
@@ -87,7 +90,7 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
             path = state.books.with_name(state.books.name + suffix)
             if path.exists():
                 path.rename(aside.with_name(aside.name + suffix))
-        copy_books(copy, state.books)
+        copy_books(copy, state.books, made_s(copy))
         log.error("the books were restored from %s; the damaged ones are %s", copy, aside)
         return Store(state.books), made_s(copy)
     raise FarmError(

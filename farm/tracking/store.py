@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from farm.errors import FarmError
 from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
 from farm.tracking.books import Books, changed
-from farm.tracking.events import Event
+from farm.tracking.events import BooksRestored, Event
 
 E = TypeVar("E", bound=Entity)
 
@@ -36,13 +36,24 @@ class DamagedBooks(StoreError):
     """What is on the disk are no books any more."""
 
 
-def copy_books(source: Path, target: Path) -> None:
-    """Copy books that may be in use, whole or not at all. Raises StoreError."""
+_COPIED = "CREATE TABLE IF NOT EXISTS copied (at_s REAL NOT NULL)"
+
+
+def copy_books(source: Path, target: Path, at_s: float) -> None:
+    """Copy books that may be in use, whole or not at all. Raises StoreError.
+
+    The copy says of itself that it is one, made at `at_s`, until a `BooksRestored` is committed to it: so no
+    bed is taken for clear, whoever puts it in the place of the books, and if a daemon dies over it.
+    """
     half = target.with_name(f".{target.name}.half")
     try:
         half.unlink(missing_ok=True)
         with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(half)) as copy:
             books.backup(copy)
+            with copy:
+                copy.execute(_COPIED)
+                copy.execute("DELETE FROM copied")
+                copy.execute("INSERT INTO copied VALUES (?)", (at_s,))
         with half.open("rb") as file:
             os.fsync(file.fileno())
         half.replace(target)
@@ -97,8 +108,15 @@ class Store:
             "CREATE TABLE IF NOT EXISTS event"
             " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)"
         )
+        self._db.execute(_COPIED)
         self._db.execute(f"PRAGMA user_version = {SCHEMA}")
         self._db.execute("COMMIT")
+
+    @property
+    def copied_s(self) -> float | None:
+        """When these books were copied, where they are a copy that nobody has restored yet."""
+        (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
+        return None if at_s is None else float(at_s)
 
     def load(self) -> Books:
         """The books as last committed."""
@@ -136,6 +154,8 @@ class Store:
                         f"INSERT OR REPLACE INTO {_TABLES[type(entity)]} VALUES (?, ?)",
                         (_key(entity), entity.model_dump_json()),
                     )
+                if isinstance(event, BooksRestored):
+                    self._db.execute("DELETE FROM copied")
             except BaseException:
                 if self._db.in_transaction:  # SQLite rolls back by itself where the disk is full
                     self._db.execute("ROLLBACK")

@@ -47,6 +47,8 @@ def test_a_copy_is_made_while_the_books_are_in_use_and_the_oldest_go(state):
     made = [made_s(copy) for copy in copies(state)]
     assert made == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
     assert not is_due(state, made[0] + DAY_S - 1)
+    (state.backups / "books-before-upgrade.db").touch()  # a person's own: neither used nor dropped
+    assert [made_s(copy) for copy in copies(state)] == made
     with Store(copies(state)[0]) as copy:
         assert copy.load() == books
 
@@ -69,6 +71,24 @@ def test_damaged_books_are_put_back_from_the_newest_whole_copy(state, damage):
         assert store.load() == books
     (aside,) = (path for path in state.root.glob("farm.db.damaged-*") if not path.name.endswith("-shm"))
     assert aside.read_bytes() == harm
+
+
+def test_a_copy_is_known_as_one_until_it_is_restored_whoever_put_it_there(state):
+    fill(state)
+    back_up(state, NIGHT_S).replace(state.books)  # by hand, say
+    for _ in range(2):  # the first daemon dies before it has booked what that means
+        store, copied_s = open_books(state, NIGHT_S + DAY_S)
+        with store:
+            assert copied_s == NIGHT_S
+            books = store.load()
+            event = ev.BooksRestored(at_s=NIGHT_S + DAY_S, copied_s=NIGHT_S)
+            after, _ = apply(event, books)
+    with Store(state.books) as store:
+        store.commit(event, books, after)
+    store, copied_s = open_books(state, NIGHT_S + DAY_S)
+    with store:
+        assert copied_s is None
+    assert made_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
 
 
 def test_without_a_whole_copy_the_farm_says_what_to_do(state):
