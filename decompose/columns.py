@@ -21,6 +21,7 @@ LEAST_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is looked at
 ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
 LEVEL_MM = 0.01  # heights that are the same
+STEEPEST = 20.0  # the tangent that counts as upright
 LEAST_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no support
 
 
@@ -135,7 +136,9 @@ def _sweep(
     normals = _normals(triangles)
     start, where, which = _crossings(triangles, normals, origin, step, nx, ny)
     touched = 0.0
-    runs = np.zeros((len(where), 4))  # of solid in a column: its ends, the open air and the support below it
+    runs = np.zeros(
+        (len(where), 5)
+    )  # of solid in a column: its ends, the open air and support below, its lean
     counts = np.zeros(nx * ny, np.int64)
     supports = np.zeros((nx, ny))
     propped = np.zeros((nx, ny), np.bool_)
@@ -145,7 +148,7 @@ def _sweep(
         i, j = column // ny, column % ny
         x, y = origin[0] + i * step, origin[1] + j * step
         below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
-        depth, bottom, air, support = 0, 0.0, 0.0, 0.0
+        depth, bottom, air, support, lean = 0, 0.0, 0.0, 0.0, 0.0
         for k in range(start[column], start[column + 1]):
             z, t = where[k], which[k]
             up = normals[t, 2]
@@ -154,6 +157,7 @@ def _sweep(
                 if depth != 1:
                     continue
                 bottom, air, support = z, z - below, 0.0
+                lean = min(STEEPEST, np.sqrt(1.0 - up * up) / -up)
                 if -up > overhang_cos and air > LEAST_GAP_MM:
                     supports[i, j] += air
                     air, support = 0.0, air
@@ -167,6 +171,7 @@ def _sweep(
             below, on_marked = z, marked[t]
             run = start[column] + counts[column]
             runs[run, 0], runs[run, 1], runs[run, 2], runs[run, 3] = bottom, z, air, support
+            runs[run, 4] = lean * step
             counts[column] += 1
             level = int(bottom / height * LEVELS)
             while level < LEVELS - 1 and height * (level + 1) / LEVELS < z:
@@ -294,6 +299,8 @@ def _towers_mm(
     for column in range(nx * ny):
         for k in range(start[column], start[column] + counts[column]):
             bottom, air = runs[k, 0], runs[k, 2]
+            # Between two columns a thin wall that leans goes down by so much: what it stands on is below it.
+            reached = bottom - runs[k, 4]
             if air <= LEAST_GAP_MM:
                 continue
             begins = True
@@ -305,7 +312,7 @@ def _towers_mm(
                     for m in range(start[beside], start[beside] + counts[beside]):
                         lower = runs[m, 0] - bottom
                         # Of those that begin together, one counts.
-                        if runs[m, 1] >= bottom and (
+                        if runs[m, 1] >= reached and (
                             lower < -LEVEL_MM or (lower < LEVEL_MM and beside < column)
                         ):
                             begins = False

@@ -99,3 +99,13 @@ def test_a_slope_from_its_wall_needs_no_tower() -> None:
     corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
     hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
     assert seen(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
+def test_a_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
+    """Its columns are further apart than it is thick, so that none seems to stand on the next."""
+    wall = trimesh.creation.box((200.0, 0.8, 120.0))
+    wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(35.0), (1.0, 0.0, 0.0)))
+    wall.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0.0, 0.0, 1.0)))
+    wall.apply_translation((0.0, 0.0, -wall.bounds[0, 2]))
+    assert seen(Solid.from_arrays(wall.vertices, wall.faces)).towers_mm < 10.0
