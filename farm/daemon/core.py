@@ -29,11 +29,12 @@ from farm.model import (
     Verdict,
 )
 from farm.paths import StateFolder
-from farm.scheduling.assign import assign, spare_printers
+from farm.scheduling.assign import assign
 from farm.scheduling.front import Begin, begin, begin_beside, unmatched
 from farm.scheduling.moments import wished_s
 from farm.scheduling.rules import Rules
 from farm.scheduling.snapshot import PrinterView
+from farm.scheduling.spares import spare_printers
 from farm.services.made import planned_event
 from farm.services.models import Inspected
 from farm.services.outlook import Rooms, job_need, own_holds, plate_views, printer_views
@@ -231,7 +232,7 @@ class Core:
     def _begin(self, job: Job, views: list[PrinterView], held: dict[str, Hold]) -> None:
         """Plan a job, or say what it waits for."""
         taken = frozenset(self.books.plates[name].printer for name in held)
-        taken |= spare_printers(views, self._spares())
+        taken |= spare_printers(views, taken, self._spares())
         wanted = job.options.printers if job.own_gcode is None else None  # its plan chooses one of them
 
         def answer_without(promised: frozenset[str]) -> Begin | Hold:

@@ -9,6 +9,7 @@ from farm.model import Hold
 from farm.scheduling.holds import Reasons
 from farm.scheduling.rules import Rules, short_of_filament
 from farm.scheduling.snapshot import PlateView, PrinterView
+from farm.scheduling.spares import spare_printers, takes_spare
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,7 @@ def assign(
     now_s
         Farm time.
     spares
-        How many free printers are kept for plates that failed elsewhere (`--spares`), the roomiest.
+        How many free printers are kept for plates that failed elsewhere (`--spares`).
 
     Returns
     -------
@@ -54,9 +55,10 @@ def assign(
     turns = sorted(plates, key=lambda plate: plate.turn)
     free = [name for name, printer in fleet.items() if printer.obstacle() is None]
     free.sort(key=lambda name: (fleet[name].kind.height_mm, name))
-    kept = spare_printers(fleet.values(), spares)
+    planned = frozenset(plate.planned for plate in turns)
+    kept = spare_printers(fleet.values(), planned, spares)
     heating = sum(printer.heating for printer in fleet.values())
-    matching = _Matching(fleet, free, kept, rules, now_s, frozenset(plate.planned for plate in turns))
+    matching = _Matching(fleet, free, kept, rules, now_s, planned)
     starts = len(free) if rules.max_heating is None else max(0, rules.max_heating - heating)
     places = {plate.job: plate.places for plate in turns if plate.places is not None}
     left: list[PlateView] = []
@@ -80,14 +82,6 @@ def assign(
             if plate.id not in given
         },
     )
-
-
-def spare_printers(printers: Iterable[PrinterView], spares: int) -> frozenset[str]:
-    """The free printers that are kept for plates that failed elsewhere: the roomiest."""
-    free = sorted(
-        (p for p in printers if p.obstacle() is None), key=lambda p: (p.kind.height_mm, p.name), reverse=True
-    )
-    return frozenset(printer.name for printer in free[:spares])
 
 
 class _Matching:
@@ -148,7 +142,7 @@ class _Matching:
         printer = self._fleet[name]
         return (
             plate.need.matches(printer.kind)
-            and (name not in self._kept or bool(plate.failed_on))
+            and (name not in self._kept or takes_spare(plate, self._fleet))
             and short_of_filament(plate, printer, printer.grams) is None
             and self._rules.start(plate, printer, self._now_s).at_s == self._now_s
         )

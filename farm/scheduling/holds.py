@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from farm.model import Hold, HoldCode
 from farm.scheduling.rules import Rules, short_of_filament
 from farm.scheduling.snapshot import Kind, PlateView, PrinterView
+from farm.scheduling.spares import takes_spare
 
 _NAMED = 4  # printers that a sentence names; the rest is counted
 
@@ -85,7 +86,7 @@ class Reasons:
         start = self._rules.start(plate, printer, self._now_s)
         if start.at_s != self._now_s:
             return start.why
-        if name in self._kept and not plate.failed_on:
+        if name in self._kept and not takes_spare(plate, self._fleet):
             return Hold(code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept for a plate that fails (--spares)")
         if self._full is not None:
             return Hold(

@@ -105,16 +105,30 @@ def test_no_printer_idles_for_want_of_a_better_order(waiting, fleet, house, now_
     assert {a.plate for a in given_} == set(most(turns, frozenset(fleet)))
 
 
-@given(plates, fleets)
-def test_nothing_starves(waiting, fleet):
+def test_a_spare_is_never_the_printer_that_a_plate_was_planned_for():
+    high = plate("1/02", "b", need=Need("generic_pla", None, 0.4, box(231.0)))
+    given_, _ = assign([high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
+    assert given_[0].printer == "b"
+    broken = printer("b", room=TALL, look="heater")
+    given_, _ = assign([high], [broken, printer("c", room=TALL)], rules(), FRIDAY, spares=1)
+    assert given_[0].printer == "c"
+
+
+@given(plates, fleets, st.integers(0, 2))
+def test_nothing_starves(waiting, fleet, spares):
     """Whenever all prints have ended and all beds are clear, plates that fit some printer go on."""
     waiting = [replace(p, not_before_s=None) for p in waiting]
     for _ in range(len(waiting) + 1):
-        _, holds = assign(waiting, fleet, rules(max_heating=4), FRIDAY)
+        _, holds = assign(waiting, fleet, rules(max_heating=4), FRIDAY, spares)
         waiting = [p for p in waiting if p.id in holds]
         fleet = [replace(p, heating=False) for p in fleet]
     stuck = {HoldCode.NO_SUCH_PRINTER, HoldCode.BED_NOT_CLEAR, HoldCode.REEL_TOO_SHORT, HoldCode.UNATTENDED}
-    assert {hold.code for hold in holds.values()} <= stuck
+    for plate_ in waiting:
+        if holds[plate_.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
+            own = [p for p in fleet if p.name == plate_.planned]
+            assert not assign([plate_], own, rules(max_heating=4), FRIDAY)[0]
+        else:
+            assert holds[plate_.id].code in stuck
 
 
 def only(what, where, house=None, now_s=FRIDAY, **changes):
@@ -181,7 +195,7 @@ def test_a_plate_makes_way_where_another_printer_will_do_as_well():
 
 def test_spares_are_kept_for_plates_that_failed():
     fleet = [printer("a"), printer("b"), printer("c", room=TALL)]
-    waiting = [plate(f"1/0{i}", "c") for i in range(3)]
+    waiting = [plate(f"1/0{i}", "a") for i in range(3)]
     given_, holds = assign(waiting, fleet, rules(), FRIDAY, spares=1)
     assert {a.printer for a in given_} == {"a", "b"}
     assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
