@@ -8,7 +8,7 @@ from typing import Any
 
 from slicing.formula import Formula
 
-_SUPPORTED = {"support_enable": True, "support_type": "everywhere"}
+SUPPORTED = {"support_enable": True, "support_type": "everywhere"}
 _BRIMMED = {
     "adhesion_type": "brim",
     "brim_width": 8.0,
@@ -35,7 +35,7 @@ OURS: Mapping[str, Quality] = {
     "paper": Quality(
         ("fast",),
         {
-            **_SUPPORTED,
+            **SUPPORTED,
             **_BRIMMED,
             "layer_height": 0.25,
             "infill_sparse_density": 5.0,
@@ -48,7 +48,7 @@ OURS: Mapping[str, Quality] = {
     "glue": Quality(
         ("fast", "draft", "normal", "high"),
         {
-            **_SUPPORTED,
+            **SUPPORTED,
             **_BRIMMED,
             # Half the nozzle, where Cura's fast profile has 0.15 mm: sooner by a quarter, and the seams of a
             # glued model show more than its layers.

@@ -12,7 +12,7 @@ from slicing.errors import BadSetting, DefinitionError
 from slicing.formula import Formula
 from slicing.heights import LayerHeights, fit_heights
 from slicing.limits import LAYER_SHARE, Violation, violations, why_reserved
-from slicing.qualities import DEFAULT_QUALITY, OURS
+from slicing.qualities import DEFAULT_QUALITY, OURS, SUPPORTED
 from slicing.resolver import Layer, Place, Resolver
 from slicing.resources import Resources
 from slicing.stacks import Stacks, find_stacks
@@ -34,13 +34,17 @@ _FIXED: Mapping[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class SettingsRequest:
-    """How to print, in the user's words. `printer_model` is Cura's definition id."""
+    """How to print, in the user's words. `printer_model` is Cura's definition id.
+
+    `supported`: print supports also where the quality has none, as Cura's own have; `overrides` win over it.
+    """
 
     printer_model: str
     quality: str = DEFAULT_QUALITY
     material: str = "generic_pla"
     nozzle_mm: float = 0.4
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    supported: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +112,19 @@ class _Words:
     material: str
     nozzle_mm: float
     overrides: tuple[tuple[str, str], ...]
+    supported: bool
 
     @classmethod
     def of(cls, request: SettingsRequest) -> _Words:
         overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
-        return cls(request.printer_model, request.quality, request.material, request.nozzle_mm, overrides)
+        return cls(
+            printer_model=request.printer_model,
+            quality=request.quality,
+            material=request.material,
+            nozzle_mm=request.nozzle_mm,
+            overrides=overrides,
+            supported=request.supported,
+        )
 
 
 @lru_cache(maxsize=64)
@@ -158,7 +170,7 @@ def _refusal(found: Violation, words: _Words) -> str:
 
 def _resolver(stacks: Stacks, words: _Words, part: PartSettings, heights: LayerHeights | None) -> Resolver:
     """The stacks under a user's layer: a person's settings, ours for streaming, the part's, the quality's."""
-    user: dict[str, Any] = {}
+    user: dict[str, Any] = dict(SUPPORTED) if words.supported else {}
     quality = OURS.get(words.quality)
     if quality is not None:
         user |= quality.changes

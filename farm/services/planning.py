@@ -114,9 +114,9 @@ def warm() -> None:
 
 
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
-    """What the slicer is asked for on a printer of the fleet."""
+    """What the slicer is asked for on a printer of the fleet: parts lie in poses that count on supports."""
     return SettingsRequest(
-        printer_model=section.model, quality=quality, material=section.material, nozzle_mm=section.nozzle_mm
+        section.model, quality, section.material, nozzle_mm=section.nozzle_mm, supported=True
     )
 
 

@@ -23,12 +23,17 @@ from farm.services.planning import (
     TooFewPrinters,
     decompose_job,
     make_plan,
+    printer_settings,
+    settings_request,
     slice_tasks,
 )
 from farm.services.plates import slice_part
 from farm.services.rooms import bed_boxes
 from farm.tracking.store import Store
 from slicing.outline import Unprinted
+from slicing.qualities import OURS
+from slicing.resources import find_resources
+from slicing.settings import resolve_settings
 
 MODEL = "ultimaker2_plus"
 
@@ -177,3 +182,14 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
     job = core.books.jobs[1]
     assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
     assert job.reason == str(error.value)
+
+
+@pytest.mark.parametrize("quality", ["glue", "paper", "fast", "normal", "high"])
+def test_parts_get_their_supports_in_every_quality(quality):
+    """Their poses are chosen with them; Cura's own qualities have none by themselves."""
+    section = fleet(1).printers[0]
+    settings = printer_settings(section, quality, find_resources())
+    assert settings.support_enabled
+    assert settings.support_line_distance_mm > 0.0
+    alone = replace(settings_request(section, quality), supported=False)
+    assert resolve_settings(alone, find_resources()).support_enabled == (quality in OURS)
