@@ -36,6 +36,24 @@ class DamagedBooks(StoreError):
     """What is on the disk are no books any more."""
 
 
+_LYING = """
+    SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
+    FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
+    WHERE json_extract(printer.body, '$.bed') <> 'clear' AND json_extract(p.body, '$.ended_s') = (
+        SELECT max(json_extract(q.body, '$.ended_s')) FROM print AS q
+        WHERE json_extract(q.body, '$.printer') = printer.id
+    )
+"""
+_FROM_1 = (  # a verdict was the part's, and of no use; it is the print's, and asked for by its bed
+    "UPDATE part SET body = json_remove(body, '$.verdict')",
+    f"CREATE TEMP TABLE lying AS {_LYING}",
+    "UPDATE print SET body = json_set(body, '$.verdict', 'good')"
+    " WHERE json_extract(body, '$.state') = 'done' AND id NOT IN (SELECT id FROM lying)",
+    "UPDATE job SET body = json_set(body, '$.state', 'done')"
+    " WHERE json_extract(body, '$.state') = 'printed' AND CAST(id AS INTEGER) NOT IN (SELECT job FROM lying)",
+    "DROP TABLE lying",
+)
+"""What was taken off its bed before anybody was asked is good; what lies there may still be judged."""
 _COPIED = "CREATE TABLE IF NOT EXISTS copied (at_s REAL NOT NULL)"
 
 
@@ -100,8 +118,9 @@ class Store:
                 f"the books {path} are of a newer farm ({version}): upgrade, or use another --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
-        if version == 1:  # a verdict was the part's; it is the print's
-            self._db.execute("UPDATE part SET body = json_remove(body, '$.verdict')")
+        if version == 1:
+            for statement in _FROM_1:
+                self._db.execute(statement)
         for table in _TABLES.values():
             self._db.execute(f"CREATE TABLE IF NOT EXISTS {table} (id TEXT PRIMARY KEY, body TEXT NOT NULL)")
         self._db.execute(

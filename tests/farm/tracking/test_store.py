@@ -6,7 +6,7 @@ from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
-from make_books import fleet, job, plan, printing
+from make_books import ended, fleet, job, plan, printing, run
 
 
 def test_the_store_gives_back_what_was_committed(tmp_path):
@@ -69,3 +69,35 @@ def test_a_row_that_cannot_be_read_is_named(tmp_path):
     db.close()
     with Store(tmp_path / "farm.db") as store, pytest.raises(StoreError, match="printer a, bed"):
         store.load()
+
+
+def test_what_was_cleared_before_anybody_was_asked_is_good(tmp_path):
+    import sqlite3
+
+    path = tmp_path / "farm.db"
+    books = printing(plates=2)
+    books, _ = run(
+        books,
+        *(ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=1)),
+        ev.PlateAssigned(at_s=1.0, plate="2/01", printer="a", print_id="0"),
+        ended("0", at_s=100.0),
+        ev.BedCleared(at_s=150.0, printer="a", by="ann"),
+        ev.PlateAssigned(at_s=151.0, plate="1/01", printer="a", print_id="1"),
+        ev.PlateAssigned(at_s=151.0, plate="1/02", printer="b", print_id="2"),
+        ended("1", at_s=200.0),
+        ended("2", at_s=201.0),
+        ev.BedCleared(at_s=202.0, printer="a", by="ann"),
+    )
+    with Store(path) as store:
+        store.commit(plan(), Books(), books)
+    with sqlite3.connect(path) as db:
+        db.execute("UPDATE print SET body = json_remove(body, '$.verdict')")
+        db.execute("UPDATE job SET body = json_set(body, '$.state', 'printed')")
+        db.execute("PRAGMA user_version = 1")
+    db.close()
+    with Store(path) as store:
+        books = store.load()
+    assert {p.id: p.verdict for p in books.prints.values()} == {"0": "good", "1": "good", "2": None}
+    assert {number: entry.state for number, entry in books.jobs.items()} == {1: "printed", 2: "done"}
+    books, _ = run(books, ev.BedCleared(at_s=300.0, printer="b", by="ann"))
+    assert books.jobs[1].state == "done"
