@@ -26,6 +26,10 @@ def planned_event(
     books = replace(books, plates={plate.id: plate for plate in plan.plates})
     seen = forecast(plate_views(plan.plates, books), fleet, rules, now_s)
     notices = plan.repairs
+    materials = sorted({plate.material for plate in plan.plates})
+    if len(materials) > 1:
+        of = " and ".join(materials)
+        notices = (*notices, f"Its parts are of {of}, as the printers have it: `--material` takes one.")
     if job.done_by_s is not None and seen.ends_s > job.done_by_s:
         asked, ends = rules.words(job.done_by_s), rules.words(seen.ends_s)
         notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")

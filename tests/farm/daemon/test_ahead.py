@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+from dataclasses import replace
 from datetime import datetime
 
 import pytest
@@ -15,6 +16,7 @@ from farm.paths import StateFolder
 from farm.services.models import Inspected
 from farm.services.planning import Plan
 from farm.tracking import events as ev
+from farm.tracking.books import put
 from farm.tracking.view import job_view, todo
 from make_books import plan as planned
 from one_core import MODEL, Farm
@@ -54,6 +56,17 @@ def plan_for(number, state, plates=2):
 
 def starts(farm):
     return [told.printer for told in farm.hands.told if isinstance(told, ev.SendStart)]
+
+
+def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(farm, state):
+    number = submit(farm)
+    farm.core.planned(number, plan_for(number, state))
+    job = farm.core.books.job(number).model_copy(update={"plan": None})
+    farm.core.books = put(farm.core.books, job)
+    farm.core.happened(ev.BooksRestored(at_s=1.0, copied_s=0.0))
+    assert farm.core.books.job(number).state is JobState.HELD
+    asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan="")))
+    assert farm.core.books.job(number).state is JobState.PRINTING
 
 
 def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
@@ -164,6 +177,18 @@ def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
     assert by(3600) == ()
     (notice,) = by(50)
     assert notice.startswith("It was to be printed by") and "as soon as it can be is" in notice
+
+
+def test_a_plan_of_several_materials_says_so(farm, state):
+    for name, other, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
+        number = submit(farm, name=name, hold=True)
+        plan = plan_for(number, state)
+        first, second = plan.plates
+        plates = (first, second.model_copy(update={"material": other}))
+        farm.core.planned(number, replace(plan, plates=plates))
+        found = farm.core.books.job(number).repairs
+        assert len(found) == notices
+        assert all("generic_abs and generic_pla" in notice for notice in found)
 
 
 def test_done_by_comes_after_the_start(farm):
