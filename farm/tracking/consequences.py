@@ -53,8 +53,11 @@ def stop_print(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
 
 
 def give_up(books: Books, plate: Plate, reason: str) -> Result:
-    """Never try a plate again, unless a person asks; end its print where it is being printed."""
-    if books.standing(plate) in (Standing.PRINTED, Standing.GOOD, Standing.CANCELLED):
+    """Never try a plate again, unless a person asks; end its print where it is being printed.
+
+    One that is printed stays printed; it is not tried again if it turns out bad.
+    """
+    if books.standing(plate) in (Standing.GOOD, Standing.CANCELLED):
         return books, ()
     stopped = [stop_print(p, reason) for p in books.prints_of(plate) if not p.state.ended]
     books = put(books, edited(plate, cancelled=True, hold=None), *(attempt for attempt, _ in stopped))

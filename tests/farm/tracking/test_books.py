@@ -101,6 +101,19 @@ def test_cancelling_a_job_ends_its_prints_and_nothing_is_tried_again():
     assert not list(books.waiting_plates())
 
 
+def test_what_turns_out_bad_after_its_job_was_cancelled_is_not_printed_with_a_part_that_is_asked_for():
+    books, _ = run(
+        printing(),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x"),
+        ev.JobCancelled(at_s=300.0, job=1),
+        ev.BedCleared(at_s=301.0, printer="a", by="ann", verdict=Verdict.BAD),
+        ev.ReprintAsked(at_s=302.0, plate="1/02", why="", by="ann"),
+    )
+    assert books.jobs[1].state is JobState.PRINTING
+    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+
+
 def test_what_is_not_known_is_named():
     with pytest.raises(NoSuchThing, match="no job 7"):
         Books().job(7)
