@@ -115,6 +115,9 @@ def unexpected(
     if said is None:
         return
     name = printer.name
+    if known is not None and said.extruded and not known.extruded and printer.bed is Bed.CLEAR:
+        reason = "it began a print that the farm had taken back: look whether its bed is clear"
+        yield ev.PrinterDoubted(at_s=now_s, printer=name, reason=reason)
     if known is not None and not said.state.ended:
         reason = "the farm has booked this print as ended"
         yield ev.SendCancel(print_id=said.print_id, printer=name, reason=reason)

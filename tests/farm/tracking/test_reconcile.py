@@ -103,8 +103,12 @@ def test_a_print_that_cannot_begin_gives_its_printer_back_and_soils_nothing(link
 def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
     books = assigned()
     books, _ = run(books, *reconcile(books.prints["x"], AgentSnapshot(printer="a", link=Link.FAULT), 3.0))
-    told = list(unexpected(books.printers["a"], books.prints["x"], word(), 4.0))
+    heating = word(state=PrintState.HEATING, extruded=False)
+    told = list(unexpected(books.printers["a"], books.prints["x"], heating, 4.0))
     assert [type(one) for one in told] == [ev.SendCancel]
+    for said in (word(), word(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
+        doubted, _ = unexpected(books.printers["a"], books.prints["x"], said, 4.0)
+        assert run(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
 
 
 def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
