@@ -137,6 +137,7 @@ class JobOptions(Entity):
     done_by: str | None = Field(default=None, max_length=40)  # as few parts as are printed by then
     spares: int = Field(default=0, ge=0)  # free printers that are kept for plates that fail
     hold: bool = False  # nothing of it prints before `farm approve`
+    dry_run: bool = False  # its plan is looked at, then it is cancelled
 
 
 class OwnGcode(Entity):

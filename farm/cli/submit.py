@@ -65,6 +65,7 @@ def submit(
             done_by=done_by,
             spares=spares,
             hold=hold or dry_run,
+            dry_run=dry_run,
         )
     except ValidationError as error:
         first = error.errors()[0]

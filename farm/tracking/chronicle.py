@@ -13,10 +13,15 @@ ENDED_SHOWN = 10
 
 
 def shown_jobs(books: Books) -> list[Job]:
-    """The jobs that go on or wait for a verdict, and the last of the others, in order of submission."""
+    """The jobs that go on or wait for a verdict, and the last of the others, in order of submission.
+
+    A dry run that is over is nothing to a person.
+    """
     going: list[Job] = []
     over: list[Job] = []
     for job in books.jobs.values():
+        if job.options.dry_run and job.state.ended:
+            continue
         (over if job.state.ended and job.state is not JobState.PRINTED else going).append(job)
     return sorted([*going, *sorted(over, key=lambda job: job.id)[-ENDED_SHOWN:]], key=lambda job: job.id)
 

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from farm.cli.board import board, names
-from farm.model import Bed, Verdict
+from farm.model import Bed, JobOptions, Verdict
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.chronicle import history, shown_jobs
@@ -76,3 +76,11 @@ def test_jobs_that_are_over_leave_the_board_but_those_to_be_judged_stay():
     books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=job(i)) for i in range(1, 31)))
     books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in range(2, 31)))
     assert [one.id for one in shown_jobs(books)] == [1, *range(21, 31)]
+
+
+def test_a_dry_run_is_on_the_board_only_while_it_is_made():
+    tried = job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
+    books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=one) for one in (job(1), tried)))
+    assert [one.id for one in shown_jobs(books)] == [1, 2]
+    books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
+    assert [one.id for one in shown_jobs(books)] == [1]
