@@ -172,6 +172,7 @@ class Job(Entity):
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: none of its plates starts
+    restored: bool = False  # from a copy of the books, when it was not planned yet: it may be printed by now
     planned_s: float | None = None
     ended_s: float | None = None
 

@@ -110,7 +110,7 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         plan=event.plan,
         picture=event.picture,
         planned_s=event.at_s,
-        hold=_APPROVAL if event.held else None,
+        hold=(_RESTORED if job.restored else _APPROVAL) if event.held else None,
     )
     return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
@@ -312,10 +312,11 @@ def _(event: ev.BooksRestored, books: Books) -> Result:
     ]
     planned, others = [], []
     for job in books.jobs.values():
-        if job.state is JobState.PRINTING:
+        if job.state in (JobState.PRINTING, JobState.HELD):  # it may have been approved since
             planned.append(edited(job, state=JobState.HELD, hold=_RESTORED))
         elif job.state in (JobState.QUEUED, JobState.PLANNING):
-            others.append(edited(job, options=job.options.model_copy(update={"hold": True})))
+            options = job.options.model_copy(update={"hold": True})
+            others.append(edited(job, options=options, restored=True))
     return put(books, *beds, *prints, *planned, *others), ()
 
 

@@ -14,7 +14,7 @@ from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
-from make_books import fleet
+from make_books import fleet, job, run
 from make_books import plan as planned
 from one_core import MODEL, Farm
 
@@ -36,6 +36,12 @@ def fill(state):
             store.commit(event, books, after)
             books = after
     return books
+
+
+def books_held():
+    """Books with a job that waits for its approval."""
+    events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
+    return run(Books(), *fleet(), *events, planned().model_copy(update={"held": True}))[0]
 
 
 def test_a_copy_is_made_while_the_books_are_in_use_and_the_oldest_go(state):
@@ -145,6 +151,11 @@ def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
     assert {printer.filament for printer in books.printers.values()} == {FilamentState.UNKNOWN}
     assert (books.jobs[1].state, books.jobs[1].hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert books.jobs[2].options.hold
+    again, _ = apply(ev.PlanningStarted(at_s=NIGHT_S, job=2), books)
+    again, _ = apply(planned(2, 1).model_copy(update={"held": True}), again)
+    assert again.jobs[2].hold == books.jobs[1].hold  # it may have been planned and printed since the copy
+    frozen, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), books_held())
+    assert frozen.jobs[1].hold == books.jobs[1].hold  # and a held one approved
     farm.ready("a", "b")  # their agents know nothing of the prints that were only assigned
     assert {p.state for p in farm.core.books.prints.values()} == {PrintState.CANCELLED}
     assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
