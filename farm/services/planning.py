@@ -25,7 +25,7 @@ from farm.services.estimate import plate_seconds, quickest_first
 from farm.services.files import store_file
 from farm.services.models import read_inspected
 from farm.services.plates import SliceTask
-from farm.services.recipe import prelude_seconds, recipe
+from farm.services.recipe import prelude_seconds, printer_cost, slower
 from farm.services.rooms import model_sizes, printer_room
 from farm.services.trouble import in_farm_words
 from slicing.plate import PlateResult
@@ -179,21 +179,25 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     settings = {
         section.name: printer_settings(section, task.options.quality, resources) for section in task.printers
     }
-    quickest = sorted(task.printers, key=lambda section: task.factors.get(section.name, 1.0))
+    # Poses and cuts are priced with the settings of the first; another nozzle is slower or quicker.
+    costs = [printer_cost(section, settings[section.name]) for section in task.printers]
+    cost = costs[0]
+    factors = {
+        section.name: task.factors.get(section.name, 1.0) * slower(own, than=cost)
+        for section, own in zip(task.printers, costs, strict=True)
+    }
+    quickest = sorted(task.printers, key=lambda section: factors[section.name])
     rooms = [
         PrinterRoom(
             section.name,
             model_sizes(room, settings[section.name]),
-            task.factors.get(section.name, 1.0),
+            factors[section.name],
         )
         for _ in range(task.rounds)
         for section in quickest
         for room in (printer_room(section, settings[section.name].brim_width_mm),)
     ]
     model = read_inspected(task.model)
-    first = task.printers[0]
-    prelude_s = prelude_seconds(first, settings[first.name])
-    cost = CostModel.from_recipe(recipe(settings[first.name], prelude_s))
     quality = OURS.get(task.options.quality)
     engine = Engine(task.options.engine)
     fits = quality is not None and quality.fits_first_layer

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decompose.cost import Recipe
+from decompose.cost import CostModel, Recipe
 from decompose.footing import WARPS_AT
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
@@ -41,6 +41,17 @@ def recipe(settings: Settings, prelude_s: float) -> Recipe:
         shrinkage=settings.scale_xy - 1.0 or WARPS_AT,
         prelude_s=prelude_s,
     )
+
+
+def printer_cost(section: PrinterSection, settings: Settings) -> CostModel:
+    """What a part costs on this printer, heat-up, start and end code included."""
+    return CostModel.from_recipe(recipe(settings, prelude_seconds(section, settings)))
+
+
+def slower(cost: CostModel, than: CostModel) -> float:
+    """How many times as long a part takes at one printer's settings as at another's: a cube of 50 mm."""
+    sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
+    return cost.seconds(sums, size) / than.seconds(sums, size)
 
 
 def prelude_seconds(section: PrinterSection, settings: Settings) -> float:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose import exact, parallelobox, planes
+from decompose import exact, parallelobox, partition, planes
+from decompose.errors import NoFit
 from decompose.piece import pieces_in_box
 from drivers.clock import Clock
 from farm.config import Fleet
@@ -193,3 +194,26 @@ def test_parts_get_their_supports_in_every_quality(quality):
     assert settings.support_line_distance_mm > 0.0
     alone = replace(settings_request(section, quality), supported=False)
     assert resolve_settings(alone, find_resources()).support_enabled == (quality in OURS)
+
+
+def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, monkeypatch):
+    seen = []
+
+    def caught(model, rooms, options, cost):
+        seen.extend(rooms)
+        raise NoFit("seen enough")
+
+    monkeypatch.setattr(partition, "decompose", caught)
+    nozzles = (0.4, 0.25, 0.8, 0.4)
+    printers = [
+        section.model_copy(update={"nozzle_mm": nozzle_mm})
+        for section, nozzle_mm in zip(fleet(4).printers, nozzles, strict=True)
+    ]
+    work = task(bar, files, tmp_path)
+    work = replace(work, printers=tuple(printers), options=JobOptions(printers=4), factors={"p3": 1.1})
+    with pytest.raises(FarmError, match="seen enough"):
+        decompose_job(work)
+    assert [room.name for room in seen] == ["p2", "p0", "p3", "p1"]
+    wide, first, worn, fine = (room.time_factor for room in seen)
+    assert (first, worn) == (1.0, 1.1)
+    assert wide < 0.8 and fine > 1.5
