@@ -29,8 +29,7 @@ class Ahead:
     async def load(self, printer: str, request: api.LoadRequest) -> Reel:
         """A reel was put on, or what is on it was weighed; what is not said stays as it was."""
         entry = self._core.books.printer(printer)
-        if self._core.books.open_print_on(printer) is not None:
-            raise Refused(f"{printer} is printing: say what is on its reel when it has ended")
+        self._idle(printer)
         section = self._core.fleet.printer(printer)
         other = request.material is not None or request.colour is not None
         grams = entry.reel.grams if entry.reel is not None and not other else None
@@ -43,24 +42,34 @@ class Ahead:
         mistake = await asyncio.to_thread(mistake_in, loaded(section, reel))
         if mistake is not None:
             raise Refused(f"{printer}: {mistake[1]}")
+        self._idle(printer)  # still
         now_s = self._core.clock.now()
         self._core.happened(ev.ReelLoaded(at_s=now_s, printer=printer, reel=reel, by=request.by))
         self._core.settle()
         return reel
 
+    def _idle(self, printer: str) -> None:
+        if self._core.books.open_print_on(printer) is not None:
+            raise Refused(f"{printer} is printing: say what is on its reel when it has ended")
+
     async def approve(self, number: int, request: api.ApproveRequest) -> None:
         """Let a held job print: exactly the plan that the person has seen, with the files it was made of."""
-        job = self._core.books.job(number)
-        if job.state is not JobState.HELD:
-            raise Refused(f"job {number} waits for no approval: it is {job.state}")
+        job = self._held(number)
         if request.plan != (job.plan or ""):  # one that an older farm planned has no hash
             raise Refused(f"the plan of job {number} is {job.plan}, not {request.plan}: look at it again")
         for plate in list(self._core.books.plates_of(job)):
             path = self._state.files / plate.gcode
             if not path.is_file() or await asyncio.to_thread(sha256_of, path) != plate.sha256:
                 raise Refused(f"plate {plate.id} is not what was planned: {path}; submit the model again")
+        self._held(number)  # still
         self._core.happened(ev.JobApproved(at_s=self._core.clock.now(), job=number, by=request.by))
         self._core.settle()
+
+    def _held(self, number: int) -> Job:
+        job = self._core.books.job(number)
+        if job.state is not JobState.HELD:
+            raise Refused(f"job {number} waits for no approval: it is {job.state}")
+        return job
 
     def night(self, number: int) -> api.Night:
         """When and where what is left of a planned job should print."""

@@ -13,6 +13,7 @@ from farm.daemon.ahead import Ahead
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import HoldCode, JobOptions, JobState, OwnGcode
 from farm.paths import StateFolder
+from farm.services.files import sha256_of
 from farm.services.models import Inspected
 from farm.services.planning import Plan
 from farm.tracking import events as ev
@@ -24,6 +25,14 @@ from one_core import MODEL, Farm
 GCODE = Inspected(
     "x.gcode", (), 1.0, OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
 )
+
+
+class NoThreads:
+    """asyncio, with what a thread would do done at once."""
+
+    @staticmethod
+    async def to_thread(work, *args):
+        return work(*args)
 
 
 @pytest.fixture
@@ -56,6 +65,32 @@ def plan_for(number, state, plates=2):
 
 def starts(farm):
     return [told.printer for told in farm.hands.told if isinstance(told, ev.SendStart)]
+
+
+def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(farm, state, monkeypatch):
+    number = submit(farm, hold=True)
+    farm.core.planned(number, plan_for(number, state))
+    plan = farm.core.books.job(number).plan
+
+    def cancel():
+        farm.core.happened(ev.JobCancelled(at_s=1.0, job=number))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "sha256_of", lambda path: (cancel(), sha256_of(path))[1])
+        patch.setattr(module, "asyncio", NoThreads)
+        with pytest.raises(Refused, match="waits for no approval: it is cancelled"):
+            asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan)))
+    other = submit(farm, "s", hold=True)
+    farm.core.planned(other, plan_for(other, state))
+
+    def start(section):
+        farm.core.happened(ev.JobApproved(at_s=1.0, job=other, by="ann"))
+        farm.core.settle()
+
+    monkeypatch.setattr(module, "mistake_in", start)
+    monkeypatch.setattr(module, "asyncio", NoThreads)
+    with pytest.raises(Refused, match="a is printing"):
+        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(grams=500.0)))
 
 
 def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(farm, state):
