@@ -199,6 +199,7 @@ class Core:
                 ended_s=now_s,
                 extruded=False,
                 filament=self.books.printer(attempt.printer).filament,
+                printed_share=0.0,  # its reel is as it was
             )
         )
         self.settle()

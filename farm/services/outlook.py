@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
-from farm.model import AgentSnapshot, Hold, HoldCode, Job, Link, Plate, Print, PrintState
+from farm.model import AgentSnapshot, Hold, HoldCode, Job, JobState, Link, Plate, Print, PrintState
 from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.tracking.books import Books
 from farm.tracking.outage import LOSSES, WINDOW_S
@@ -108,7 +108,7 @@ def own_holds(books: Books, now_s: float) -> dict[str, Hold]:
     """The plates that are offered to no printer, and why."""
     held = {}
     for job in books.jobs.values():
-        for plate in books.plates_of(job) if not job.state.ended else ():
+        for plate in books.plates_of(job) if job.state is JobState.PRINTING else ():
             hold = _own_hold(books, job, plate, now_s)
             if hold is not None:
                 held[plate.id] = hold

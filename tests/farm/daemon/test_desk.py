@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import Clock
+from farm.daemon.core import REFUSALS
 from farm.daemon.desk import Desk
 from farm.errors import NoSuchThing, Refused
 from farm.model import (
@@ -16,6 +17,7 @@ from farm.model import (
     JobState,
     Link,
     PrintState,
+    Reel,
     Verdict,
 )  # fmt: skip
 from farm.paths import StateFolder
@@ -163,3 +165,23 @@ def test_idle_printers_that_vanish_together_are_an_outage(tmp_path):
     for name in "ab":
         farm.core.heard(AgentSnapshot(printer=name, link=Link.ABSENT, reason="the port is not there"))
     assert farm.core.books.outage.printers == ("a", "b")
+
+
+def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
+    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions(hold=True))
+    event = planned(2, 1)
+    farm.core.planned(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    for name in "ab":
+        ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.core.clock.now())
+    assert farm.core.books.outage is not None
+    assert farm.core.books.plates["2/01"].hold is None  # nothing would take it away again
+
+
+def test_a_print_that_no_agent_would_start_takes_nothing_off_its_reel(farm):
+    reel = Reel(material="generic_pla", grams=500.0, nozzle_mm=0.4)
+    farm.core.happened(ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
+    attempt = farm.core.books.open_print_on("a")
+    for _ in range(REFUSALS):
+        farm.core.refused(attempt.id, "no")
+    assert farm.core.books.prints[attempt.id].state is PrintState.FAILED
+    assert farm.core.books.printers["a"].reel == reel
