@@ -179,20 +179,17 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     settings = {
         section.name: printer_settings(section, task.options.quality, resources) for section in task.printers
     }
-    # Poses and cuts are priced with the settings of the first; another nozzle is slower or quicker.
+    # Poses and cuts are priced with the settings of the first.
     costs = [printer_cost(section, settings[section.name]) for section in task.printers]
     cost = costs[0]
     factors = {
         section.name: task.factors.get(section.name, 1.0) * slower(own, than=cost)
         for section, own in zip(task.printers, costs, strict=True)
     }
-    quickest = sorted(task.printers, key=lambda section: factors[section.name])
+    # Nobody asked for a coarser nozzle: that it is quicker does not put its printer first.
+    quickest = sorted(task.printers, key=lambda section: task.factors.get(section.name, 1.0))
     rooms = [
-        PrinterRoom(
-            section.name,
-            model_sizes(room, settings[section.name]),
-            factors[section.name],
-        )
+        PrinterRoom(section.name, model_sizes(room, settings[section.name]), factors[section.name])
         for _ in range(task.rounds)
         for section in quickest
         for room in (printer_room(section, settings[section.name].brim_width_mm),)
