@@ -332,7 +332,8 @@ class Core:
     def cancel(self, number: int) -> None:
         job = self.books.job(number)
         if job.state.ended:
-            raise Refused(f"job {number} has ended already: it is {job.state}")
+            again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
+            raise Refused(f"job {number} has ended already: it is {job.state}{again}")
         self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
         self.progress.pop(number, None)
         self._promised.pop(number, None)
@@ -363,9 +364,9 @@ class Core:
         self.books.printer(printer)
         attempt = self.books.open_print_on(printer)
         if attempt is None:
-            raise Refused(f"{printer} prints nothing")
+            raise Refused(f"{printer} prints nothing: `farm status` shows what prints")
         if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
-            raise Refused(f"{printer}: its print is ending")
+            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
         if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
             raise Refused(f"{printer} is not paused")
         self.happened(ev.PauseAsked(at_s=self.clock.now(), print_id=attempt.id, wanted=wanted))

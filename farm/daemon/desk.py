@@ -35,7 +35,7 @@ class Desk:
         if attempt is None:
             raise Refused(f"{printer} prints nothing; of what is printed, `farm cleared {printer} --bad`")
         if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
-            raise Refused(f"{printer}: its print is ending")
+            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
         self._happened(lambda at_s: ev.PrintFailAsked(at_s=at_s, print_id=attempt.id, why=why, by=by))
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
@@ -57,7 +57,7 @@ class Desk:
         self._core.books.printer(printer)
         attempt = self._core.books.open_print_on(printer)
         if attempt is None:
-            raise Refused(f"{printer} prints nothing")
+            raise Refused(f"{printer} prints nothing: `farm status` shows what prints")
         return self._cancel(self._core.books.plates[attempt.plate], by)
 
     def pause_part(self, job: int, part: str, wanted: bool) -> str:
@@ -65,7 +65,9 @@ class Desk:
         plate = self._plate(job, part)
         printer = self._printing(plate)
         if printer is None:
-            raise Refused(f"part {plate.parts[0]} is not being printed")
+            raise Refused(
+                f"part {plate.parts[0]} is not being printed: `farm pause {job}` keeps what waits of its job"
+            )
         self._core.pause(printer, wanted)
         return printer
 
