@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from farm.api import ClearedRequest
+from farm.api import ClearedRequest, PrinterView
 from farm.cli.client import Client
 from farm.errors import NoSuchThing
-from farm.model import FilamentState
+from farm.model import FilamentState, HoldCode, Link
 from farm.paths import find_places
 
 State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
@@ -37,6 +38,12 @@ def place_of(target: str) -> str:
     return f"/printers/{target}"
 
 
+def waiting_for_it(printers: Iterable[PrinterView]) -> list[str]:
+    """The printers that `all` means: none that somebody has in hand or that is away, whose beds may be full."""
+    others = (HoldCode.MAINTENANCE, Link.ABSENT)
+    return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
+
+
 def cleared(
     printers: Annotated[list[str], typer.Argument(help="The printers whose beds are clear, or all.")],
     bad: Annotated[bool, typer.Option("--bad", help="What was printed is bad: print it again.")] = False,
@@ -52,7 +59,7 @@ def cleared(
     if printers == ["all"]:
         if bad:
             raise typer.BadParameter("name the printers whose parts are bad", param_hint="--bad")
-        printers = [p.name for p in fleet_now.values() if p.print is None and p.hold is not None]
+        printers = waiting_for_it(fleet_now.values())
         if not printers:
             print("there is nothing to clear")
     unknown = [name for name in printers if name not in fleet_now]
