@@ -39,7 +39,7 @@ def place_of(target: str) -> str:
 
 
 def waiting_for_it(printers: Iterable[PrinterView]) -> list[str]:
-    """The printers that `all` means: none that somebody has in hand or that is away, whose beds may be full."""
+    """The printers that `all` means: none that somebody has in hand or that is away; a part may lie there."""
     others = (HoldCode.MAINTENANCE, Link.ABSENT)
     return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
 
