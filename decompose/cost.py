@@ -283,11 +283,7 @@ def price(
     depth: float,
     height: float,
 ) -> float:
-    """Seconds, by `CostModel.coefficients`: one formula for tables and parts.
-
-    It is compiled into `boxes`, too, and the compiler's cache does not see a change made here alone: empty
-    decompose/__pycache__ after one.
-    """
+    """Seconds, by `CostModel.coefficients`: one formula for tables and parts."""
     ring = c[8] * (2.0 * (width + depth) + np.pi * c[8])
     inset = min(c[11] * height, INSET_AT_MOST * c[2] * lateral)
     body = max(c[1] * volume + c[2] * lateral - inset, c[7] * height)

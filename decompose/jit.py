@@ -1,8 +1,16 @@
-"""One place for the settings of the just-in-time compiler."""
+"""One place for the settings of the just-in-time compiler, and for where its machine code is kept.
+
+Compiled code has the functions and constants of other files in it, and numba looks at the time stamp of one
+file alone: after an update it would go on with old prices. So the folder is named after the content of all
+files that are compiled.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar, cast
 
 import numba
@@ -10,12 +18,31 @@ import numba
 F = TypeVar("F", bound=Callable[..., object])
 
 
-def jit(function: F) -> F:
-    """Compile a function to machine code, and keep the code on disk where there is a place to write.
+def content(folder: Path) -> str:
+    """A name for the content of all files below a folder that compile something."""
+    digest = hashlib.sha256()
+    for path in sorted(folder.rglob("*.py")):
+        text = path.read_bytes()
+        if b"decompose.jit" in text:
+            digest.update(path.name.encode() + b"\0" + text)
+    return digest.hexdigest()[:16]
 
-    Numba looks beside the source file, then in the user's cache folder; with neither it compiles on each run.
-    """
+
+def _kept_in() -> Path:
+    """Beside the sources, where that can be written; else in the user's cache."""
+    here = Path(__file__).parent
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    root = here / "__pycache__" if os.access(here, os.W_OK) else home / "farm"
+    return root / content(here)
+
+
+numba.config.CACHE_DIR = str(_kept_in())  # type: ignore[attr-defined]
+numba.config.CACHE_LOCATOR_CLASSES = "UserProvidedCacheLocator"  # type: ignore[attr-defined]
+
+
+def jit(function: F) -> F:
+    """Compile a function to machine code, and keep the code on disk where there is a place to write."""
     try:
         return cast(F, numba.njit(cache=True, nogil=True)(function))
-    except RuntimeError:
+    except RuntimeError:  # no place: it is compiled on each run
         return cast(F, numba.njit(nogil=True)(function))
