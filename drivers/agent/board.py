@@ -23,6 +23,7 @@ PULSES = 2
 UNWATCHED = "nobody watched it before its agent was started"
 NOT_IDLE = "its port is opened when somebody has said that it does not print: opening it may reset it"
 NO_RESET = "its board does not start again at a pulse of DTR: it prints only while somebody is there"
+HEATERS_OFF = (b"M104 S0", b"M140 S0")
 _OFF = b"\nM104 S0\nM140 S0\n"  # for a board that nothing resets; unnumbered, whatever it counts
 
 
@@ -301,7 +302,8 @@ class Board:
             self.look = f"{trouble.text}: switch it off"
             self.wants_power_off = True
         if self.link.drained:
-            self.link.send(now_s, *ASK)
+            # what a port that went left hot, and no reset ends; asking alone would feed the dead-man for ever
+            self.link.send(now_s, *(HEATERS_OFF if self.hot else ASK))
 
     def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:

@@ -1,6 +1,7 @@
 """An agent and its port: when it opens it, what it sees there, what it does where heat cannot be stopped."""
 
 import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import pytest
 from one_printer import MODEL, Printer, gcode, printer, run
 
 from drivers import messages as m
+from drivers.agent.journal import JOURNAL
 from drivers.client import alive
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
@@ -104,6 +106,29 @@ def test_a_board_that_no_pulse_of_dtr_resets_is_named_and_its_heat_is_ended_by_c
             assert left.fault == Fault.AGENT_DIED
             status = read_status(emulator)
             assert (status.nozzle_target_c, status.bed_target_c, status.resets) == (0.0, 0.0, 0)
+        finally:
+            await one.close()
+            control(emulator, "power_off")
+
+    run(story())
+
+
+@pytest.mark.system
+def test_heat_of_ours_that_outlived_its_print_is_ended_by_command_where_no_reset_ends_it(tmp_path: Path):
+    emulator, url = tmp_path / "emulator", str(tmp_path / "emulator" / "tty")
+    one = Printer(tmp_path / "agent", url)
+    (tmp_path / "agent").mkdir()
+    (tmp_path / "agent" / JOURNAL).write_text(json.dumps({"hot": True, "reset_refuted": url}) + "\n")
+
+    async def story() -> None:
+        launch(f"sim://{MODEL}?no_reset=1", emulator, one.clock)
+        control(emulator, "set_nozzle", target_c=180.0)
+        one.spawn()
+        try:
+            await one.connect()
+            await one.until(lambda s: s.nozzle is not None and s.nozzle.target_c == 180.0)
+            await one.until(lambda s: s.heaters_off)
+            assert read_status(emulator).nozzle_target_c == 0.0
         finally:
             await one.close()
             control(emulator, "power_off")
