@@ -31,6 +31,7 @@ _HEATS = frozenset((b"M104", b"M109", b"M140", b"M190"))
 _RISES = re.compile(rb"G0*[01](?!\d)[^Z]*Z *(-?[0-9.]+)")
 _TARGET = re.compile(rb"S(\d+(?:\.\d*)?)(?: |\Z)")
 _MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # of all axes, of E; relative
+_MOST_LAYERS = 1_000_000
 _PEAK_MM = 1.0  # a spiral rises with every line: its height is kept in steps of this
 _NEEDLESS = frozenset((b"M105", b"M117"))  # the link asks; a text is read as commands
 _NEVER = {
@@ -223,7 +224,10 @@ def strip(raw_lines: Iterable[bytes], store: Store | None = None) -> Program:
                 if comment.startswith(b"TIME_ELAPSED:"):
                     timeline.elapsed(count, _number(comment[13:], number))
                 elif comment.startswith(b"LAYER:"):
-                    timeline.layer(count, int(_number(comment[6:], number)))
+                    layer = int(_number(comment[6:], number))
+                    if abs(layer) > _MOST_LAYERS:
+                        raise BadGcode(f"line {number}: {_shown(comment[6:])} is no number of a layer")
+                    timeline.layer(count, layer)
                 elif comment.startswith(b"TYPE:"):
                     timeline.feature(count, comment[5:].rstrip().decode("ascii", "replace"))
                 elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:

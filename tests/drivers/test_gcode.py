@@ -154,6 +154,7 @@ def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: li
         (";LAYER:nan", "no number"),
         (";TIME_ELAPSED:inf", "no number"),
         (";TIME_ELAPSED:soon", "no number"),
+        (";LAYER:3000000000", "no number"),
     ],
 )
 def test_what_the_firmware_would_misread_is_refused_with_its_line(line: str, says: str):
