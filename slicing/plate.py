@@ -26,12 +26,13 @@ from slicing.timeline import with_times
 from slicing.toolpath import read_toolpath
 from slicing.walls import lines_of
 
-_FORMAT = "farm-slice-3"
+_FORMAT = "farm-slice-4"
 """Part of the cache's key: changes where what is stored or checked changes."""
 _ON_BED_MM = 0.02
-_NUDGES_MM = (0.0, 0.005, -0.02)
-"""By how much a part is grown where something was left out without. CuraEngine 4.13 loses a corner of a sound
-ring where the corner's two sides, in um, multiply to 2**32 (from 0.99995 to 1.000003 of it, measured)."""
+_GROWN = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
+"""By what share a part is wider, and by how much its outlines are grown in mm, where something was left out
+otherwise. CuraEngine 4.13 loses a corner of a sound ring where the corner's two sides, in um, multiply to
+2**32 (from 0.99995 to 1.000003 of it, measured), in a layer's section as in the walls that it makes of it."""
 _BY_CHANCE = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUTLINE))
 
 
@@ -131,30 +132,34 @@ def _slice(request: PlateRequest, triangles: stl.Triangles, progress: Progress |
     """As the settings say; where that leaves something out, a hair wider or narrower."""
     check_versions(request.engine, request.settings.extruder)
     first: SliceRejected | None = None
-    for nudge_mm in _NUDGES_MM:
-        try:
-            return _slice_once(request, _nudged(request.settings, nudge_mm), triangles, progress)
-        except SliceRejected as rejected:
-            first = first or rejected
-            if rejected.rule not in _BY_CHANCE:
-                break
+    with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
+        for share, offset_mm in _GROWN:
+            try:
+                return _slice_once(_grown(request, share, offset_mm, Path(folder)), triangles, progress)
+            except SliceRejected as rejected:
+                first = first or rejected
+                if rejected.rule not in _BY_CHANCE:
+                    break
     assert first is not None
     raise first
 
 
-def _nudged(settings: Settings, nudge_mm: float) -> Settings:
-    if not nudge_mm:
-        return settings
-    grown = {
-        key: str(float(settings.extruder.get(key) or 0.0) + nudge_mm)
+def _grown(request: PlateRequest, share: float, offset_mm: float, folder: Path) -> PlateRequest:
+    """The same for a part that is wider by this share, about the bed's centre, its outlines grown."""
+    if not share:
+        return request
+    wider = folder / request.stl.name
+    wider.write_bytes(stl.grown(request.stl.read_bytes(), share))
+    settings = request.settings
+    offsets = {
+        key: str(float(settings.extruder.get(key) or 0.0) + offset_mm)
         for key in ("xy_offset", "xy_offset_layer_0")
     }
-    return replace(settings, extruder={**settings.extruder, **grown})
+    return replace(request, stl=wider, settings=replace(settings, extruder={**settings.extruder, **offsets}))
 
 
-def _slice_once(
-    request: PlateRequest, settings: Settings, triangles: stl.Triangles, progress: Progress | None
-) -> _Sliced:
+def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progress | None) -> _Sliced:
+    settings = request.settings
     run = run_engine(
         request.engine,
         request.stl,
