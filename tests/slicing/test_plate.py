@@ -90,13 +90,15 @@ def test_a_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_
 def test_a_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
     """A section can lose its corner before any offset of the walls: the mesh itself has to be another."""
     request = request_for(trimesh.creation.box((80, 60, 2)))
-    wider = plate._grown(request, 1e-3, 0.01, tmp_path)
+    folder = tmp_path / "wider"
+    folder.mkdir()
+    wider = plate._grown(request, 1e-3, 0.01, folder)
     assert wider.stl != request.stl
     assert trimesh.load_mesh(wider.stl).extents == pytest.approx((80.08, 60.06, 2.0), abs=1e-3)
     assert float(wider.settings.extruder["xy_offset"]) == pytest.approx(
         0.01 + float(request.settings.extruder.get("xy_offset") or 0.0)
     )
-    assert plate._grown(request, 0.0, 0.0, tmp_path) is request
+    assert plate._grown(request, 0.0, 0.0, folder) is request
 
 
 def test_an_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
