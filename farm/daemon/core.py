@@ -25,6 +25,7 @@ from farm.model import (
     JobState,
     Link,
     PlanProgress,
+    Print,
     PrintState,
     Verdict,
 )
@@ -37,7 +38,7 @@ from farm.scheduling.snapshot import PrinterView
 from farm.scheduling.spares import spare_printers
 from farm.services.made import planned_event
 from farm.services.models import Inspected
-from farm.services.outlook import Rooms, job_need, own_holds, plate_views, printer_views
+from farm.services.outlook import Rooms, job_need, may_begin, own_holds, plate_views, printer_views
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
@@ -177,9 +178,14 @@ class Core:
             snapshot = self.snapshots.get(attempt.printer)
             if snapshot is not None:
                 for instruction in owed(attempt, snapshot):
-                    if self.books.outage is not None and isinstance(instruction, ev.SendStart):
-                        continue  # nothing heats until a person has confirmed
+                    if isinstance(instruction, ev.SendStart) and not self._may_begin(attempt):
+                        continue
                     self._hands.perform(instruction)
+
+    def _may_begin(self, attempt: Print) -> bool:
+        """Nothing heats in an outage that nobody has confirmed, nor out of hours."""
+        views, now_s = self.printer_views(), self.clock.now()
+        return self.books.outage is None and may_begin(attempt, self.books, views, self.rules, now_s)
 
     def refused(self, print_id: str, reason: str) -> None:
         """An agent would not start a print; where it still will not after several times, the print failed."""

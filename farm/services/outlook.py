@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Hold, HoldCode, Job, JobState, Link, Plate, Print, PrintState
+from farm.scheduling.rules import Rules
 from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.tracking.books import Books
 from farm.tracking.outage import LOSSES, WINDOW_S
@@ -91,6 +92,21 @@ def plate_views(plates: Iterable[Plate], books: Books) -> Iterator[PlateView]:
             places=None if wanted is None else max(0, wanted - printing.get(job.id, 0)),
             not_before_s=job.not_before_s,
         )
+
+
+def may_begin(
+    attempt: Print, books: Books, printers: Iterable[PrinterView], rules: Rules, now_s: float
+) -> bool:
+    """Whether hours let a print begin that its printer was given, and that its agent has not heard of.
+
+    An agent may have been away since: what was right for the evening may be the middle of the night.
+    """
+    printer = next((p for p in printers if p.name == attempt.printer), None)
+    (plate,) = plate_views([books.plates[attempt.plate]], books)
+    if printer is None:
+        return False
+    start = rules.start(plate, printer, now_s)
+    return start.at_s is not None and start.at_s <= now_s
 
 
 def job_need(job: Job) -> Need:

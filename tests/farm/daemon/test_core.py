@@ -123,6 +123,20 @@ def test_every_printer_is_told_once_and_a_new_daemon_tells_those_that_do_not_kno
     assert [i for i in again.hands.told if isinstance(i, ev.SendStart)] == [starts[0]]
 
 
+def test_what_was_given_by_day_is_not_told_again_by_night(farm, plan, tmp_path):
+    """An agent that was away since would heat with nobody there."""
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.planned(1, plan)
+    assert any(isinstance(i, ev.SendStart) for i in farm.hands.told)
+    night = Farm(tmp_path, quiet="00:00-24:00")
+    night.ready("a", "b")
+    assert not [i for i in night.hands.told if isinstance(i, ev.SendStart)]
+    day = Farm(tmp_path)
+    day.ready("a", "b")
+    assert [i for i in day.hands.told if isinstance(i, ev.SendStart)]
+
+
 def test_a_daemon_that_died_while_it_planned_plans_again(farm, tmp_path):
     farm.ready("a", "b")
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
