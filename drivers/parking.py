@@ -14,7 +14,15 @@ from drivers.gcode import Heat, HeaterName, Program
 from drivers.marlin import Link
 from drivers.messages import Filament, PrintPhase
 from drivers.profiles import Profile
-from drivers.steps import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, Ended, Pace, Script, Steps
+from drivers.steps import (
+    HOT_ENOUGH_C,
+    PAUSE_DEAD_MAN_S,
+    PRINT_DEAD_MAN_S,
+    Ended,
+    Pace,
+    Script,
+    Steps,
+)
 
 PARKED_MM = 20.0  # how far back the end code and the printer's own menu leave the filament
 PARKED_SLACK_MM = 0.25
@@ -95,7 +103,7 @@ class Parking(Steps):
             self.program is not None
             and self.phase is PrintPhase.PRINTING
             and self.filament is Filament.AT_NOZZLE
-            and bool(self.program.target_c(HeaterName.NOZZLE, self.link.streamed))
+            and (self.program.target_c(HeaterName.NOZZLE, self.link.streamed) or 0.0) >= HOT_ENOUGH_C
         )
 
     def _pause(self, program: Program, done: int) -> Script:

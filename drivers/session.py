@@ -26,11 +26,19 @@ from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
 from drivers.parking import LIFT_MM, PARKED_MM
 from drivers.profiles import Profile
-from drivers.steps import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, TRIES, Ended, Pace, Script, Wait
+from drivers.steps import (
+    HEAT_DEAD_MAN_S,
+    HOT_ENOUGH_C,
+    PRINT_DEAD_MAN_S,
+    TRIES,
+    Ended,
+    Pace,
+    Script,
+    Wait,
+)
 
 __all__ = ["PARKED_MM", "Pace", "Session"]
 
-HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
 BLIND_S = 700.0  # printing without a report: longer than any command may take
 STOP_S = 30.0  # M401 waits for the move under way
 _BARRIERS = (b"M400",) * 3  # the ok of a garbled last line may be believed; that of three is not

@@ -25,6 +25,7 @@ BED_BAND_C = 0.5
 NOZZLE_BAND_C, NOZZLE_HOLD_S = 2.0, 3.0  # as M109: residence near the target
 HEAT_LIMIT_S = {HeaterName.NOZZLE: 900.0, HeaterName.BED: 2400.0}
 DEAF_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
+HOT_ENOUGH_C = 175.0  # the firmware refuses to extrude below 170
 HEAT_DEAD_MAN_S = 1200.0  # nothing feeds it in a G28 or behind slow moves
 PRINT_DEAD_MAN_S = 600.0  # moves feed it, but not an M400 behind 17 slow ones
 PAUSE_DEAD_MAN_S = 120.0  # fed every few seconds

@@ -143,7 +143,7 @@ class Agent:
 
     def _remember(self) -> None:
         self._record.remember()
-        if self._ending and self._board.session is None:
+        if self._ending and self._board.session is None and not self._board.hot:
             self._over = True
 
     # --- what is told ---
@@ -257,6 +257,10 @@ class Agent:
                 self._board.prove()
             case Shutdown():
                 if self._board.session is None:
+                    if self._board.hot and not request.now:
+                        raise AgentError(
+                            f"{self._printer} may still be hot: look at it, or shut down with `now`"
+                        )
                     self._over = True
                 elif request.now:
                     self._ending = True
@@ -331,7 +335,7 @@ class Agent:
     def _signalled(self, _: int) -> None:
         """SIGTERM waits for the open print; SIGINT ends it safely."""
         now = signal.SIGINT in self._signals[0].recv(64)
-        if self._board.session is None:
+        if self._board.session is None and (now or not self._board.hot):
             self._over = True
             return
         self._ending = True

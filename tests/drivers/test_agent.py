@@ -450,6 +450,21 @@ def test_a_full_disk_stops_no_print_and_starts_none(
     assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
 
 
+def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven) -> None:
+    """Once it is gone, nobody of ours switches the heat off when the port comes back."""
+    refused = []
+
+    def do(agent: Driven) -> None:
+        if agent.told.link is m.LinkState.READY:
+            agent._board.hot = True
+            refused.append(agent._answer(m.Shutdown(id=1)).error)
+            assert agent._answer(m.Shutdown(id=2, now=True)).error is None
+
+    driven.do = do
+    driven.run()
+    assert "may still be hot" in str(refused[0])
+
+
 def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
     until_s = time.monotonic() + DEADLINE_S
     while not seen(read_status(folder)) and time.monotonic() < until_s:
