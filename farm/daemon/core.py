@@ -13,11 +13,10 @@ from typing import Protocol
 
 from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
-from farm.errors import FarmError, Refused
+from farm.errors import FarmError
 from farm.model import (
     AgentSnapshot,
     Bed,
-    FilamentState,
     Hold,
     HoldCode,
     Job,
@@ -27,7 +26,6 @@ from farm.model import (
     PlanProgress,
     Print,
     PrintState,
-    Verdict,
 )
 from farm.paths import StateFolder
 from farm.scheduling.assign import assign
@@ -105,6 +103,8 @@ class Core:
                 "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             )
             for instruction in instructions:
+                if isinstance(instruction, ev.StopPlanning):
+                    self._no_longer_planned(instruction.job)
                 self._hands.perform(instruction)
 
     def start(self, restored_s: float | None = None) -> None:
@@ -287,8 +287,7 @@ class Core:
     def planned(self, number: int, result: Plan | FarmError) -> None:
         """A plan was made, or could not be made."""
         now_s = self.clock.now()
-        self.progress.pop(number, None)
-        self._promised.pop(number, None)
+        self._no_longer_planned(number)
         job = self.books.job(number)
         if job.state is not JobState.PLANNING:
             return  # cancelled meanwhile
@@ -302,7 +301,11 @@ class Core:
             self.happened(made)
         self.settle()
 
-    # -- what people ask --------------------------------------------------------------------------------
+    def _no_longer_planned(self, number: int) -> None:
+        self.progress.pop(number, None)
+        self._promised.pop(number, None)
+
+    # -- jobs -------------------------------------------------------------------------------------------
 
     def submitted(self, request_id: str) -> int | None:
         """The job that this request made, if it was heard before."""
@@ -334,48 +337,6 @@ class Core:
         self.happened(ev.JobSubmitted(at_s=now_s, job=job))
         self.settle()
         return number, False
-
-    def cancel(self, number: int) -> None:
-        job = self.books.job(number)
-        if job.state.ended:
-            again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
-            raise Refused(f"job {number} has ended already: it is {job.state}{again}")
-        self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
-        self.progress.pop(number, None)
-        self._promised.pop(number, None)
-        self.settle()
-
-    def cleared(
-        self,
-        printer: str,
-        by: str,
-        filament: FilamentState | None,
-        verdict: Verdict = Verdict.GOOD,
-        why: str | None = None,
-    ) -> None:
-        """A person cleared a bed, and says how what was printed on it is."""
-        self.books.printer(printer)
-        if self.books.open_print_on(printer) is not None:
-            raise Refused(f"{printer} is printing: its bed cannot be clear")
-        if verdict is Verdict.BAD and self.books.to_judge(printer) is None:
-            raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
-        now_s = self.clock.now()
-        self.happened(
-            ev.BedCleared(at_s=now_s, printer=printer, by=by, filament=filament, verdict=verdict, why=why)
-        )
-        self.settle()
-
-    def pause(self, printer: str, wanted: bool) -> None:
-        """Have what is printed there wait, or go on; while it heats it is told when it prints."""
-        self.books.printer(printer)
-        attempt = self.books.open_print_on(printer)
-        if attempt is None:
-            raise Refused(f"{printer} prints nothing: `farm status` shows what prints")
-        if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
-            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
-        if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
-            raise Refused(f"{printer} is not paused")
-        self.happened(ev.PauseAsked(at_s=self.clock.now(), print_id=attempt.id, wanted=wanted))
 
     def abort_all(self) -> None:
         """End every job that is being printed."""

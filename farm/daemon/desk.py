@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from fastapi import FastAPI
+
+from farm import api
 from farm.daemon.core import Core
 from farm.errors import NoSuchThing, Refused
-from farm.model import Plate, PrintState
+from farm.model import FilamentState, Plate, PrintState, Verdict
 from farm.tracking import events as ev
 from farm.tracking.outcome import Standing
 
@@ -38,6 +41,27 @@ class Desk:
             raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
         self._happened(lambda at_s: ev.PrintFailAsked(at_s=at_s, print_id=attempt.id, why=why, by=by))
 
+    def cleared(
+        self,
+        printer: str,
+        by: str,
+        filament: FilamentState | None,
+        verdict: Verdict = Verdict.GOOD,
+        why: str | None = None,
+    ) -> None:
+        """A person cleared a bed, and says how what was printed on it is."""
+        books = self._core.books
+        books.printer(printer)
+        if books.open_print_on(printer) is not None:
+            raise Refused(f"{printer} is printing: its bed cannot be clear")
+        if verdict is Verdict.BAD and books.to_judge(printer) is None:
+            raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
+        self._happened(
+            lambda at_s: ev.BedCleared(
+                at_s=at_s, printer=printer, by=by, filament=filament, verdict=verdict, why=why
+            )
+        )
+
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
         """Print a part again, whatever became of it. Returns its name."""
         plate = self._plate(job, part)
@@ -47,6 +71,14 @@ class Desk:
             raise Refused(f"part {plate.parts[0]} {_COMING[stands].format(printer=printer)}")
         self._happened(lambda at_s: ev.ReprintAsked(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]
+
+    def cancel_job(self, number: int) -> None:
+        """Print nothing more of a job."""
+        job = self._core.books.job(number)
+        if job.state.ended:
+            again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
+            raise Refused(f"job {number} has ended already: it is {job.state}{again}")
+        self._happened(lambda at_s: ev.JobCancelled(at_s=at_s, job=number))
 
     def cancel_part(self, job: int, part: str, by: str) -> str:
         """Never print a part. Returns its name."""
@@ -60,6 +92,18 @@ class Desk:
             raise Refused(f"{printer} prints nothing: `farm status` shows what prints")
         return self._cancel(self._core.books.plates[attempt.plate], by)
 
+    def pause_printer(self, printer: str, wanted: bool) -> None:
+        """Have what is printed there wait, or go on; while it heats it is told when it prints."""
+        self._core.books.printer(printer)
+        attempt = self._core.books.open_print_on(printer)
+        if attempt is None:
+            raise Refused(f"{printer} prints nothing: `farm status` shows what prints")
+        if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
+            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
+        if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
+            raise Refused(f"{printer} is not paused")
+        self._core.happened(ev.PauseAsked(at_s=self._core.clock.now(), print_id=attempt.id, wanted=wanted))
+
     def pause_part(self, job: int, part: str, wanted: bool) -> str:
         """Have the printer of a part wait, or go on. Returns the printer."""
         plate = self._plate(job, part)
@@ -68,7 +112,7 @@ class Desk:
             raise Refused(
                 f"part {plate.parts[0]} is not being printed: `farm pause {job}` keeps what waits of its job"
             )
-        self._core.pause(printer, wanted)
+        self.pause_printer(printer, wanted)
         return printer
 
     def pause_job(self, job: int, wanted: bool) -> None:
@@ -124,3 +168,64 @@ class Desk:
     def _happened(self, event: Callable[[float], ev.AnyEvent]) -> None:
         self._core.happened(event(self._core.clock.now()))
         self._core.settle()
+
+
+def add_desk(app: FastAPI, desk: Desk) -> None:
+    """The routes of what people ask of prints, parts and printers."""
+
+    @app.post("/printers/{name}/cleared")
+    async def cleared(name: str, request: api.ClearedRequest) -> None:
+        verdict = Verdict.BAD if request.bad else Verdict.GOOD
+        desk.cleared(name, request.by, request.filament, verdict, request.why)
+
+    @app.post("/printers/{name}/pause")
+    async def pause(name: str) -> None:
+        desk.pause_printer(name, True)
+
+    @app.post("/printers/{name}/resume")
+    async def resume(name: str) -> None:
+        desk.pause_printer(name, False)
+
+    @app.post("/outage/confirm")
+    async def confirm(request: api.Reason) -> api.Named:
+        return api.Named(name=desk.confirm(request.by))
+
+    @app.post("/printers/{name}/fail")
+    async def fail(name: str, request: api.Reason) -> None:
+        desk.fail(name, request.why or "it went wrong", request.by)
+
+    @app.post("/printers/{name}/cancel")
+    async def cancel_printer(name: str, request: api.Reason) -> api.Named:
+        return api.Named(name=desk.cancel_printer(name, request.by))
+
+    @app.post("/printers/{name}/maintenance")
+    async def maintenance(name: str, request: api.Reason) -> None:
+        desk.maintenance(name, request.why, request.by)
+
+    @app.post("/printers/{name}/maintained")
+    async def maintained(name: str, request: api.Reason) -> None:
+        desk.maintained(name, request.by)
+
+    @app.post("/jobs/{number}/parts/{part}/reprint")
+    async def reprint(number: int, part: str, request: api.Reason) -> api.Named:
+        return api.Named(name=desk.reprint(number, part, request.why or "asked for again", request.by))
+
+    @app.post("/jobs/{number}/parts/{part}/cancel")
+    async def cancel_part(number: int, part: str, request: api.Reason) -> api.Named:
+        return api.Named(name=desk.cancel_part(number, part, request.by))
+
+    @app.post("/jobs/{number}/parts/{part}/pause")
+    async def pause_part(number: int, part: str) -> api.Named:
+        return api.Named(name=desk.pause_part(number, part, True))
+
+    @app.post("/jobs/{number}/parts/{part}/resume")
+    async def resume_part(number: int, part: str) -> api.Named:
+        return api.Named(name=desk.pause_part(number, part, False))
+
+    @app.post("/jobs/{number}/pause")
+    async def pause_job(number: int) -> None:
+        desk.pause_job(number, True)
+
+    @app.post("/jobs/{number}/resume")
+    async def resume_job(number: int) -> None:
+        desk.pause_job(number, False)

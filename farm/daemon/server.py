@@ -17,10 +17,10 @@ import farm
 from farm import api
 from farm.daemon.ahead import Ahead, add_ahead
 from farm.daemon.core import Core
-from farm.daemon.desk import Desk
+from farm.daemon.desk import Desk, add_desk
 from farm.daemon.workers import Workers
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
-from farm.model import JobOptions, Verdict
+from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.scheduling.moments import wished_s
 from farm.services.gcode import inspect_gcode, is_gcode
@@ -50,6 +50,7 @@ def make_app(
 ) -> FastAPI:
     """The application; `down(now)` ends the farm."""
     app = FastAPI(title="farm", version=farm.__version__)
+    desk = Desk(core)
 
     def daemon(scene: Scene) -> api.DaemonView:
         return api.DaemonView(pid=os.getpid(), version=farm.__version__, since=scene.moment(since_s) or "")
@@ -148,23 +149,10 @@ def make_app(
 
     @app.post("/jobs/{number}/cancel")
     async def cancel(number: int) -> api.JobStatus:
-        core.cancel(number)
+        desk.cancel_job(number)
         return await job(number)
 
-    @app.post("/printers/{name}/cleared")
-    async def cleared(name: str, request: api.ClearedRequest) -> None:
-        verdict = Verdict.BAD if request.bad else Verdict.GOOD
-        core.cleared(name, request.by, request.filament, verdict, request.why)
-
-    @app.post("/printers/{name}/pause")
-    async def pause(name: str) -> None:
-        core.pause(name, True)
-
-    @app.post("/printers/{name}/resume")
-    async def resume(name: str) -> None:
-        core.pause(name, False)
-
-    add_desk(app, Desk(core))
+    add_desk(app, desk)
     add_ahead(app, Ahead(core, state))
 
     @app.post("/down")
@@ -190,51 +178,3 @@ def make_app(
         return JSONResponse(problem.model_dump(), status_code=404)
 
     return app
-
-
-def add_desk(app: FastAPI, desk: Desk) -> None:
-    """The routes of what people ask of prints, parts and printers."""
-
-    @app.post("/outage/confirm")
-    async def confirm(request: api.Reason) -> api.Named:
-        return api.Named(name=desk.confirm(request.by))
-
-    @app.post("/printers/{name}/fail")
-    async def fail(name: str, request: api.Reason) -> None:
-        desk.fail(name, request.why or "it went wrong", request.by)
-
-    @app.post("/printers/{name}/cancel")
-    async def cancel_printer(name: str, request: api.Reason) -> api.Named:
-        return api.Named(name=desk.cancel_printer(name, request.by))
-
-    @app.post("/printers/{name}/maintenance")
-    async def maintenance(name: str, request: api.Reason) -> None:
-        desk.maintenance(name, request.why, request.by)
-
-    @app.post("/printers/{name}/maintained")
-    async def maintained(name: str, request: api.Reason) -> None:
-        desk.maintained(name, request.by)
-
-    @app.post("/jobs/{number}/parts/{part}/reprint")
-    async def reprint(number: int, part: str, request: api.Reason) -> api.Named:
-        return api.Named(name=desk.reprint(number, part, request.why or "asked for again", request.by))
-
-    @app.post("/jobs/{number}/parts/{part}/cancel")
-    async def cancel_part(number: int, part: str, request: api.Reason) -> api.Named:
-        return api.Named(name=desk.cancel_part(number, part, request.by))
-
-    @app.post("/jobs/{number}/parts/{part}/pause")
-    async def pause_part(number: int, part: str) -> api.Named:
-        return api.Named(name=desk.pause_part(number, part, True))
-
-    @app.post("/jobs/{number}/parts/{part}/resume")
-    async def resume_part(number: int, part: str) -> api.Named:
-        return api.Named(name=desk.pause_part(number, part, False))
-
-    @app.post("/jobs/{number}/pause")
-    async def pause_job(number: int) -> None:
-        desk.pause_job(number, True)
-
-    @app.post("/jobs/{number}/resume")
-    async def resume_job(number: int) -> None:
-        desk.pause_job(number, False)

@@ -3,6 +3,7 @@
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.daemon.core import Core
+from farm.daemon.desk import Desk
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.services.models import Inspected
 from farm.services.rooms import bed_boxes
@@ -35,6 +36,7 @@ class Farm:
         self.hands = Hands()
         self.store = Store(folder / "farm.db")
         self.core = Core(fleet(**house), self.store, Clock(), bed_boxes, self.hands)
+        self.desk = Desk(self.core)
         self.core.start()
 
     def ready(self, *names, **changes):

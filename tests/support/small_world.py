@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from farm.daemon.core import Core
+from farm.daemon.desk import Desk
 from farm.errors import FarmError
 from farm.model import (
     AgentPrint,
@@ -124,6 +125,7 @@ class World:
     def up(self):
         self.store = SteppingStore(self.path, self)
         self.core = Core(fleet(), self.store, self.clock, bed_boxes, self)
+        self.desk = Desk(self.core)
         self.core.start()
 
     def surviving(self, doing):
@@ -201,7 +203,7 @@ class World:
                 verdict = Verdict.GOOD
             agent_bed, agent.on_bed = agent.on_bed, None
             clear = self.surviving(
-                lambda name=agent.name, verdict=verdict: self.core.cleared(name, "ann", None, verdict)
+                lambda name=agent.name, verdict=verdict: self.desk.cleared(name, "ann", None, verdict)
             )
             if not clear and self.core.books.printers[agent.name].bed is not Bed.CLEAR:
                 agent.on_bed = agent_bed

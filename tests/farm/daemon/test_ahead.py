@@ -173,7 +173,7 @@ def test_g_code_does_not_wait_behind_a_decomposition(farm):
     third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
     holds = {number: farm.core.books.job(number).hold.code for number in (third, urgent)}
     assert set(holds.values()) == {HoldCode.NOT_FRONT}
-    farm.core.cancel(first)
+    farm.desk.cancel_job(first)
     assert farm.hands.plans[-1][0] == urgent
 
 
@@ -191,7 +191,7 @@ def test_a_job_with_a_start_time_waits_for_it_and_lets_others_pass(farm):
     assert farm.hands.plans == [(now, ["a", "b"], 1)]
     farm.core.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
     farm.clock_s = farm.core.books.job(later).not_before_s
-    farm.core.cancel(now)
+    farm.desk.cancel_job(now)
     assert farm.hands.plans[-1][0] == later
 
 

@@ -160,7 +160,7 @@ def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
     assert {p.state for p in farm.core.books.prints.values()} == {PrintState.CANCELLED}
     assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
     for name in "ab":
-        farm.core.cleared(name, "ann", FilamentState.PARKED)
+        farm.desk.cleared(name, "ann", FilamentState.PARKED)
     assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
     farm.core.happened(ev.JobApproved(at_s=farm.core.clock.now(), job=1, by="ann"))
     farm.core.settle()

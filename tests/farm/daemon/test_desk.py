@@ -6,7 +6,6 @@ import pytest
 
 from drivers.clock import Clock
 from farm.daemon.core import REFUSALS
-from farm.daemon.desk import Desk
 from farm.errors import NoSuchThing, Refused
 from farm.model import (
     AgentPrint,
@@ -53,7 +52,7 @@ def ends(farm, printer, state=PrintState.DONE, **changes):
 
 
 def test_a_print_that_goes_wrong_is_ended_and_its_part_printed_elsewhere(farm):
-    desk = Desk(farm.core)
+    desk = farm.desk
     desk.fail("a", "a blob", "ann")
     with pytest.raises(Refused, match="ending"):
         desk.fail("a", "a blob", "ann")
@@ -62,13 +61,13 @@ def test_a_print_that_goes_wrong_is_ended_and_its_part_printed_elsewhere(farm):
     with pytest.raises(Refused, match="a prints nothing"):
         desk.fail("a", "a blob", "ann")
     ends(farm, "b")
-    farm.core.cleared("b", "ann", None)
+    farm.desk.cleared("b", "ann", None)
     plates = {plate.id: farm.core.books.standing(plate).name for plate in farm.core.books.plates.values()}
     assert plates == {"1/01": "PRINTING", "1/02": "GOOD", "1/03": "WAITING"}
 
 
 def test_parts_are_named_as_a_person_writes_them(farm):
-    desk = Desk(farm.core)
+    desk = farm.desk
     for name in ("1/p03", "p03", "03", "3"):
         with pytest.raises(Refused, match="1/p03 waits to be printed already"):
             desk.reprint(1, name, "", "ann")
@@ -79,14 +78,14 @@ def test_parts_are_named_as_a_person_writes_them(farm):
 
 
 def test_a_part_or_what_a_printer_prints_is_cancelled_for_good(farm):
-    desk = Desk(farm.core)
+    desk = farm.desk
     assert desk.cancel_part(1, "p03", "ann") == "1/p03"
     with pytest.raises(Refused, match="cancelled already"):
         desk.cancel_part(1, "p03", "ann")
     assert desk.cancel_printer("a", "ann") == "1/p01"
     ends(farm, "a", PrintState.CANCELLED)
     ends(farm, "b")
-    farm.core.cleared("a", "ann", None)
+    farm.desk.cleared("a", "ann", None)
     with pytest.raises(Refused, match="a prints nothing"):
         desk.cancel_printer("a", "ann")
     with pytest.raises(Refused, match="1/p02 is printed already"):
@@ -98,12 +97,12 @@ def test_a_part_or_what_a_printer_prints_is_cancelled_for_good(farm):
 
 
 def test_nothing_of_a_paused_job_starts(farm):
-    desk = Desk(farm.core)
+    desk = farm.desk
     desk.pause_job(1, True)
     with pytest.raises(Refused, match="paused already"):
         desk.pause_job(1, True)
     ends(farm, "a")
-    farm.core.cleared("a", "ann", None)
+    farm.desk.cleared("a", "ann", None)
     assert farm.core.books.open_print_on("a") is None
     assert farm.core.books.plates["1/03"].hold.code is HoldCode.PAUSED
     desk.pause_job(1, False)
@@ -114,11 +113,11 @@ def test_nothing_of_a_paused_job_starts(farm):
 
 
 def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
-    desk = Desk(farm.core)
+    desk = farm.desk
     desk.maintenance("a", "a new belt", "ann")
     assert farm.core.books.open_print_on("a").cancel_asked is None
     ends(farm, "a")
-    farm.core.cleared("a", "ann", None)
+    farm.desk.cleared("a", "ann", None)
     assert farm.core.books.open_print_on("a") is None
     desk.maintained("a", "ann")
     assert farm.core.books.open_print_on("a").plate == "1/03"
@@ -128,28 +127,28 @@ def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
 
 def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
     ends(farm, "a")
-    farm.core.cleared("a", "ann", None, Verdict.BAD, "warped")
+    farm.desk.cleared("a", "ann", None, Verdict.BAD, "warped")
     assert farm.core.books.plates["1/01"].prints
     assert farm.core.books.open_print_on("a").plate in ("1/01", "1/03")
     farm.ready("b")
     with pytest.raises(Refused, match="its bed cannot be clear"):
-        farm.core.cleared("b", "ann", None, Verdict.BAD)
+        farm.desk.cleared("b", "ann", None, Verdict.BAD)
     assert ev.SendCleared(printer="a", filament=None) in farm.hands.told
 
 
 def test_after_an_outage_nothing_starts_until_a_person_confirms_it(farm):
-    desk = Desk(farm.core)
+    desk = farm.desk
     with pytest.raises(Refused, match="no printers were lost"):
         desk.confirm("ann")
     now_s = farm.core.clock.now()
     ends(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
-    farm.core.cleared("a", "ann", None)
+    farm.desk.cleared("a", "ann", None)
     assert farm.core.books.plates["1/01"].hold.code is HoldCode.JUST_LOST
     assert farm.core.books.open_print_on("a").plate == "1/03"
     ends(farm, "a")
     ends(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
     for name in "ab":
-        farm.core.cleared(name, "ann", None)
+        farm.desk.cleared(name, "ann", None)
     assert {farm.core.books.plates[name].hold.code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
     (item,) = todo(farm.core.scene(STATE))
     assert (item.code, item.printers) == ("outage", ["a", "b"])
