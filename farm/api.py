@@ -170,20 +170,12 @@ class NightView(_View):
     wasted_grams: float
 
 
-class HistoryRow(_View):
+class HistoryRow(PrintView):
     """A print that has ended."""
 
-    printer: str
     job: int
     name: str  # the job's
     part: str
-    state: PrintState
-    fault: str | None
-    reason: str | None
-    verdict: Verdict | None
-    why: str | None
-    started: str | None
-    ended: str | None
     took_s: float
     expected_s: float
     grams: float

@@ -265,6 +265,7 @@ class Print(Entity):
     pause_asked: bool = False  # a person wants it to wait
     paused: bool = False  # it did at some time: how long it took says nothing of its printer
     starved_s: float = 0.0
+    grams: float = 0.0  # what it took off its reel, once it has ended
 
 
 class Reel(Entity):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from farm.model import Job, Plate, Print, PrintState, Verdict
+from farm.model import Job, Print, PrintState, Verdict
 from farm.tracking.books import Books
 from farm.tracking.outcome import Standing
 
@@ -52,21 +52,11 @@ def wasted(attempt: Print) -> bool:
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
-def used_grams(attempt: Print, plate: Plate) -> float:
-    """What a print that has ended took off its reel: by its time, where it did not come to its end."""
-    if attempt.state is PrintState.DONE:
-        return plate.grams
-    if not attempt.extruded:
-        return 0.0
-    layers_s = took_s(attempt) - plate.prelude_s
-    return plate.grams * min(1.0, max(0.0, layers_s / (plate.print_time_s * plate.time_factor)))
-
-
 def job_account(books: Books, job: Job) -> Account:
     """What became of a job's plates so far."""
     stand = [books.standing(plate) for plate in books.plates_of(job)]
     waste = [
-        (took_s(attempt), used_grams(attempt, plate))
+        (took_s(attempt), attempt.grams)
         for plate in books.plates_of(job)
         for attempt in books.prints_of(plate)
         if wasted(attempt)
@@ -95,7 +85,7 @@ def night(books: Books, recent: Iterable[Print], now_s: float) -> Night | None:
     failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
     printing = {p.plate for p in books.open_prints()} - done
     waiting = {plate.id for plate in books.waiting_plates()} - done - failed
-    grams = [(wasted(p), used_grams(p, books.plates[p.plate])) for p in ended]
+    grams = [(wasted(p), p.grams) for p in ended]
     return Night(
         since_s=since_s,
         printed=len(done),

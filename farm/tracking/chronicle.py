@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from farm import api
 from farm.model import Job, JobState, Print
-from farm.tracking.account import night, took_s, used_grams, wasted
+from farm.tracking.account import night, took_s, wasted
 from farm.tracking.books import Books
-from farm.tracking.view import Scene
+from farm.tracking.view import Scene, print_view
 
 ENDED_SHOWN = 10
 """Jobs that are over: `farm history` has their prints."""
@@ -59,19 +59,12 @@ def history(
 def _history_row(scene: Scene, attempt: Print) -> api.HistoryRow:
     plate = scene.books.plates[attempt.plate]
     return api.HistoryRow(
-        printer=attempt.printer,
+        **dict(print_view(scene, attempt)),
         job=attempt.job,
         name=scene.books.jobs[attempt.job].name,
         part=plate.parts[0],
-        state=attempt.state,
-        fault=attempt.fault,
-        reason=attempt.reason,
-        verdict=attempt.verdict,
-        why=attempt.verdict_why,
-        started=scene.moment(attempt.started_s),
-        ended=scene.moment(attempt.ended_s),
         took_s=took_s(attempt),
         expected_s=plate.estimated_s,
-        grams=used_grams(attempt, plate),
+        grams=attempt.grams,
         wasted=wasted(attempt),
     )

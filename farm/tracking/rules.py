@@ -206,9 +206,10 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         extruded=attempt.extruded or event.extruded,
         starved_s=event.starved_s,
     )
-    printer = edited(books.printer(attempt.printer), filament=event.filament)
     grams = used_grams(books.plates[attempt.plate], state, attempt.extruded, event.printed_share)
-    printer = edited(printer, reel=less(printer.reel, grams))
+    attempt = edited(attempt, grams=grams)
+    printer = books.printer(attempt.printer)
+    printer = edited(printer, filament=event.filament, reel=less(printer.reel, grams))
     if state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
         plate = books.plates[attempt.plate]
         reached_s = event.ended_s - attempt.started_s - plate.prelude_s

@@ -315,19 +315,21 @@ def _part_view(scene: Scene, name: str) -> api.PartView:
         verdict=_verdict(scene.books, plate),
         plate=part.plate,
         file=str(scene.state.files / part.file),
-        prints=[
-            api.PrintView(
-                printer=attempt.printer,
-                state=attempt.state,
-                fault=attempt.fault,
-                reason=attempt.reason,
-                verdict=attempt.verdict,
-                why=attempt.verdict_why,
-                started=scene.moment(attempt.started_s),
-                ended=scene.moment(attempt.ended_s),
-            )
-            for attempt in scene.books.prints_of(plate)
-        ],
+        prints=[print_view(scene, attempt) for attempt in scene.books.prints_of(plate)],
+    )
+
+
+def print_view(scene: Scene, attempt: Print) -> api.PrintView:
+    """One attempt, its moments in the fleet's zone."""
+    return api.PrintView(
+        printer=attempt.printer,
+        state=attempt.state,
+        fault=attempt.fault,
+        reason=attempt.reason,
+        verdict=attempt.verdict,
+        why=attempt.verdict_why,
+        started=scene.moment(attempt.started_s),
+        ended=scene.moment(attempt.ended_s),
     )
 
 

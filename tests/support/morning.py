@@ -31,7 +31,14 @@ def night_books():
             for i, name in enumerate(PRINTERS, 1)
         ),
         *(ended(f"{name} {i}", at_s=104.0) for i, name in enumerate(PRINTERS[:3], 1)),
-        ended("um2-04 4", PrintState.FAILED, 47.0, fault="heater_timeout", reason="it does not get warm"),
+        ended(
+            "um2-04 4",
+            PrintState.FAILED,
+            47.0,
+            fault="heater_timeout",
+            reason="it does not get warm",
+            printed_share=35 / 90,
+        ),
         ev.PrintProgressed(
             at_s=3.0, print_id="um2-05 5", state=PrintState.PRINTING, started_s=2.0, extruded=True
         ),

@@ -32,6 +32,7 @@ def with_a_reel(**changes):
 def test_a_print_takes_its_grams_off(changes, left):
     books, _ = run(with_a_reel(), ended("x", **changes))
     assert books.printer("a").reel.grams == pytest.approx(left)
+    assert books.prints["x"].grams == pytest.approx(100.0 - left), "the history says the same as the reel"
 
 
 def test_what_nobody_weighed_stays_unknown():
