@@ -17,6 +17,7 @@ from drivers.errors import Fault
 from farm.cli.main import app
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
+from farm.tracking.faults import OwnFault
 from slicing.errors import Rule
 
 PAGE = Path(__file__).with_name("reference.md")
@@ -28,6 +29,7 @@ ENUMERATIONS: tuple[tuple[str, type[Enum]], ...] = (
     ("Link to a printer", Link),
     ("Why a plate or a job waits (`hold.code`)", HoldCode),
     ("Faults of a print", Fault),
+    ("Faults of a print that the farm itself tells", OwnFault),
     ("Rules that a slice must keep", Rule),
 )
 

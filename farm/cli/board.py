@@ -10,8 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.words import moment, planning, span
+from farm.cli.words import moment, planning
 from farm.model import Bed, HoldCode, JobState, PrintState
+from farm.words import span
 
 _INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
 _APART = "     "  # between two things to do on one line

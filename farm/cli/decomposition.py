@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from farm.cli.words import span
+from farm.words import span
 
 
 def decomposition_lines(report: dict[str, Any], printers: int, out: Path) -> list[str]:

@@ -12,9 +12,10 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from farm import api
 from farm.cli.client import Client
-from farm.cli.words import filament, from_cache, planning, span
+from farm.cli.words import filament, from_cache, planning
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanStep
+from farm.words import span
 
 T = TypeVar("T")
 _PATIENCE_S = 60.0  # a daemon that is being restarted comes back within this

@@ -15,9 +15,10 @@ from farm import api
 from farm.cli.board import mass
 from farm.cli.client import Client
 from farm.cli.operate import FleetFile, Socket, State
-from farm.cli.words import moment, span
+from farm.cli.words import moment
 from farm.errors import FarmError
 from farm.paths import find_places
+from farm.words import span
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 _ALL = 100_000

@@ -9,7 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.words import moment, span
+from farm.cli.words import moment
+from farm.words import span
 
 _WIDTH = 64  # characters of the line of time
 

@@ -14,8 +14,9 @@ from farm import api
 from farm.cli.board import board, mass
 from farm.cli.client import Client
 from farm.cli.follow import patiently
-from farm.cli.words import filament, from_cache, moment, planning, span
+from farm.cli.words import filament, from_cache, moment, planning
 from farm.model import JobState, PrintState
+from farm.words import span
 
 _REFRESH_S = 1.0
 

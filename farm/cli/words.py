@@ -1,4 +1,4 @@
-"""Spans, moments and amounts as a person reads them."""
+"""Moments and amounts as a person reads them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,6 @@ from farm.model import PlanProgress, PlanStep
 def say(line: str) -> None:
     """One line for a person, on stderr."""
     print(f"farm: {line}", file=sys.stderr)
-
-
-def span(seconds: float | None) -> str:
-    """Hours and minutes, or seconds where it is short; a dash where it is not known."""
-    if seconds is None:
-        return "-"
-    whole = round(seconds)
-    if whole < 120:
-        return f"{whole} s"
-    hours, minutes = divmod(round(seconds / 60), 60)
-    return f"{hours}h{minutes:02d}" if hours else f"{minutes} min"
 
 
 def filament(grams: float, length_mm: float, price: float | None = None, currency: str | None = None) -> str:

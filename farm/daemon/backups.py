@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 
+from drivers.clock import Clock, wall_s
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.tracking.store import DamagedBooks, Store, StoreError, copy_books
@@ -13,6 +16,7 @@ from farm.tracking.store import DamagedBooks, Store, StoreError, copy_books
 log = logging.getLogger(__name__)
 
 KEPT = 7
+_LEAST_S = 60.0  # wall seconds between two copies, however fast the clock is
 _HOUR = 4  # local: changes of the clock are over by then
 _STAMP = "books-%Y%m%dT%H%M%SZ"
 _NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
@@ -35,6 +39,50 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     for old in copies(state)[KEPT:]:
         old.unlink(missing_ok=True)
     return target
+
+
+class Nightly:
+    """Copies the books every night; where that cannot be done it is told, and tried again the next night.
+
+    Parameters
+    ----------
+    state, clock, zone
+        Where the books are, the farm's clock, and whose nights it keeps.
+    at
+        Sets a timer: wall time, its name, what to call.
+    tell
+        Is given a sentence for a person where a copy could not be made, None once one was made.
+    """
+
+    def __init__(
+        self,
+        state: StateFolder,
+        clock: Clock,
+        zone: tzinfo,
+        at: Callable[[float, str, Callable[[], Awaitable[None]]], None],
+        tell: Callable[[str | None], None],
+    ) -> None:
+        self._state, self._clock, self._zone = state, clock, zone
+        self._at, self._tell = at, tell
+
+    async def begin(self) -> None:
+        """Copy the books where there is no copy of the last day, and set the timer for the next one."""
+        await self.turn(only_if_due=True)
+
+    async def turn(self, only_if_due: bool = False) -> None:
+        """Copy the books now, and set the timer for the next night, whatever goes wrong."""
+        now_s = self._clock.now()
+        try:
+            if not only_if_due or is_due(self._state, now_s):
+                copy = await asyncio.to_thread(back_up, self._state, now_s)
+                log.info("the books are copied to %s", copy)
+            self._tell(None)
+        except Exception as error:  # a copy is for the worst case: what goes wrong with it must end nothing
+            log.exception("the nightly copy of the books")
+            self._tell(f"the nightly copy of the books failed ({error}): look at {self._state.backups}")
+        finally:
+            again_s = self._clock.wall(next_s(now_s, self._zone))
+            self._at(max(again_s, wall_s() + _LEAST_S), "copy the books", self.turn)
 
 
 def copies(state: StateFolder) -> list[Path]:

@@ -39,6 +39,7 @@ from farm.services.models import Inspected
 from farm.services.outlook import Rooms, job_need, may_begin, own_holds, plate_views, printer_views
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
+from farm.tracking.faults import OwnFault
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
@@ -51,7 +52,6 @@ PATIENCE_S = 30.0
 """Wall seconds in which printers are expected to connect after the farm has started."""
 REFUSALS = 5
 """How often an agent may refuse to start a print; a port that is just opening refuses too."""
-REFUSED_FAULT = "refused"
 
 
 class Hands(Protocol):
@@ -79,6 +79,7 @@ class Core:
         self.snapshots: dict[str, AgentSnapshot] = {}
         self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
+        self._warning: str | None = None  # what is wrong with the farm itself, for a person
         self._store = store
         self._room = rooms
         self.rules = Rules.of(fleet.fleet)
@@ -199,7 +200,7 @@ class Core:
                 at_s=now_s,
                 print_id=print_id,
                 state=PrintState.FAILED,
-                fault=REFUSED_FAULT,
+                fault=OwnFault.REFUSED,
                 reason=f"its agent would not start it: {reason}",
                 started_s=None,
                 ended_s=now_s,
@@ -344,6 +345,10 @@ class Core:
             if not self.books.job(number).state.ended:
                 self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
 
+    def copied(self, trouble: str | None) -> None:
+        """The books were copied, or why they could not be."""
+        self._warning = trouble
+
     # -- views ------------------------------------------------------------------------------------------
 
     def printer_views(self) -> list[PrinterView]:
@@ -359,6 +364,7 @@ class Core:
             self.clock.now(),
             settled=not self._arriving(),
             progress=self.progress,
+            warning=self._warning,
         )
 
     def _arriving(self) -> bool:

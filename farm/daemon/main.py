@@ -17,16 +17,16 @@ from typing import IO
 
 import uvicorn
 
-from drivers.clock import Clock, wall_s
+from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
-from farm.daemon.backups import back_up, is_due, next_s, open_books
+from farm.daemon.backups import Nightly, open_books
 from farm.daemon.core import Core
 from farm.daemon.links import Links
 from farm.daemon.planner import Planner
 from farm.daemon.server import make_app
 from farm.daemon.timers import Timers
 from farm.daemon.workers import Workers
-from farm.errors import FarmError, Refused
+from farm.errors import Refused
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.services.files import name_files
@@ -39,7 +39,6 @@ log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _SETTLE_S = 1.0
-_LEAST_S = 60.0  # wall seconds between two copies of the books, however fast the clock is
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
@@ -108,7 +107,7 @@ class Daemon:
         timers.every(_WATCH_S, "watch agents", self._links.watch)
         timers.every(_SETTLE_S, "settle", self._turn)
         timers.start()
-        await self._back_up(due=is_due(self._state, self._clock.now()))
+        await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
         listening = _listen(self._places.socket)
         log.info("listening on %s", self._places.socket)
         try:
@@ -129,18 +128,6 @@ class Daemon:
         if edge_s is not None and edge_s != self._edge_s:
             self._timers.at(self._clock.wall(edge_s), "edge of hours", self._turn)
         self._edge_s = edge_s
-
-    async def _back_up(self, due: bool = True) -> None:
-        """Copy the books, every night; where that cannot be done it is said, and tried the next night."""
-        now_s = self._clock.now()
-        if due:
-            try:
-                copy = await asyncio.to_thread(back_up, self._state, now_s)
-                log.info("the books are copied to %s", copy)
-            except FarmError as error:
-                log.error("%s", error)
-        again_s = self._clock.wall(next_s(now_s, self._fleet.zone))
-        self._timers.at(max(again_s, wall_s() + _LEAST_S), "copy the books", self._back_up)
 
     async def _down(self, now: bool) -> None:
         """End the farm: every print first (with `now`), then the agents, then the daemon."""

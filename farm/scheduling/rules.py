@@ -10,6 +10,7 @@ from farm.config import FleetSection
 from farm.model import Hold, HoldCode
 from farm.scheduling.hours import Hours
 from farm.scheduling.snapshot import PlateView, PrinterView
+from farm.words import span
 
 LATE = 1.05
 """A print may take this much longer than expected."""
@@ -74,18 +75,18 @@ class Rules:
             if moved.at_s is None:
                 return moved
             at_s = moved.at_s
-        text = f"it takes {_hours(plate.estimated_s)}: longer than the hours of fleet.yaml ever let it print"
+        text = f"it takes {span(plate.estimated_s)}: longer than the hours of fleet.yaml ever let it print"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
     def _out_of_quiet(self, plate: PlateView, at_s: float) -> Start | None:
         """When these quiet hours end, or those into which it would print; None where there are none."""
-        span = self.quiet.span(at_s) or self.quiet.following(at_s)
-        if span is None or at_s + plate.estimated_s * LATE <= span[0]:
+        quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
+        if quiet is None or at_s + plate.estimated_s * LATE <= quiet[0]:
             return None
-        text = f"it takes {_hours(plate.estimated_s)}, quiet hours are from {self.words(span[0])}"
-        if span[1] == float("inf"):
+        text = f"it takes {span(plate.estimated_s)}, quiet hours are from {self.words(quiet[0])}"
+        if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        return Start(span[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.words(span[1])}"))
+        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.words(quiet[1])}"))
 
     def _attended(self, plate: PlateView, printer: PrinterView, at_s: float) -> Start | None:
         """When somebody comes, where somebody has to be there and is not, or not long enough."""
@@ -141,8 +142,3 @@ def short_of_filament(plate: PlateView, printer: PrinterView, grams: float | Non
         text=f"{printer.name} has {grams:.0f} g, it needs {needed:.0f} g: load a reel, then "
         f"`farm load {printer.name}`",
     )
-
-
-def _hours(seconds: float) -> str:
-    hours, minutes = divmod(round(seconds / 60), 60)
-    return f"{hours}h{minutes:02d}"

@@ -11,7 +11,8 @@ from farm.model import AgentSnapshot, Hold, HoldCode, Job, JobState, Link, Plate
 from farm.scheduling.rules import Rules
 from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.tracking.books import Books
-from farm.tracking.outage import LOSSES, WINDOW_S
+from farm.tracking.faults import LOSSES
+from farm.tracking.outage import WINDOW_S
 from farm.tracking.outcome import Standing
 
 Rooms = Callable[[PrinterSection], tuple[Box, ...]]

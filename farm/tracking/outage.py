@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from farm.model import Printer
-from farm.tracking.reconcile import LOST_FAULT
 
 WINDOW_S = 10.0
 """Printers that are lost no further apart than this were lost by one cause."""
-LOSSES = frozenset({"port_lost", "agent_died", "no_answer", "reboot", "kill", LOST_FAULT})
-"""Faults that say that a board, or the way to it, was gone; the others are a printer's own."""
 
 
 def lost_together(name: str, printers: Iterable[Printer]) -> tuple[str, ...]:

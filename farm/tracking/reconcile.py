@@ -6,9 +6,7 @@ from collections.abc import Iterator
 
 from farm.model import AgentSnapshot, Bed, FilamentState, Link, Print, Printer, PrintState
 from farm.tracking import events as ev
-
-LOST_FAULT = "print_lost"
-"""The fault of a print that its agent knows nothing of any more."""
+from farm.tracking.faults import OwnFault
 
 
 def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
@@ -36,7 +34,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
             at_s=now_s,
             print_id=attempt.id,
             state=PrintState.FAILED if begun else PrintState.CANCELLED,
-            fault=LOST_FAULT if begun else None,
+            fault=OwnFault.PRINT_LOST if begun else None,
             reason="its agent has no record of this print" if begun else f"never begun: {reason}",
             started_s=None,
             ended_s=now_s,

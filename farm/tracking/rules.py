@@ -32,14 +32,11 @@ from farm.tracking.consequences import (
     stop_print,
 )
 from farm.tracking.factor import learned
-from farm.tracking.outage import LOSSES
+from farm.tracking.faults import BY_PEOPLE, LOSSES, OwnFault
 from farm.tracking.outcome import printed
 from farm.tracking.reels import less, used_grams
 
 BY_THE_DAMAGE = "the books were restored"
-BY_A_PERSON_FAULT = "by_a_person"
-"""The fault of a print that a person saw go wrong."""
-_BY_PEOPLE = (BY_A_PERSON_FAULT, "estop")
 
 _APPROVAL = Hold(code=HoldCode.APPROVAL, text="its plan is frozen until `farm approve` releases it")
 
@@ -190,7 +187,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     fault, reason = event.fault, event.reason
     begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_asked is not None:
-        state, fault, reason = PrintState.FAILED, BY_A_PERSON_FAULT, attempt.fail_asked
+        state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_asked
     elif state is PrintState.CANCELLED and attempt.cancel_asked is None and begun:
         state = PrintState.FAILED  # nobody here asked for it
     if state is PrintState.DONE and attempt.fail_asked is not None:  # it ended before it was told
@@ -200,7 +197,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         state=state,
         fault=fault,
         reason=reason,
-        charged=fault not in _BY_PEOPLE,
+        charged=attempt.cancel_asked is None and fault not in BY_PEOPLE,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=attempt.extruded or event.extruded,

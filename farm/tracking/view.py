@@ -48,6 +48,7 @@ class Scene:
     now_s: float
     settled: bool = True  # the farm has been up long enough for every printer to have connected
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
+    warning: str | None = None  # what is wrong with the farm itself
 
     def moment(self, at_s: float | None) -> str | None:
         """ISO 8601 in the fleet's zone."""
@@ -203,7 +204,8 @@ def todo(scene: Scene) -> list[api.Todo]:
         beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
-    return [*looks, *absent, *paused, *clear, *asks(scene.books)]
+    own = [api.Todo(code="farm", printers=[], text=scene.warning)] if scene.warning else []
+    return [*own, *looks, *absent, *paused, *clear, *asks(scene.books)]
 
 
 def _when(scene: Scene, printer: str) -> str:

@@ -34,6 +34,7 @@ class Farm:
 
     def __init__(self, folder, **house):
         self.hands = Hands()
+        folder.mkdir(exist_ok=True)
         self.store = Store(folder / "farm.db")
         self.core = Core(fleet(**house), self.store, Clock(), bed_boxes, self.hands)
         self.desk = Desk(self.core)

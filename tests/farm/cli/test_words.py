@@ -2,8 +2,9 @@
 
 import pytest
 
-from farm.cli.words import filament, moment, planning, span
+from farm.cli.words import filament, moment, planning
 from farm.model import PlanProgress, PlanStep
+from farm.words import span
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,14 @@
 """Copies of the books: made every night, kept for a week, and used where the books are damaged."""
 
-from datetime import datetime
+import asyncio
+from datetime import UTC, datetime
+from unittest.mock import Mock
 from zoneinfo import ZoneInfo
 
 import pytest
 
+from drivers.clock import Clock
+from farm.daemon import backups
 from farm.daemon.backups import KEPT, back_up, copies, is_due, made_s, next_s, open_books
 from farm.errors import FarmError
 from farm.model import Bed, FilamentState, HoldCode, JobOptions, JobState, PrintState
@@ -14,6 +18,7 @@ from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
+from farm.tracking.view import todo
 from make_books import fleet, job, run
 from make_books import plan as planned
 from one_core import MODEL, Farm
@@ -124,6 +129,30 @@ def test_a_copy_that_cannot_be_made_leaves_those_that_are_there(state):
         back_up(state, NIGHT_S + DAY_S)
     assert [made_s(copy) for copy in copies(state)] == [NIGHT_S]
     assert len(list(state.backups.iterdir())) == 1
+
+
+@pytest.mark.parametrize("trouble", ["no folder", "the disk", "a fault of our own"])
+def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_path, monkeypatch):
+    fill(state)
+    if trouble == "no folder":
+        state.backups.write_text("a file in its place")
+    else:
+        error = OSError(28, "No space left on device") if trouble == "the disk" else ValueError("oh")
+        monkeypatch.setattr(backups, "back_up", Mock(side_effect=error))
+    farm, timers = Farm(tmp_path / "farm"), []
+    nightly = backups.Nightly(state, Clock(), UTC, lambda *timer: timers.append(timer), farm.core.copied)
+    asyncio.run(nightly.begin())
+    ((_, _, again),) = timers
+    scene = farm.core.scene(state)
+    assert [item.code for item in todo(scene)][:1] == ["farm"]
+    assert "the nightly copy of the books failed" in todo(scene)[0].text
+    if trouble == "no folder":
+        state.backups.unlink()
+    monkeypatch.undo()
+    asyncio.run(again())
+    assert len(timers) == 2
+    assert len(copies(state)) == 1
+    assert "farm" not in [item.code for item in todo(farm.core.scene(state))]
 
 
 def test_the_next_copy_is_at_four_whatever_the_clock_does():

@@ -82,6 +82,14 @@ def test_a_print_that_a_person_saw_go_wrong_is_made_again(end):
         assert books.printers["a"].look == "a blob"
 
 
+def test_a_fault_while_a_print_is_ended_by_a_person_is_charged_to_nobody():
+    asked = ev.PrintFailAsked(at_s=50.0, print_id="x", why="a blob", by="ann")
+    hot = ended("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
+    books, _ = run(printing(plates=1), assigned("1/01", "a", "x"), asked, hot)
+    assert (books.prints["x"].fault, books.prints["x"].charged) == ("heater_stuck_on", False)
+    assert books.printers["a"].look == "it does not cool"
+
+
 def test_a_plate_out_of_attempts_stops_none_of_the_others():
     books, _ = run(printing(plates=2), assigned("1/02", "b", "y"))
     books = failed(books, ATTEMPTS)

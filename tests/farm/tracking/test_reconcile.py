@@ -5,7 +5,8 @@ import pytest
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, Link, PrintState
 from farm.tracking import events as ev
 from farm.tracking.books import Books
-from farm.tracking.reconcile import LOST_FAULT, observe, owed, reconcile, unexpected
+from farm.tracking.faults import OwnFault
+from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from make_books import fleet, printing, run
 
 
@@ -79,7 +80,7 @@ def test_an_agent_that_was_not_told_is_told_again_and_one_that_forgot_has_lost_t
     assert list(owed(books.prints["x"], empty)) == []
     books, _ = run(books, *reconcile(books.prints["x"], empty, 9.0))
     assert books.prints["x"].state is PrintState.FAILED
-    assert books.prints["x"].fault == LOST_FAULT
+    assert books.prints["x"].fault == OwnFault.PRINT_LOST
 
 
 def test_a_print_that_was_cancelled_before_its_agent_heard_of_it_never_starts():
