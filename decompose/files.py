@@ -12,6 +12,8 @@ from decompose.glb import write_glb
 from decompose.report import Decomposition
 from decompose.stl import write_stl
 
+REPORT, PICTURE, ASSEMBLY = "decomposition.json", "assembly.png", "assembly.glb"
+
 
 def write(decomposition: Decomposition, folder: Path) -> Decomposition:
     """Write one binary STL a part, decomposition.json, assembly.png and assembly.glb; read each STL back.
@@ -35,7 +37,7 @@ def write(decomposition: Decomposition, folder: Path) -> Decomposition:
         parts.append(named)
     written = replace(decomposition, parts=tuple(parts))
     text = json.dumps(written.as_dict(), indent=1) + "\n"
-    (folder / "decomposition.json").write_text(text, encoding="utf-8")
-    draw_assembly(written.parts, folder / "assembly.png")
-    write_glb(written.parts, folder / "assembly.glb")
+    (folder / REPORT).write_text(text, encoding="utf-8")
+    draw_assembly(written.parts, folder / PICTURE)
+    write_glb(written.parts, folder / ASSEMBLY)
     return written

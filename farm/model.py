@@ -168,7 +168,9 @@ class Job(Entity):
     lower_bound_s: float | None = None  # no order of its plates takes less
     estimated_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None
-    picture: str | None = None
+    picture: str | None = None  # of the assembly, and the two below, in the file store
+    assembly: str | None = None  # as a GLB
+    decomposition: str | None = None  # the report on it, as JSON
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: none of its plates starts

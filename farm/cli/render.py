@@ -145,7 +145,7 @@ def _job(view: api.JobView) -> RenderableType:
             )
         rows.append(parts)
     if view.folder:
-        rows.append(Text(f"parts (STL), plates (G-code) and a picture of them: {view.folder}"))
+        rows.append(Text(f"parts (STL), plates (G-code), a picture and a GLB of them: {view.folder}"))
     failed = [(part.id, one) for part in view.parts for one in part.prints if one.fault or one.why]
     for name, one in failed:
         why = one.reason or one.why or one.fault

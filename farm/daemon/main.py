@@ -30,7 +30,7 @@ from farm.errors import Refused
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.services.files import name_files
-from farm.services.planning import warm
+from farm.services.planning import file_names, warm
 from farm.services.rooms import bed_boxes
 from farm.tracking import events as ev
 from slicing.cache import trim_cache
@@ -80,11 +80,7 @@ class Daemon:
 
     def _name_files(self, job: Job) -> None:
         books = self._core.books
-        parts = map(books.parts.__getitem__, job.parts)
-        names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
-        names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in books.plates_of(job)}
-        if job.picture:
-            names["assembly.png"] = job.picture
+        names = file_names(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
         try:
             name_files(self._state.job(job.id), self._state.files, names)
         except OSError as error:  # a convenience: no reason to stop a job

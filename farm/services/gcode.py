@@ -140,7 +140,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         printer=section.name,
         time_factor=factor,
     )
-    return Plan((part,), (plate,), _notices(accepted, section), 1.0, estimated_s, estimated_s, None)
+    return Plan((part,), (plate,), _notices(accepted, section), 1.0, estimated_s, estimated_s)
 
 
 def _nozzle(printers: Sequence[PrinterSection]) -> float | None:

@@ -11,7 +11,7 @@ from typing import Any
 
 from decompose import auto, partition
 from decompose.cost import CostModel, PrinterRoom
-from decompose.files import write
+from decompose.files import ASSEMBLY, PICTURE, REPORT, write
 from decompose.growth import Score
 from decompose.mesh import load_model
 from decompose.report import Engine, Interior, Options
@@ -119,10 +119,10 @@ def _empty_for_parts(out: Path) -> None:
     Refused
         Where the folder has other things in it: parts of two models must not get mixed up.
     """
-    report = out / "decomposition.json"
+    report = out / REPORT
     try:
         out.mkdir(parents=True, exist_ok=True)
-        ours = {"decomposition.json", "assembly.png", "assembly.glb"}
+        ours = {REPORT, PICTURE, ASSEMBLY}
         if report.is_file():
             ours |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
         others = sorted(path.name for path in out.iterdir() if path.name not in ours)

@@ -46,6 +46,8 @@ def planned_event(
         estimated_s=plan.estimated_s if at_once else seen.ends_s - seen.starts_s,
         lower_bound_s=max(0.0, seen.lower_bound_s - seen.starts_s),
         picture=plan.picture,
+        assembly=plan.assembly,
+        decomposition=plan.decomposition,
         plan=plan_hash(plan.parts, plan.plates),
         held=job.options.hold,
     )

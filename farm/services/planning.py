@@ -5,7 +5,7 @@ The order is decompose, then slice every part, then price every plate. A plan is
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,14 @@ from typing import Any
 from decompose import auto, partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
-from decompose.files import write
+from decompose.files import ASSEMBLY, PICTURE, REPORT, write
 from decompose.mesh import Model
 from decompose.report import Decomposition, Engine, Options
 from decompose.solid import Solid
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.model import JobOptions, Part, Plate
+from farm.model import Job, JobOptions, Part, Plate
 from farm.services.estimate import plate_seconds, quickest_first
 from farm.services.files import store_file
 from farm.services.models import read_inspected
@@ -90,7 +90,6 @@ class Decomposed:
     serial_s: float
     repairs: tuple[str, ...]
     scale: float
-    picture: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,9 @@ class Plan:
     scale: float
     serial_s: float
     estimated_s: float
-    picture: str | None
+    picture: str | None = None
+    assembly: str | None = None
+    decomposition: str | None = None
 
 
 def warm() -> None:
@@ -219,7 +220,6 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
         serial_s=written.serial_s,
         repairs=model.repairs,
         scale=model.scale,
-        picture=task.folder / "assembly.png",
     )
 
 
@@ -375,8 +375,18 @@ def make_plan(
         scale=decomposed.scale,
         serial_s=prelude_s + _serial_s(decomposed, slices, prelude_s),
         estimated_s=_makespan_s(plates),
-        picture=store_file(files, decomposed.picture),
+        picture=store_file(files, task.folder / PICTURE),
+        assembly=store_file(files, task.folder / ASSEMBLY),
+        decomposition=store_file(files, task.folder / REPORT),
     )
+
+
+def file_names(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> dict[str, str]:
+    """A planned job's files, of those parts and plates, by the names that a person finds them under."""
+    names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
+    names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
+    of_all = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}
+    return names | {name: stored for name, stored in of_all.items() if stored}
 
 
 def _serial_s(decomposed: Decomposed, slices: Sequence[PlateResult], prelude_s: float) -> float:

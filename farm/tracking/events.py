@@ -53,6 +53,8 @@ class JobPlanned(Event):
     serial_s: float
     estimated_s: float
     picture: str | None
+    assembly: str | None = None
+    decomposition: str | None = None
     lower_bound_s: float | None = None
     plan: str | None = None
     held: bool = False  # until a person approves this very plan

@@ -106,6 +106,8 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         lower_bound_s=event.lower_bound_s,
         plan=event.plan,
         picture=event.picture,
+        assembly=event.assembly,
+        decomposition=event.decomposition,
         planned_s=event.at_s,
         hold=(_RESTORED if job.restored else _APPROVAL) if event.held else None,
     )

@@ -43,7 +43,8 @@ def test_from_a_model_to_its_last_part(farm, bar):
     for part in job["parts"]:
         assert Path(part["file"]).is_file()
     assert {path.name for path in Path(job["folder"]).iterdir()} == {
-        *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode", "assembly.png")
+        *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode"),
+        *("assembly.png", "assembly.glb", "decomposition.json"),
     }
     for name in ("one", "two"):
         printer = farm.printer(name)

@@ -14,7 +14,7 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.daemon.core import Core
 from farm.errors import ErrorCode, FarmError
-from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link
+from farm.model import AgentSnapshot, FilamentState, Job, JobOptions, JobState, Link
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
     LATE,
@@ -23,6 +23,7 @@ from farm.services.planning import (
     DecomposeTask,
     TooFewPrinters,
     decompose_job,
+    file_names,
     make_plan,
     printer_settings,
     settings_request,
@@ -92,8 +93,28 @@ def test_a_plan_is_whole(bar, files, tmp_path):
     assert plan.estimated_s == max(p.estimated_s for p in plan.plates)
     assert all(p.estimated_s > p.print_time_s > 0 for p in plan.plates)
     assert plan.serial_s > plan.estimated_s
-    for name in (*(p.file for p in plan.parts), *(p.gcode for p in plan.plates), plan.picture):
-        assert (files / name).is_file()
+    job = Job(
+        id=1,
+        request_id="r",
+        name="bar",
+        model_file=bar.file,
+        options=work.options,
+        submitted_s=0.0,
+        picture=plan.picture,
+        assembly=plan.assembly,
+        decomposition=plan.decomposition,
+    )
+    names = file_names(job, plan.parts, plan.plates)
+    assert set(names) == {
+        *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode"),
+        *("assembly.png", "assembly.glb", "decomposition.json"),
+    }
+    assert all((files / stored).is_file() for stored in names.values())
+    report = json.loads((files / names["decomposition.json"]).read_text())
+    assert {part["file"] for part in report["parts"]} <= set(names)
+    assert (files / names["assembly.glb"]).read_bytes()[:4] == b"glTF"
+    none = file_names(job.model_copy(update={"assembly": None}), (), ())
+    assert set(none) == {"assembly.png", "decomposition.json"}
 
 
 def test_what_was_submitted_is_read_back_to_the_last_bit(tmp_path, files):
