@@ -227,11 +227,11 @@ class Night:
         for item in view.todo:
             try:
                 if item.code == "outage":
-                    self.client.tell("/outage/confirm", by="the script")
+                    self.client.tell("/outage/confirm")
                 elif item.code in ("clear", "look"):
                     for name in item.printers:
                         if name != self.unplugged:
-                            self.client.cleared(name, api.ClearedRequest(by="the script"))
+                            self.client.cleared(name, api.ClearedRequest())
             except FarmError:
                 pass  # it changed meanwhile: the next look shows how
 

@@ -63,6 +63,7 @@ class JobView(_View):
     hold: Hold | None
     progress: PlanProgress | None  # while it is being planned
     submitted: str
+    submitted_by: str | None  # the user, by the kernel's word
     options: JobOptions
     parts: list[PartView]
     plates: list[PlateStatus]
@@ -175,6 +176,7 @@ class HistoryRow(PrintView):
 
     job: int
     name: str  # the job's
+    submitted_by: str | None
     part: str
     took_s: float
     expected_s: float
@@ -239,10 +241,9 @@ class Problem(_View):
 
 
 class Reason(_View):
-    """Why a person does something, and who."""
+    """Why a person does something."""
 
     why: str = Field(default="", max_length=200)
-    by: str = "a person"
 
 
 class ClearedRequest(_View):
@@ -251,7 +252,6 @@ class ClearedRequest(_View):
     filament: FilamentState | None = None
     bad: bool = False
     why: str | None = Field(default=None, max_length=200)
-    by: str = "a person"
 
 
 class Named(_View):
@@ -267,14 +267,12 @@ class LoadRequest(_View):
     colour: str | None = Field(default=None, max_length=40)
     grams: float | None = Field(default=None, ge=0, allow_inf_nan=False)
     nozzle_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
-    by: str = "a person"
 
 
 class ApproveRequest(_View):
     """The plan that a person has seen."""
 
     plan: str
-    by: str = "a person"
 
 
 class SlotView(_View):

@@ -25,6 +25,7 @@ SIMULATED = "sim://"
 _FORWARDED = "rfc2217://"
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
+Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -61,6 +62,8 @@ class FleetSection(_Section):
     first_layers_attended: bool = False  # a print starts only where its first layer ends in attended hours
     max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that heat up at once: the breaker
     approve: bool = False  # no job prints before `farm approve`
+    group: Group = "farm"  # who may use the daemon's socket, where there is such a group
+    operators: Group | None = None  # who may say that printers go on; None: everybody
 
     @model_validator(mode="after")
     def _somebody_comes(self) -> Self:

@@ -157,6 +157,7 @@ class Job(Entity):
     own_gcode: OwnGcode | None = None  # where G-code was submitted: it is printed as one plate
     state: JobState = JobState.QUEUED
     submitted_s: float
+    submitted_by: str | None = None  # the user; None: an older farm took it
     hold: Hold | None = None  # why it has not begun
     error: ErrorCode | None = None
     reason: str | None = None

@@ -122,6 +122,8 @@ def _course(job: api.JobView) -> str:
         parts.append(f"wasted {span(job.wasted_s)}, {mass(job.wasted_grams)}")
     if job.hold is not None:
         parts.append(job.hold.text)
+    if job.submitted_by:
+        parts.append(f"by {job.submitted_by}")
     return "; ".join(parts)
 
 

@@ -50,9 +50,9 @@ class Client:
         params = {name: value for name, value in asked.items() if value is not None}
         return api.History.model_validate(self._call("GET", "/history", params=params))
 
-    def tell(self, path: str, why: str = "", by: str | None = None) -> str:
+    def tell(self, path: str, why: str | None = None) -> str:
         """Ask something of a job, a part or a printer; the name of what was meant."""
-        body = None if by is None else api.Reason(why=why, by=by)
+        body = None if why is None else api.Reason(why=why)
         answer = self._call("POST", path, body=body)
         return api.Named.model_validate(answer).name if answer else ""
 

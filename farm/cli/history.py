@@ -14,32 +14,30 @@ from rich.table import Table
 from farm import api
 from farm.cli.board import mass
 from farm.cli.client import Client
-from farm.cli.operate import FleetFile, Socket, State
+from farm.cli.options import Json, placed
 from farm.cli.words import moment
 from farm.errors import FarmError
-from farm.paths import find_places
+from farm.paths import Places
 from farm.words import span
 
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 _ALL = 100_000
 
 
+@placed
 def history(
+    places: Places,
     job: Annotated[int | None, typer.Option(help="Only of this job.")] = None,
     printer: Annotated[str | None, typer.Option(help="Only on this printer.")] = None,
     last: Annotated[int, typer.Option(min=1, max=_ALL, help="How many.")] = 30,
     json: Json = False,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """The prints that ended last: how long each took, against its plan, and what became of it."""
-    past = Client(find_places(state, socket, fleet).socket).history(job, printer, last)
+    past = Client(places.socket).history(job, printer, last)
     if json:
         print(past.model_dump_json(by_alias=True, indent=2))
         return
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for heading in ("ENDED", "PRINTER", "PART", "MODEL", "TOOK", "VS PLAN", "USED", "OUTCOME"):
+    for heading in ("ENDED", "PRINTER", "PART", "MODEL", "TOOK", "VS PLAN", "USED", "BY", "OUTCOME"):
         table.add_column(heading, no_wrap=True)
     for row in past.prints:
         off = f"{row.took_s / row.expected_s - 1:+.0%}" if row.state == "done" and row.expected_s else ""
@@ -47,7 +45,8 @@ def history(
         outcome = str(row.verdict or row.state) + (f": {why}" if why and row.wasted else "")
         used = f"{mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
         name = row.name[:20]
-        table.add_row(moment(row.ended), row.printer, row.part, name, span(row.took_s), off, used, outcome)
+        took, by = span(row.took_s), row.submitted_by or ""
+        table.add_row(moment(row.ended), row.printer, row.part, name, took, off, used, by, outcome)
     wide = None if sys.stdout.isatty() else 200
     console = Console(highlight=False, soft_wrap=True, width=wide)
     console.print(table)
@@ -58,18 +57,17 @@ def history(
     )
 
 
+@placed
 def report(
+    places: Places,
     job: Annotated[int, typer.Argument(help="The job.")],
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; else job-N.html here.")] = None,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """Write one HTML page on a job: its figures, the Gantt of the fleet, what failed and why, its parts."""
     from farm.services.pictures import part_picture
     from farm.services.report import page
 
-    client = Client(find_places(state, socket, fleet).socket)
+    client = Client(places.socket)
     view = client.job(job).job
     now = datetime.fromisoformat(client.status().fleet.now)
     pictures = {part.id: png for part in view.parts if (png := part_picture(Path(part.file))) is not None}
@@ -88,7 +86,7 @@ def facts(view: api.JobView) -> list[tuple[str, str]]:
     """A job's figures, as a person reads them."""
     reached = "reached" if view.state in ("printed", "done") else "by what is known now"
     rows = [
-        ("submitted", moment(view.submitted)),
+        ("submitted", moment(view.submitted) + (f" by {view.submitted_by}" if view.submitted_by else "")),
         ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
         ("parallel printing time expected", span(view.estimated_s)),
         (f"parallel printing time {reached}", span(view.current_s)),

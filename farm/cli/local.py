@@ -17,11 +17,10 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from farm.cli.count import count_or_auto
 from farm.cli.decomposition import decomposition_lines
+from farm.cli.options import Json
 from farm.cli.words import filament
 from farm.errors import ErrorCode, FarmError
 from farm.words import span
-
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 
 
 def decompose(

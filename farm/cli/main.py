@@ -15,10 +15,11 @@ import farm
 from drivers.profiles import PROFILES
 from farm.cli import ahead, history, local, operate, pause, ports, render, stop, submit
 from farm.cli.client import Client
+from farm.cli.options import Json, placed
 from farm.cli.words import say
 from farm.config import Fleet, load_fleet
 from farm.errors import DaemonUnreachable, ExitCode, FarmError
-from farm.paths import Places, find_places
+from farm.paths import Places
 
 app = typer.Typer(
     help="Turns a fleet of Ultimaker 2+ printers into one fast printer for large models.",
@@ -43,11 +44,6 @@ def common(
     """Turns a fleet of Ultimaker 2+ printers into one fast printer for large models."""
 
 
-State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
-Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).")]
-FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
-
 _START_PATIENCE_S = 60.0
 _END_PATIENCE_S = 180.0
 
@@ -59,9 +55,9 @@ def _fleet(places: Places) -> Fleet:
 
 
 @app.command()
-def up(state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
+@placed
+def up(places: Places) -> None:
     """Start the daemon, which starts an agent for each printer, or adopts those that are alive."""
-    places = find_places(state, socket, fleet)
     checked = _fleet(places)
     for printer in checked.printers:
         here = printer.enabled and printer.host is None and printer.port.startswith("/")
@@ -113,24 +109,22 @@ def _start_daemon(places: Places, client: Client) -> None:
 
 
 @app.command()
-def daemon(state: State = None, socket: Socket = None, fleet: FleetFile = None) -> None:
+@placed
+def daemon(places: Places) -> None:
     """Run the daemon in the foreground (`farm up` does it in the background)."""
     from farm.daemon.main import run
 
-    places = find_places(state, socket, fleet)
     run(_fleet(places), places)
 
 
 @app.command()
+@placed
 def down(
+    places: Places,
     wait: Annotated[bool, typer.Option("--wait", help="Wait until nothing prints any more.")] = False,
     now: Annotated[bool, typer.Option("--now", help="End everything safely, now.")] = False,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """Stop the farm: agents, then the daemon. Refused while something prints."""
-    places = find_places(state, socket, fleet)
     if wait and now:
         raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
     client = Client(places.socket)
@@ -156,16 +150,15 @@ def _exists(pid: int) -> bool:
 
 
 @app.command()
+@placed
 def status(
+    places: Places,
     job: Annotated[int | None, typer.Argument(help="Only this job.")] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it anew until Ctrl-C.")] = False,
     json: Json = False,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """What a person has to do now, the printers, the jobs, and why each waiting plate waits."""
-    client = Client(find_places(state, socket, fleet).socket)
+    client = Client(places.socket)
     if watch and not json:
         render.watch(client, job)
     elif job is not None:

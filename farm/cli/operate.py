@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from farm.api import ClearedRequest, PrinterView
 from farm.cli.client import Client
+from farm.cli.options import Printer, Why, placed
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
-from farm.paths import find_places
-
-State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
-Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).")]
-FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
-Why = Annotated[str, typer.Option(help="What you saw; it goes into the history.")]
-Printer = Annotated[str, typer.Argument(help="The printer.")]
-
-
-def me() -> str:
-    """Who runs this command."""
-    return os.environ.get("USER") or f"uid {os.getuid()}"
+from farm.paths import Places
 
 
 def place_of(target: str) -> str:
@@ -44,17 +32,16 @@ def waiting_for_it(printers: Iterable[PrinterView]) -> list[str]:
     return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
 
 
+@placed
 def cleared(
+    places: Places,
     printers: Annotated[list[str], typer.Argument(help="The printers whose beds are clear, or all.")],
     bad: Annotated[bool, typer.Option("--bad", help="What was printed is bad: print it again.")] = False,
     why: Annotated[str | None, typer.Option(help="What is wrong with it; says --bad too.")] = None,
     filament: Annotated[FilamentState | None, typer.Option(help="Where the filament is, if known.")] = None,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """Say that a bed is clear, what was printed there good (or --bad), and the printer looked at."""
-    client = Client(find_places(state, socket, fleet).socket)
+    client = Client(places.socket)
     fleet_now = {p.name: p for p in client.status().printers}
     if printers == ["all"]:
         if bad:
@@ -65,44 +52,41 @@ def cleared(
     unknown = [name for name in printers if name not in fleet_now]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet_now)}")
-    request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why, by=me())
+    request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why)
     for printer in printers:
         client.cleared(printer, request)
         print(f"{printer}: bed clear" + ("; its part is printed again" if request.bad else ""))
 
 
-def fail(
-    printer: Printer, why: Why = "", state: State = None, socket: Socket = None, fleet: FleetFile = None
-) -> None:
+@placed
+def fail(places: Places, printer: Printer, why: Why = "") -> None:
     """End a print that goes wrong, safely, and print its part again."""
-    Client(find_places(state, socket, fleet).socket).tell(f"/printers/{printer}/fail", why, me())
+    Client(places.socket).tell(f"/printers/{printer}/fail", why)
     print(f"{printer}: its print ends, its part is printed again; take it off, then `farm cleared {printer}`")
 
 
+@placed
 def reprint(
+    places: Places,
     job: Annotated[int, typer.Argument(help="The job.")],
     part: Annotated[str, typer.Argument(help="The part, as `farm status JOB` names it.")],
     why: Why = "",
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """Print a part again, whatever became of it, at any later time."""
     path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
-    name = Client(find_places(state, socket, fleet).socket).tell(path, why, me())
+    name = Client(places.socket).tell(path, why)
     print(f"part {name} is printed again")
 
 
+@placed
 def cancel(
+    places: Places,
     target: Annotated[str, typer.Argument(help="A job (3), a part (3/p01), or a printer: what it prints.")],
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """End what prints safely, and never try it again; what waits is not printed."""
-    client = Client(find_places(state, socket, fleet).socket)
+    client = Client(places.socket)
     if not target.isdigit():
-        name = client.tell(f"{place_of(target)}/cancel", by=me())
+        name = client.tell(f"{place_of(target)}/cancel")
         print(f"part {name} is cancelled; where it was being printed, the bed has to be cleared")
         return
     answer = client.cancel(int(target))
@@ -111,21 +95,20 @@ def cancel(
     print(f"job {target} is cancelled{ends}")
 
 
+@placed
 def maintenance(
+    places: Places,
     printer: Printer,
     why: Why = "",
     done: Annotated[bool, typer.Option("--done", help="It can be used again.")] = False,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
 ) -> None:
     """Take a printer out of use (what it prints goes on to its end), or put it back (--done)."""
-    client = Client(find_places(state, socket, fleet).socket)
+    client = Client(places.socket)
     if done:
-        client.tell(f"/printers/{printer}/maintained", by=me())
+        client.tell(f"/printers/{printer}/maintained")
         print(f"{printer}: in use again")
     elif not why:
         raise typer.BadParameter("say why, for those who come after you", param_hint="--why")
     else:
-        client.tell(f"/printers/{printer}/maintenance", why, me())
+        client.tell(f"/printers/{printer}/maintenance", why)
         print(f"{printer}: in maintenance; `farm maintenance {printer} --done` puts it back")

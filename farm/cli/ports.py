@@ -12,26 +12,25 @@ from drivers.errors import DriverError
 from drivers.locks import AGENT_LOCK, held
 from drivers.ports import NET
 from drivers.profiles import PROFILES
+from farm.cli.options import Json, placed
 from farm.config import PrinterSection, load_fleet
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
-from farm.paths import Places, find_places
+from farm.paths import Places
 
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 _MODEL = "ultimaker2_plus"
 
 
+@placed
 def discover(
+    places: Places,
     commission: Annotated[
         str | None,
         typer.Option(help="A printer of the fleet, or a port: reset its board and see it start again."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="It is idle: do not ask.")] = False,
     json: Json = False,
-    state: Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")] = None,
-    fleet: Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")] = None,
 ) -> None:
     """List the serial ports that are plugged in, and which printer each is; opens none of them."""
-    places = find_places(state, None, fleet)
     sections = _printers(places)
     if commission is not None:
         _commission(places, sections, commission, yes)

@@ -98,6 +98,8 @@ def _job(view: api.JobView) -> RenderableType:
     facts = Table.grid(padding=(0, 2, 0, 0))
     facts.add_column(no_wrap=True)
     facts.add_column(overflow="fold")
+    if view.submitted_by is not None:
+        facts.add_row("submitted", f"{moment(view.submitted)} by {view.submitted_by}")
     if view.progress is not None:
         facts.add_row("planning", planning(view.progress))
     if cached := sum(plate.cached for plate in view.plates):

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,25 +14,25 @@ import typer
 from drivers import estop as drv
 from drivers.profiles import PROFILES
 from drivers.start import Start
+from farm.cli.options import Json, placed
 from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
-from farm.paths import Places, find_places
+from farm.paths import Places
 
 Stop = Callable[[drv.Tell], drv.Stopped]
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 
 
+@placed
 def estop(
+    places: Places,
     printers: Annotated[
         list[str] | None, typer.Argument(help="The printers to stop; all where none.")
     ] = None,
     json: Json = False,
-    state: Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")] = None,
-    fleet: Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")] = None,
 ) -> None:
     """Stop printers at once by resetting their boards, even where daemon and agents hang."""
     began_s = time.time()
-    targets, trouble = find_targets(find_places(state, None, fleet))
+    targets, trouble = find_targets(places)
     if not targets and trouble is not None:
         raise trouble
     wanted = {name: targets[name] for name in printers or targets if name in targets}

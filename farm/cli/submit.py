@@ -13,16 +13,18 @@ from farm import api
 from farm.cli import follow, night, render
 from farm.cli.client import Client
 from farm.cli.count import count_or_auto
-from farm.cli.operate import FleetFile, Socket, State
+from farm.cli.options import Json, placed
 from farm.cli.words import say
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Engine, JobOptions, JobState
-from farm.paths import find_places
+from farm.paths import Places
 
 _EVERY_S = 0.5
 
 
+@placed
 def submit(
+    places: Places,
     model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF; or G-code, printed as it is.")],
     printers: Annotated[str, typer.Option(help="How many printers it may use, or auto.")] = "auto",
     longest_side: Annotated[float | None, typer.Option(help="Scale it to this longest side, mm.")] = None,
@@ -39,15 +41,9 @@ def submit(
     hold: Annotated[bool, typer.Option("--hold", help="Plan it; print after `farm approve`.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the plan; print nothing.")] = False,
     wait: Annotated[bool, typer.Option("--wait", help="Return when the last part is printed.")] = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")
-    ] = False,
-    state: State = None,
-    socket: Socket = None,
-    fleet: FleetFile = None,
+    json: Json = False,
 ) -> None:
     """Print a model on as many printers as make it soonest."""
-    places = find_places(state, socket, fleet)
     if at is not None and overnight:
         raise typer.BadParameter("--at and --overnight exclude each other", param_hint="--overnight")
     try:

@@ -8,6 +8,7 @@ from fastapi import FastAPI
 
 from farm import api
 from farm.daemon.core import Core
+from farm.daemon.people import ByOperator
 from farm.errors import Refused
 from farm.model import Job, JobState, Plate, Reel
 from farm.paths import StateFolder
@@ -26,7 +27,7 @@ class Ahead:
     def __init__(self, core: Core, state: StateFolder) -> None:
         self._core, self._state = core, state
 
-    async def load(self, printer: str, request: api.LoadRequest) -> Reel:
+    async def load(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
         """A reel was put on, or what is on it was weighed; what is not said stays as it was."""
         entry = self._core.books.printer(printer)
         self._idle(printer)
@@ -44,7 +45,7 @@ class Ahead:
             raise Refused(f"{printer}: {mistake[1]}")
         self._idle(printer)  # still
         now_s = self._core.clock.now()
-        self._core.happened(ev.ReelLoaded(at_s=now_s, printer=printer, reel=reel, by=request.by))
+        self._core.happened(ev.ReelLoaded(at_s=now_s, printer=printer, reel=reel, by=by))
         self._core.settle()
         return reel
 
@@ -52,7 +53,7 @@ class Ahead:
         if self._core.books.open_print_on(printer) is not None:
             raise Refused(f"{printer} is printing: say what is on its reel when it has ended")
 
-    async def approve(self, number: int, request: api.ApproveRequest) -> None:
+    async def approve(self, number: int, request: api.ApproveRequest, by: str) -> None:
         """Let a held job print: exactly the plan that the person has seen, with the files it was made of."""
         job = self._held(number)
         if request.plan != (job.plan or ""):  # one that an older farm planned has no hash
@@ -62,7 +63,7 @@ class Ahead:
             if not path.is_file() or await asyncio.to_thread(sha256_of, path) != plate.sha256:
                 raise Refused(f"plate {plate.id} is not what was planned: {path}; submit the model again")
         self._held(number)  # still
-        self._core.happened(ev.JobApproved(at_s=self._core.clock.now(), job=number, by=request.by))
+        self._core.happened(ev.JobApproved(at_s=self._core.clock.now(), job=number, by=by))
         self._core.settle()
 
     def _held(self, number: int) -> Job:
@@ -130,15 +131,15 @@ def add_ahead(app: FastAPI, ahead: Ahead) -> None:
     """The routes of reels, approvals and the night."""
 
     @app.post("/printers/{name}/load")
-    async def load(name: str, request: api.LoadRequest) -> api.Reel:
-        reel = await ahead.load(name, request)
+    async def load(name: str, request: api.LoadRequest, by: ByOperator) -> api.Reel:
+        reel = await ahead.load(name, request, by)
         return api.Reel(
             material=reel.material, colour=reel.colour, grams=reel.grams, nozzle_mm=reel.nozzle_mm
         )
 
     @app.post("/jobs/{number}/approve")
-    async def approve(number: int, request: api.ApproveRequest) -> None:
-        await ahead.approve(number, request)
+    async def approve(number: int, request: api.ApproveRequest, by: ByOperator) -> None:
+        await ahead.approve(number, request, by)
 
     @app.get("/jobs/{number}/night")
     async def night(number: int) -> api.Night:

@@ -312,7 +312,9 @@ class Core:
         """The job that this request made, if it was heard before."""
         return next((job.id for job in self.books.jobs.values() if job.request_id == request_id), None)
 
-    def submit(self, request_id: str, name: str, model: Inspected, options: JobOptions) -> tuple[int, bool]:
+    def submit(
+        self, request_id: str, name: str, model: Inspected, options: JobOptions, by: str | None = None
+    ) -> tuple[int, bool]:
         """Take a job; the same request id gives the same job. Returns its number, and whether it is old."""
         known = self.submitted(request_id)
         if known is not None:
@@ -334,6 +336,7 @@ class Core:
             not_before_s=not_before_s,
             done_by_s=done_by_s,
             submitted_s=now_s,
+            submitted_by=by,
         )
         self.happened(ev.JobSubmitted(at_s=now_s, job=job))
         self.settle()

@@ -8,6 +8,7 @@ from fastapi import FastAPI
 
 from farm import api
 from farm.daemon.core import Core
+from farm.daemon.people import By, ByOperator
 from farm.errors import NoSuchThing, Refused
 from farm.model import FilamentState, Plate, PrintState, Verdict
 from farm.tracking import events as ev
@@ -72,13 +73,13 @@ class Desk:
         self._happened(lambda at_s: ev.ReprintAsked(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]
 
-    def cancel_job(self, number: int) -> None:
+    def cancel_job(self, number: int, by: str) -> None:
         """Print nothing more of a job."""
         job = self._core.books.job(number)
         if job.state.ended:
             again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
             raise Refused(f"job {number} has ended already: it is {job.state}{again}")
-        self._happened(lambda at_s: ev.JobCancelled(at_s=at_s, job=number))
+        self._happened(lambda at_s: ev.JobCancelled(at_s=at_s, job=number, by=by))
 
     def cancel_part(self, job: int, part: str, by: str) -> str:
         """Never print a part. Returns its name."""
@@ -92,7 +93,7 @@ class Desk:
             raise Refused(f"{printer} prints nothing: `farm status` shows what prints")
         return self._cancel(self._core.books.plates[attempt.plate], by)
 
-    def pause_printer(self, printer: str, wanted: bool) -> None:
+    def pause_printer(self, printer: str, wanted: bool, by: str) -> None:
         """Have what is printed there wait, or go on; while it heats it is told when it prints."""
         self._core.books.printer(printer)
         attempt = self._core.books.open_print_on(printer)
@@ -102,9 +103,10 @@ class Desk:
             raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
         if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
             raise Refused(f"{printer} is not paused")
-        self._core.happened(ev.PauseAsked(at_s=self._core.clock.now(), print_id=attempt.id, wanted=wanted))
+        at_s = self._core.clock.now()
+        self._core.happened(ev.PauseAsked(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 
-    def pause_part(self, job: int, part: str, wanted: bool) -> str:
+    def pause_part(self, job: int, part: str, wanted: bool, by: str) -> str:
         """Have the printer of a part wait, or go on. Returns the printer."""
         plate = self._plate(job, part)
         printer = self._printing(plate)
@@ -112,17 +114,17 @@ class Desk:
             raise Refused(
                 f"part {plate.parts[0]} is not being printed: `farm pause {job}` keeps what waits of its job"
             )
-        self.pause_printer(printer, wanted)
+        self.pause_printer(printer, wanted, by)
         return printer
 
-    def pause_job(self, job: int, wanted: bool) -> None:
+    def pause_job(self, job: int, wanted: bool, by: str) -> None:
         """Have all that is printed of a job wait, and start nothing of it; or go on."""
         entry = self._core.books.job(job)
         if entry.state.ended:
             raise Refused(f"job {job} has ended already: it is {entry.state}")
         if entry.paused is wanted:
             raise Refused(f"job {job} is {'paused already' if wanted else 'not paused'}")
-        self._happened(lambda at_s: ev.JobPaused(at_s=at_s, job=job, wanted=wanted))
+        self._happened(lambda at_s: ev.JobPaused(at_s=at_s, job=job, wanted=wanted, by=by))
 
     def maintenance(self, printer: str, why: str, by: str) -> None:
         """Take a printer out of use; what it prints goes on to its end."""
@@ -174,58 +176,58 @@ def add_desk(app: FastAPI, desk: Desk) -> None:
     """The routes of what people ask of prints, parts and printers."""
 
     @app.post("/printers/{name}/cleared")
-    async def cleared(name: str, request: api.ClearedRequest) -> None:
+    async def cleared(name: str, request: api.ClearedRequest, by: ByOperator) -> None:
         verdict = Verdict.BAD if request.bad else Verdict.GOOD
-        desk.cleared(name, request.by, request.filament, verdict, request.why)
+        desk.cleared(name, by, request.filament, verdict, request.why)
 
     @app.post("/printers/{name}/pause")
-    async def pause(name: str) -> None:
-        desk.pause_printer(name, True)
+    async def pause(name: str, by: By) -> None:
+        desk.pause_printer(name, True, by)
 
     @app.post("/printers/{name}/resume")
-    async def resume(name: str) -> None:
-        desk.pause_printer(name, False)
+    async def resume(name: str, by: By) -> None:
+        desk.pause_printer(name, False, by)
 
     @app.post("/outage/confirm")
-    async def confirm(request: api.Reason) -> api.Named:
-        return api.Named(name=desk.confirm(request.by))
+    async def confirm(by: ByOperator) -> api.Named:
+        return api.Named(name=desk.confirm(by))
 
     @app.post("/printers/{name}/fail")
-    async def fail(name: str, request: api.Reason) -> None:
-        desk.fail(name, request.why or "it went wrong", request.by)
+    async def fail(name: str, request: api.Reason, by: By) -> None:
+        desk.fail(name, request.why or "it went wrong", by)
 
     @app.post("/printers/{name}/cancel")
-    async def cancel_printer(name: str, request: api.Reason) -> api.Named:
-        return api.Named(name=desk.cancel_printer(name, request.by))
+    async def cancel_printer(name: str, by: By) -> api.Named:
+        return api.Named(name=desk.cancel_printer(name, by))
 
     @app.post("/printers/{name}/maintenance")
-    async def maintenance(name: str, request: api.Reason) -> None:
-        desk.maintenance(name, request.why, request.by)
+    async def maintenance(name: str, request: api.Reason, by: By) -> None:
+        desk.maintenance(name, request.why, by)
 
     @app.post("/printers/{name}/maintained")
-    async def maintained(name: str, request: api.Reason) -> None:
-        desk.maintained(name, request.by)
+    async def maintained(name: str, by: ByOperator) -> None:
+        desk.maintained(name, by)
 
     @app.post("/jobs/{number}/parts/{part}/reprint")
-    async def reprint(number: int, part: str, request: api.Reason) -> api.Named:
-        return api.Named(name=desk.reprint(number, part, request.why or "asked for again", request.by))
+    async def reprint(number: int, part: str, request: api.Reason, by: By) -> api.Named:
+        return api.Named(name=desk.reprint(number, part, request.why or "asked for again", by))
 
     @app.post("/jobs/{number}/parts/{part}/cancel")
-    async def cancel_part(number: int, part: str, request: api.Reason) -> api.Named:
-        return api.Named(name=desk.cancel_part(number, part, request.by))
+    async def cancel_part(number: int, part: str, by: By) -> api.Named:
+        return api.Named(name=desk.cancel_part(number, part, by))
 
     @app.post("/jobs/{number}/parts/{part}/pause")
-    async def pause_part(number: int, part: str) -> api.Named:
-        return api.Named(name=desk.pause_part(number, part, True))
+    async def pause_part(number: int, part: str, by: By) -> api.Named:
+        return api.Named(name=desk.pause_part(number, part, True, by))
 
     @app.post("/jobs/{number}/parts/{part}/resume")
-    async def resume_part(number: int, part: str) -> api.Named:
-        return api.Named(name=desk.pause_part(number, part, False))
+    async def resume_part(number: int, part: str, by: By) -> api.Named:
+        return api.Named(name=desk.pause_part(number, part, False, by))
 
     @app.post("/jobs/{number}/pause")
-    async def pause_job(number: int) -> None:
-        desk.pause_job(number, True)
+    async def pause_job(number: int, by: By) -> None:
+        desk.pause_job(number, True, by)
 
     @app.post("/jobs/{number}/resume")
-    async def resume_job(number: int) -> None:
-        desk.pause_job(number, False)
+    async def resume_job(number: int, by: By) -> None:
+        desk.pause_job(number, False, by)

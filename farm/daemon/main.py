@@ -9,10 +9,8 @@ import logging
 import math
 import os
 import shutil
-import socket
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import IO
 
 import uvicorn
@@ -22,6 +20,7 @@ from farm.config import Fleet, PrinterSection
 from farm.daemon.backups import Nightly, open_books
 from farm.daemon.core import Core
 from farm.daemon.links import Links
+from farm.daemon.people import PeerProtocol, check_operators, listen
 from farm.daemon.planner import Planner
 from farm.daemon.server import make_app
 from farm.daemon.timers import Timers
@@ -94,7 +93,12 @@ class Daemon:
             self._core, self._state, self._places.fleet, self._clock.now(), self._workers, self._down
         )
         config = uvicorn.Config(
-            app, log_config=None, access_log=False, lifespan="off", timeout_graceful_shutdown=_GRACE_S
+            app,
+            http=PeerProtocol,
+            log_config=None,
+            access_log=False,
+            lifespan="off",
+            timeout_graceful_shutdown=_GRACE_S,
         )
         self._server = uvicorn.Server(config)
         self._core.start(self._restored_s)
@@ -104,8 +108,7 @@ class Daemon:
         timers.every(_SETTLE_S, "settle", self._turn)
         timers.start()
         await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
-        listening = _listen(self._places.socket)
-        log.info("listening on %s", self._places.socket)
+        listening = listen(self._places.socket, self._fleet.fleet.group)
         try:
             await self._server.serve(sockets=[listening])
         finally:
@@ -157,6 +160,7 @@ def run(fleet: Fleet, places: Places) -> None:
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("httpx").setLevel(logging.WARNING)
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
+    check_operators(fleet.fleet.operators)
     places.state.make()
     with _only_one(places.state):
         shutil.rmtree(places.state.work, ignore_errors=True)
@@ -203,18 +207,3 @@ def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
             "set it back, or name another folder with --state"
         )
     return Clock(*saved)
-
-
-def _listen(path: Path) -> socket.socket:
-    """A listening Unix socket that only the owner and the group may use."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)  # the lock on the state folder says that no daemon of ours has it
-    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    mask = os.umask(0o117)
-    try:
-        listening.bind(str(path))
-    finally:
-        os.umask(mask)
-    listening.listen(64)
-    listening.setblocking(False)
-    return listening

@@ -18,6 +18,7 @@ from farm import api
 from farm.daemon.ahead import Ahead, add_ahead
 from farm.daemon.core import Core
 from farm.daemon.desk import Desk, add_desk
+from farm.daemon.people import By, ByOperator
 from farm.daemon.workers import Workers
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.model import JobOptions
@@ -50,6 +51,7 @@ def make_app(
 ) -> FastAPI:
     """The application; `down(now)` ends the farm."""
     app = FastAPI(title="farm", version=farm.__version__)
+    app.state.core = core
     desk = Desk(core)
 
     def daemon(scene: Scene) -> api.DaemonView:
@@ -109,6 +111,7 @@ def make_app(
         request_id: Annotated[str, Query(min_length=8, max_length=64)],
         name: Annotated[str, Query(min_length=1, max_length=200)],
         size: Annotated[int, Query(ge=0, le=_LARGEST_MODEL)],
+        by: By,
         options: str = "{}",
     ) -> api.Submitted:
         name = display_name(name)
@@ -144,19 +147,19 @@ def make_app(
                 model = await workers.run(inspect_model, upload, name, wanted, state.files)
         finally:
             upload.unlink(missing_ok=True)
-        number, again = core.submit(request_id, name, model, wanted)
+        number, again = core.submit(request_id, name, model, wanted, by)
         return api.Submitted(job=number, again=again)
 
     @app.post("/jobs/{number}/cancel")
-    async def cancel(number: int) -> api.JobStatus:
-        desk.cancel_job(number)
+    async def cancel(number: int, by: By) -> api.JobStatus:
+        desk.cancel_job(number, by)
         return await job(number)
 
     add_desk(app, desk)
     add_ahead(app, Ahead(core, state))
 
     @app.post("/down")
-    async def go_down(request: api.DownRequest) -> None:
+    async def go_down(request: api.DownRequest, _: ByOperator) -> None:
         busy = sorted({attempt.printer for attempt in core.books.open_prints()})
         if busy and not (request.now or request.wait):
             raise Refused(f"printing: {' '.join(busy)}; use --wait, or --now to end everything safely")

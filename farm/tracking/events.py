@@ -7,6 +7,9 @@ from pydantic import BaseModel, ConfigDict
 from farm.errors import ErrorCode
 from farm.model import Bed, FilamentState, Hold, Job, Part, Plate, PrintState, Reel, Verdict
 
+A_PERSON = "a person"
+"""Who asked, where nobody knows more."""
+
 
 class Event(BaseModel):
     """Something that happened at `at_s` on the farm's clock."""
@@ -75,6 +78,7 @@ class JobFailed(Event):
 
 class JobCancelled(Event):
     job: int
+    by: str = A_PERSON
 
 
 class PlateAssigned(Event):
@@ -103,6 +107,7 @@ class PauseAsked(Event):
 
     print_id: str
     wanted: bool
+    by: str = A_PERSON
 
 
 class PrintEnded(Event):
@@ -146,6 +151,7 @@ class JobPaused(Event):
 
     job: int
     wanted: bool
+    by: str = A_PERSON
 
 
 class MaintenanceBegun(Event):

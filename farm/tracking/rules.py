@@ -22,7 +22,6 @@ from farm.model import (
 from farm.tracking import events as ev
 from farm.tracking.books import Books, edited, put
 from farm.tracking.consequences import (
-    BY_A_PERSON,
     Result,
     end_job,
     give_up,
@@ -131,7 +130,7 @@ def _(event: ev.JobFailed, books: Books) -> Result:
 def _(event: ev.JobCancelled, books: Books) -> Result:
     planning = books.job(event.job).state is JobState.PLANNING
     books, instructions = end_job(
-        books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, BY_A_PERSON
+        books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, f"cancelled by {event.by}"
     )
     return books, (ev.StopPlanning(job=event.job), *instructions) if planning else instructions
 
@@ -252,7 +251,7 @@ def _(event: ev.PrintFailAsked, books: Books) -> Result:
 @apply.register
 def _(event: ev.PlateCancelled, books: Books) -> Result:
     plate = books.plates[event.plate]
-    books, stops = give_up(books, plate, BY_A_PERSON)
+    books, stops = give_up(books, plate, f"cancelled by {event.by}")
     return settle(books, plate.job, event.at_s), stops
 
 

@@ -86,6 +86,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         hold=job.hold,
         progress=scene.progress.get(job.id) if job.state is JobState.PLANNING else None,
         submitted=scene.moment(job.submitted_s) or "",
+        submitted_by=job.submitted_by,
         options=job.options,
         parts=[_part_view(scene, name) for name in job.parts],
         plates=[_plate_view(scene, plate) for plate in plates],

@@ -79,7 +79,7 @@ def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(far
         patch.setattr(module, "sha256_of", lambda path: (cancel(), sha256_of(path))[1])
         patch.setattr(module, "asyncio", NoThreads)
         with pytest.raises(Refused, match="waits for no approval: it is cancelled"):
-            asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan)))
+            asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
     other = submit(farm, "s", hold=True)
     farm.core.planned(other, plan_for(other, state))
 
@@ -90,7 +90,7 @@ def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(far
     monkeypatch.setattr(module, "mistake_in", start)
     monkeypatch.setattr(module, "asyncio", NoThreads)
     with pytest.raises(Refused, match="a is printing"):
-        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(grams=500.0)))
+        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(grams=500.0), "ann"))
 
 
 def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(farm, state):
@@ -100,7 +100,7 @@ def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(f
     farm.core.books = put(farm.core.books, job)
     farm.core.happened(ev.BooksRestored(at_s=1.0, copied_s=0.0))
     assert farm.core.books.job(number).state is JobState.HELD
-    asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan="")))
+    asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=""), "ann"))
     assert farm.core.books.job(number).state is JobState.PRINTING
 
 
@@ -112,11 +112,11 @@ def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
     assert starts(farm) == []
     ahead = Ahead(farm.core, state)
     with pytest.raises(Refused, match="look at it again"):
-        asyncio.run(ahead.approve(number, ApproveRequest(plan="0" * 12)))
-    asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan)))
+        asyncio.run(ahead.approve(number, ApproveRequest(plan="0" * 12), "ann"))
+    asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan), "ann"))
     assert starts(farm) == ["a", "b"]
     with pytest.raises(Refused, match="waits for no approval"):
-        asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan)))
+        asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan), "ann"))
 
 
 def test_a_plan_whose_files_changed_is_not_released(farm, state):
@@ -125,7 +125,7 @@ def test_a_plan_whose_files_changed_is_not_released(farm, state):
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
     with pytest.raises(Refused, match="is not what was planned"):
         plan = farm.core.books.job(number).plan
-        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan)))
+        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
     assert starts(farm) == []
 
 
@@ -142,8 +142,10 @@ def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
 ):
     monkeypatch.setattr(module, "mistake_in", lambda section: None)
     ahead = Ahead(farm.core, state)
-    asyncio.run(ahead.load("a", LoadRequest(grams=4.0, colour="white")))
-    reel = asyncio.run(ahead.load("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8)))
+    asyncio.run(ahead.load("a", LoadRequest(grams=4.0, colour="white"), "ann"))
+    reel = asyncio.run(
+        ahead.load("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
+    )
     assert (reel.material, reel.colour, reel.grams, reel.nozzle_mm) == ("generic_abs", None, 700.0, 0.8)
     number = submit(farm, material="generic_pla")
     assert farm.hands.plans == [(number, ["a"], 1)]
@@ -155,16 +157,16 @@ def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
     again = Farm(tmp_path)
     again.ready("a", "b")
     assert again.core.fleet.printer("b").material == "generic_abs"
-    asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0)))
+    asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0), "ann"))
     assert starts(again) == ["a"]
     with pytest.raises(Refused, match="is printing"):
-        asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0)))
+        asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0), "ann"))
 
 
 def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
     monkeypatch.setattr(module, "mistake_in", lambda section: ("material", "there is no generic_gold"))
     with pytest.raises(Refused, match="a: there is no generic_gold"):
-        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(material="generic_gold")))
+        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(material="generic_gold"), "ann"))
 
 
 def test_g_code_does_not_wait_behind_a_decomposition(farm):
@@ -173,7 +175,7 @@ def test_g_code_does_not_wait_behind_a_decomposition(farm):
     third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
     holds = {number: farm.core.books.job(number).hold.code for number in (third, urgent)}
     assert set(holds.values()) == {HoldCode.NOT_FRONT}
-    farm.desk.cancel_job(first)
+    farm.desk.cancel_job(first, "ann")
     assert farm.hands.plans[-1][0] == urgent
 
 
@@ -191,7 +193,7 @@ def test_a_job_with_a_start_time_waits_for_it_and_lets_others_pass(farm):
     assert farm.hands.plans == [(now, ["a", "b"], 1)]
     farm.core.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
     farm.clock_s = farm.core.books.job(later).not_before_s
-    farm.desk.cancel_job(now)
+    farm.desk.cancel_job(now, "ann")
     assert farm.hands.plans[-1][0] == later
 
 
@@ -255,7 +257,7 @@ def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, stat
     first = submit(farm, hold=True)
     farm.core.planned(first, plan_for(first, state))
     for name in "ab":
-        asyncio.run(Ahead(farm.core, state).load(name, LoadRequest(grams=4.0)))
+        asyncio.run(Ahead(farm.core, state).load(name, LoadRequest(grams=4.0), "ann"))
     second = submit(farm, "s")
     farm.core.planned(second, plan_for(second, state, plates=1))
     scene = farm.core.scene(state)

@@ -56,7 +56,7 @@ def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):
     assert farm.hands.plans == [(2, ["a", "b"], 1)]
     holds = {job.id: job.hold and job.hold.code for job in farm.core.books.jobs.values()}
     assert holds == {1: HoldCode.NO_SUCH_PRINTER, 2: None, 3: HoldCode.NOT_FRONT}
-    farm.desk.cancel_job(2)
+    farm.desk.cancel_job(2, "ann")
     assert [number for number, *_ in farm.hands.plans] == [2, 3]
 
 
@@ -102,12 +102,12 @@ def test_a_plan_that_fails_fails_its_job_and_the_next_one_goes_on(farm):
 def test_a_plan_made_for_a_job_that_was_cancelled_is_thrown_away(farm, plan):
     farm.ready("a", "b")
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    farm.desk.cancel_job(1)
+    farm.desk.cancel_job(1, "ann")
     assert ev.StopPlanning(job=1) in farm.hands.told
     farm.core.planned(1, plan)
     assert not farm.core.books.plates
     with pytest.raises(Refused, match="ended already"):
-        farm.desk.cancel_job(1)
+        farm.desk.cancel_job(1, "ann")
 
 
 def test_every_printer_is_told_once_and_a_new_daemon_tells_those_that_do_not_know(farm, plan, tmp_path):
@@ -171,17 +171,17 @@ def test_a_person_pauses_what_a_printer_prints_and_is_told_by_when_to_resume_it(
     farm.ready("a", "b")
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
     with pytest.raises(Refused, match="a prints nothing"):
-        farm.desk.pause_printer("a", True)
+        farm.desk.pause_printer("a", True, "ann")
     farm.core.planned(1, plan)
     attempt = farm.core.books.open_print_on("a")
     with pytest.raises(Refused, match="a is not paused"):
-        farm.desk.pause_printer("a", False)
+        farm.desk.pause_printer("a", False, "ann")
     paused = ev.SendPause(print_id=attempt.id, printer="a", wanted=True)
 
     def told_last():
         return [told for told in farm.hands.told if getattr(told, "printer", "") == "a"][-1]
 
-    farm.desk.pause_printer("a", True)
+    farm.desk.pause_printer("a", True, "ann")
     assert told_last() == paused
 
     def word(state, **changes):
@@ -199,10 +199,10 @@ def test_a_person_pauses_what_a_printer_prints_and_is_told_by_when_to_resume_it(
     view, (item,) = word(PrintState.PAUSED, pause_ends_s=7200.0)
     assert (view.state, view.print.pause_ends) == ("paused", "1970-01-01T02:00:00+00:00")
     assert item.text == "resume a by Thu 02:00, or its print is ended: `farm resume a`"
-    farm.desk.pause_printer("a", False)
+    farm.desk.pause_printer("a", False, "ann")
     assert told_last() == paused.model_copy(update={"wanted": False})
     view, rest = word(PrintState.PRINTING)
     assert (view.state, view.print.pause_ends, rest) == ("printing", None, [])
-    farm.desk.cancel_job(1)
+    farm.desk.cancel_job(1, "ann")
     with pytest.raises(Refused, match="ending"):
-        farm.desk.pause_printer("a", True)
+        farm.desk.pause_printer("a", True, "ann")

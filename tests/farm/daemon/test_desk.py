@@ -98,18 +98,18 @@ def test_a_part_or_what_a_printer_prints_is_cancelled_for_good(farm):
 
 def test_nothing_of_a_paused_job_starts(farm):
     desk = farm.desk
-    desk.pause_job(1, True)
+    desk.pause_job(1, True, "ann")
     with pytest.raises(Refused, match="paused already"):
-        desk.pause_job(1, True)
+        desk.pause_job(1, True, "ann")
     ends(farm, "a")
     farm.desk.cleared("a", "ann", None)
     assert farm.core.books.open_print_on("a") is None
     assert farm.core.books.plates["1/03"].hold.code is HoldCode.PAUSED
-    desk.pause_job(1, False)
+    desk.pause_job(1, False, "ann")
     assert farm.core.books.open_print_on("a").plate == "1/03"
-    assert desk.pause_part(1, "p03", True) == "a"
+    assert desk.pause_part(1, "p03", True, "ann") == "a"
     with pytest.raises(Refused, match="not being printed"):
-        desk.pause_part(1, "p01", True)
+        desk.pause_part(1, "p01", True, "ann")
 
 
 def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):

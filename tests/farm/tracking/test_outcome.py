@@ -124,7 +124,7 @@ def test_what_a_person_cancelled_is_not_tried_again_though_the_rest_goes_on():
         printing(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled, cancelled
     )
     assert [t for t in told if isinstance(t, ev.SendCancel)] == [
-        ev.SendCancel(print_id="x", printer="a", reason="cancelled by a person")
+        ev.SendCancel(print_id="x", printer="a", reason="cancelled by ann")
     ]
     books, _ = run(books, ended("x", PrintState.FAILED, reason="no heat"), cleared("a"))
     assert not list(books.waiting_plates())

@@ -1,0 +1,132 @@
+"""Who asks: the user at the other end of the socket, by the kernel's word, and what only operators may."""
+
+from __future__ import annotations
+
+import asyncio
+import grp
+import logging
+import os
+import pwd
+import socket
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import Depends, Request
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from farm.errors import FleetFileError, Refused
+
+log = logging.getLogger(__name__)
+_CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """A user of this host."""
+
+    uid: int
+    gid: int
+
+    @property
+    def name(self) -> str:
+        """As the user database has it."""
+        try:
+            return pwd.getpwuid(self.uid).pw_name
+        except KeyError:
+            return f"uid {self.uid}"
+
+    def belongs_to(self, group: str) -> bool:
+        """Whether the group database, or how the person logged in, makes them a member."""
+        number = _gid(group)
+        try:
+            return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
+        except KeyError:  # a user that the database does not know
+            return number == self.gid
+
+
+class PeerProtocol(H11Protocol):
+    """HTTP in which every request carries who is at the other end: `request.state.person`."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        peer: socket.socket | None = transport.get_extra_info("socket")
+        if peer is not None and peer.family == socket.AF_UNIX:
+            said = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            _, uid, gid = _CREDENTIALS.unpack(said)
+            self.app_state: dict[str, Any] = {**self.app_state, "person": Person(uid, gid)}
+
+
+def _person(request: Request) -> Person | None:
+    return getattr(request.state, "person", None)
+
+
+def anybody(request: Request) -> str:
+    """The name of whoever asks."""
+    person = _person(request)
+    return "a person" if person is None else person.name
+
+
+def operator(request: Request) -> str:
+    """The same, of one who may say that printers go on; else Refused.
+
+    Root and the daemon's own user could change the books anyway: they always may.
+    """
+    group: str | None = request.app.state.core.fleet.fleet.operators
+    person = _person(request)
+    if group is None or (person is not None and person.uid in (0, os.getuid())):
+        return anybody(request)
+    if person is None or not person.belongs_to(group):
+        raise Refused(f"{anybody(request)} is no operator: only members of the group {group} may do this")
+    return person.name
+
+
+def check_operators(group: str | None) -> None:
+    """Raises FleetFileError where `fleet.operators` names a group that this host does not have."""
+    if group is not None and _gid(group) is None:
+        raise FleetFileError(f"fleet.operators: there is no group {group}; `groupadd {group}` makes it")
+
+
+def listen(path: Path, group: str) -> socket.socket:
+    """A listening Unix socket for the members of a group; for nobody else, where that cannot be."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path.unlink(missing_ok=True)  # the lock on the state folder says that no daemon of ours has it
+    listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    mask = os.umask(0o177)
+    try:
+        listening.bind(str(path))
+    finally:
+        os.umask(mask)
+    _share(path, group)
+    listening.listen(64)
+    listening.setblocking(False)
+    return listening
+
+
+def _share(path: Path, group: str) -> None:
+    """Give a socket to a group, or say why only its owner may use it."""
+    number = _gid(group)
+    if number is None:
+        log.info("listening on %s, for this user alone: there is no group %s", path, group)
+        return
+    try:
+        os.chown(path, -1, number)
+        path.chmod(0o660)
+    except OSError as error:
+        log.warning("listening on %s, for this user alone, who is not in group %s (%s)", path, group, error)
+    else:
+        log.info("listening on %s, for group %s", path, group)
+
+
+def _gid(group: str) -> int | None:
+    try:
+        return grp.getgrnam(group).gr_gid
+    except KeyError:
+        return None
+
+
+By = Annotated[str, Depends(anybody)]
+"""Who asks for something that anybody may."""
+ByOperator = Annotated[str, Depends(operator)]
+"""Who asks for something that `fleet.operators` may keep for a group."""
