@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
+from decompose.cost import PrinterRoom
+from decompose.orientation import Pose
+
 Floats = npt.NDArray[np.float64]
+
+
+def printers_for(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
+    """The printer of each part, so that the last one ends soonest; None where they do not all fit.
+
+    A part fits by its pose, whose time leaves the speeds of the printers out.
+    """
+    seconds = [
+        [pose.seconds * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
+        for pose in posed
+    ]
+    found = soonest(np.array(seconds))
+    return None if found is None else [printers[i] for i in found]
 
 
 def soonest(seconds: Floats) -> list[int] | None:

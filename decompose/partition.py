@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose import exact, parallelobox
-from decompose.assignment import soonest
+from decompose.assignment import printers_for
 from decompose.baselines import cube_skeleton, symmetry_based
 from decompose.check import check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
@@ -123,7 +123,8 @@ def _report(
     as_is_s: float,
     laps: dict[str, float],
 ) -> Decomposition:
-    makespan_s = max(p.estimated_s for p in parts)
+    factors = {printer.name: printer.time_factor for printer in problem.printers}
+    makespan_s = max(p.estimated_s * factors[p.printer] for p in parts)
     touching = joints(parts)
     bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
     grid = found.grid or GridFigures(makespan_s, bound_s, None)
@@ -150,7 +151,9 @@ def _parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
     """Pieces in their best poses, numbered by position from the bottom up, each with a printer."""
     order = sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
     posed = [_fitting(pose) for pose in problem.poses(order)]
-    names = _printers_for(posed, problem.printers)
+    takers = printers_for(posed, problem.printers)
+    if takers is None:
+        raise NoFit(f"{len(posed)} parts do not fit these printers, each on one of its own", len(posed))
     digits = max(2, len(str(len(order))))
     return [
         Part(
@@ -158,7 +161,7 @@ def _parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             solid=piece.solid,
             to_model=pose.to_model,
             estimated_s=pose.seconds,
-            printer=names[i],
+            printer=takers[i].name,
             brim_width_mm=pose.brim_width_mm,
             layer_0_expansion_mm=pose.layer_0_expansion_mm,
             planes=piece.planes,
@@ -172,18 +175,6 @@ def _fitting(pose: Pose | None) -> Pose:
     if pose is None:
         raise NoFit("a part fits no printer in any pose: take another engine, or a finer --granularity")
     return pose
-
-
-def _printers_for(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[str]:
-    """The printer of each part, so that the last one ends soonest; `estimated_s` leaves their speeds out."""
-    seconds = [
-        [pose.seconds * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
-        for pose in posed
-    ]
-    found = soonest(np.array(seconds))
-    if found is None:
-        raise NoFit(f"{len(posed)} parts do not fit these printers, each on one of its own", len(posed))
-    return [printers[i].name for i in found]
 
 
 def _turned_back(part: Part, rotation: Floats) -> Part:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.boxes import Box
+from decompose.cost import PrinterRoom
 from decompose.grid import Grid
 from decompose.solid import Solid
 
@@ -29,11 +30,19 @@ class Piece:
     boxes_mm
         (b, 2, 3) corners of the axis-aligned boxes whose content it is a part of; none where it was cut
         otherwise. What lies in no box of any piece was left out.
+    printer
+        That it is cut for; None: any, so that it has to fit them all.
     """
 
     solid: Solid
     planes: Floats
     boxes_mm: Floats
+    printer: PrinterRoom | None = None
+
+    @property
+    def time_factor(self) -> float:
+        """How many times as long its printer takes for it as the cost says."""
+        return 1.0 if self.printer is None else self.printer.time_factor
 
 
 def pieces_in_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:

@@ -43,7 +43,7 @@ UNMOVED_MM = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """The content of a box, posed; `seconds` of its slowest piece, inf where one does not fit."""
+    """The content of a box, posed; `seconds` of its slowest piece on its printer, inf where none fits."""
 
     box_mm: Floats
     pieces: tuple[Piece, ...]
@@ -180,7 +180,7 @@ class _Evening:
             np.array([part.seconds for part in parts]),
             slopes,
             self.groups,
-            np.array([_longer_mm(part.size_mm, self.problem.rooms) for part in parts]),
+            np.array([_longer_mm(part.size_mm, self._rooms(part)) for part in parts]),
             np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM),
             np.minimum(low_mm, 0.0),
             np.maximum(high_mm, 0.0),
@@ -204,8 +204,15 @@ class _Evening:
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], now)
 
+    def _rooms(self, part: _Part) -> list[PrinterRoom]:
+        return [room for piece in part.pieces for room in self.problem.rooms_of(piece)]
+
     def _cut(self, i: int, box_mm: Floats) -> _Part:
-        return _Part(box_mm, tuple(pieces_in_box(self.near[i], *box_mm)), (), math.inf)
+        pieces = pieces_in_box(self.near[i], *box_mm)
+        printers = [piece.printer for piece in self.start[i].pieces]
+        if len(pieces) == len(printers):
+            pieces = [replace(piece, printer=own) for piece, own in zip(pieces, printers, strict=True)]
+        return _Part(box_mm, tuple(pieces), (), math.inf)
 
     def _posed(self, parts: list[_Part], before: Sequence[_Part] = ()) -> list[_Part]:
         """Parts in their best poses; those that have not moved since `before` are as they were."""
@@ -214,7 +221,8 @@ class _Evening:
         poses = iter(self.problem.poses([piece for i in new for piece in parts[i].pieces]))
         for i in new:
             found = [next(poses) for _ in parts[i].pieces]
-            done[i] = replace(parts[i], poses=tuple(p for p in found if p), seconds=_slowest_s(found))
+            seconds = _slowest_s(parts[i].pieces, found)
+            done[i] = replace(parts[i], poses=tuple(p for p in found if p), seconds=seconds)
         return [done[i] for i in range(len(parts))]
 
     def _again(self, i: int, part: _Part, box_mm: Floats) -> _Part:
@@ -228,11 +236,11 @@ class _Evening:
         for piece, old in zip(new.pieces, part.poses, strict=True):
             pose: Pose | None = self._measured(piece, old)
             assert pose is not None
-            fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms)
+            fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_of(piece))
             if not fits or pose.rank[:2] > old.rank[:2]:
                 pose = self.problem.pose(piece)
             poses.append(pose)
-        return replace(new, poses=tuple(p for p in poses if p), seconds=_slowest_s(poses))
+        return replace(new, poses=tuple(p for p in poses if p), seconds=_slowest_s(new.pieces, poses))
 
     def _measured(self, piece: Piece, pose: Pose) -> Pose:
         vertices, faces = piece.solid.arrays()
@@ -250,8 +258,9 @@ class _Evening:
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
             less = self._cut(i, box)
             if len(less.pieces) == len(part.pieces):
-                now = [self._measured(*each).seconds for each in zip(less.pieces, part.poses, strict=True)]
-                slopes[side, axis] = (max(now) - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
+                now = [self._measured(*each) for each in zip(less.pieces, part.poses, strict=True)]
+                now_s = _slowest_s(less.pieces, now)
+                slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
 
 
@@ -262,8 +271,10 @@ def _learn(slopes: Floats, by_mm: Floats, seconds: float) -> None:
         slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm
 
 
-def _slowest_s(poses: Sequence[Pose | None]) -> float:
-    return max((math.inf if pose is None else pose.seconds for pose in poses), default=math.inf)
+def _slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
+    each = zip(pieces, poses, strict=True)
+    times = [math.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in each]
+    return max(times, default=math.inf)
 
 
 def _times_s(parts: Sequence[_Part]) -> list[float]:

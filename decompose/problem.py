@@ -23,6 +23,7 @@ from decompose.report import Interior, Options
 from decompose.solid import Solid
 
 Floats = npt.NDArray[np.float64]
+Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # what, and for which rooms
 
 AUTO_GRANULARITY = 15
 FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
@@ -61,12 +62,17 @@ class Problem:
     executor: Executor | None = None
     expired: Callable[[], bool] = lambda: False
     lap: Callable[[str], None] = lambda stage: None
-    _posed: dict[Solid, Pose | None] = field(default_factory=dict, init=False, repr=False)
+    _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def rooms(self) -> tuple[PrinterRoom, ...]:
         """The distinct rooms of the printers."""
         return tuple({printer.boxes: printer for printer in self.printers}.values())
+
+    @property
+    def alike(self) -> bool:
+        """Whether all printers have the same room and the same speed."""
+        return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
 
     @property
     def room_mm(self) -> list[float]:
@@ -108,23 +114,33 @@ class Problem:
             bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, chosen, makespan_s).seconds)
         return GridFigures(makespan_s, bound_s, grid.shape)
 
+    def rooms_of(self, piece: Piece) -> tuple[PrinterRoom, ...]:
+        """The rooms that a piece has to fit: its printer's, or those of all."""
+        return self.rooms if piece.printer is None else (piece.printer,)
+
     def pose(self, piece: Piece) -> Pose | None:
-        """The best pose that fits every printer; None where there is none."""
+        """The best pose that fits `rooms_of` a piece; None where there is none."""
         vertices, faces = piece.solid.arrays()
         cut = cut_faces(vertices, faces, piece.planes)
-        return best_pose(vertices, faces, cut, self.rooms, self.cost, self.options.fit_first_layer)
+        rooms = self.rooms_of(piece)
+        return best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
     def poses(self, pieces: list[Piece]) -> list[Pose | None]:
-        """`pose` of each, once for a solid, side by side where there is an executor."""
+        """`pose` of each, once for a solid and its rooms, side by side where there is an executor."""
         run = map if self.executor is None else self.executor.map
-        new = [piece for piece in pieces if piece.solid not in self._posed]
-        self._posed.update(zip((piece.solid for piece in new), run(self.pose, new), strict=True))
-        return [self._posed[piece.solid] for piece in pieces]
+        new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
+        self._posed.update(zip(new, run(self.pose, new.values()), strict=True))
+        return [self._posed[self._posing(piece)] for piece in pieces]
+
+    def _posing(self, piece: Piece) -> Posing:
+        return piece.solid, tuple(room.boxes for room in self.rooms_of(piece))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What an engine answers: at most as many pieces as there are printers, each of which fits all of them.
+    """What an engine answers: at most as many pieces as there are printers.
+
+    Each fits the printer that it is cut for; where it is cut for none, all of them.
 
     Attributes
     ----------

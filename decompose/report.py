@@ -154,7 +154,7 @@ class Decomposition:
     serial_s, serial_as_is_s
         The whole model on one imagined large printer: in its best pose, and as it stands in its file.
     makespan_s, sum_s
-        The longest part, and all parts together.
+        The part that ends last, on its printer at its speed; and all parts together, without speeds.
     grid_makespan_s
         The longest box of the search's partition as its tables price it: in the best of the axis poses, with
         supports down to the bed and the quality's brim, and what was posed truly at no less than that costs.
