@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,7 +32,8 @@ def problem(
 
 
 def longest_s(problem: Problem, pieces: list[Piece]) -> float:
-    return max(np.inf if pose is None else pose.seconds for pose in problem.poses(pieces))
+    poses = zip(pieces, problem.poses(pieces), strict=True)
+    return max(np.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in poses)
 
 
 def run(problem: Problem, chosen: list[Box]) -> tuple[list[Piece], list[Piece]]:
@@ -63,6 +65,26 @@ def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: Cost
     assert max(times) <= 1.02 * min(times)
     assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(cone.volume_mm3)
     assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
+
+
+def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
+    asked = replace(asked, printers=(slow, quick))
+    grid = asked.grid(asked.model)
+    nx, ny, nz = grid.shape
+    cut = {
+        box: [replace(piece, printer=printer) for piece in pieces_in_cells(cone, grid, box)]
+        for box, printer in (
+            ((0, 0, 0, nx // 2, ny, nz), quick),
+            ((nx // 2, 0, 0, nx, ny, nz), slow),
+        )
+    }
+    before_s = longest_s(asked, [piece for pieces in cut.values() for piece in pieces])
+    after = evened(asked, grid, cut)
+    times = {p.printer: asked.pose(p).seconds * p.time_factor for p in after}  # type: ignore[union-attr]
+    assert longest_s(asked, after) < before_s
+    assert times[quick] == pytest.approx(times[slow], rel=0.03)
 
 
 def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
