@@ -58,6 +58,7 @@ def page() -> str:
         options = [
             (" ".join(f"`{word}`" for word in param.opts), getattr(param, "help", None) or "")
             for param in command.params
+            if not getattr(param, "hidden", False)
         ]
         parts.append(f"### farm {name}\n{command.help}\n\n{table(('option', 'meaning'), options)}")
     parts.append("## Exit codes")

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from farm.errors import FarmError
 
+SHARED_SOCKET = Path("/run/farm/farm.sock")
+"""Of the farm that all users of a host share (`deploy/systemd`)."""
 _LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108, and uvicorn and httpx know no way round
 
 
@@ -82,12 +84,16 @@ class Places:
 
 
 def find_places(
-    state: Path | None, socket: Path | None, fleet: Path | None, env: Mapping[str, str] = os.environ
+    state: Path | None,
+    socket: Path | None,
+    fleet: Path | None,
+    env: Mapping[str, str] = os.environ,
+    shared: Path = SHARED_SOCKET,
 ) -> Places:
     """Flags first, then the environment, then the XDG folders.
 
     Where a state folder was named but no socket, the socket lies in that folder, so that two farms on one
-    host never meet.
+    host never meet. Where nothing was named, and this user has no farm that is up, it is the shared one's.
     """
     home = Path(env.get("HOME", "/"))
     named = state or (Path(env["FARM_STATE"]) if env.get("FARM_STATE") else None)
@@ -98,6 +104,8 @@ def find_places(
     if socket is None:
         runtime = env.get("XDG_RUNTIME_DIR")
         socket = Path(runtime) / "farm" / "farm.sock" if runtime and named is None else root / "farm.sock"
+        if named is None and not socket.exists() and shared.parent.is_dir():
+            socket = shared
     socket = socket.absolute()
     if len(os.fsencode(socket)) > _LONGEST_SOCKET_PATH:
         digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]

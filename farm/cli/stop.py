@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json as jsonlib
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
 from typing import Annotated
@@ -14,6 +15,8 @@ import typer
 from drivers import estop as drv
 from drivers.profiles import PROFILES
 from drivers.start import Start
+from farm.cli import button
+from farm.cli.button import Said, Say
 from farm.cli.options import Json, placed
 from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
@@ -28,39 +31,67 @@ def estop(
     printers: Annotated[
         list[str] | None, typer.Argument(help="The printers to stop; all where none.")
     ] = None,
+    asked: Annotated[bool, typer.Option("--asked", hidden=True)] = False,
     json: Json = False,
 ) -> None:
     """Stop printers at once by resetting their boards, even where daemon and agents hang."""
+    if asked:
+        button.answer(sys.stdin, sys.stdout, partial(stop_all, places))
+        return
+    ended: list[Said] = []
+
+    def say(said: Said) -> None:
+        if said.seen_off is not None:
+            ended.append(said)
+        if not json:
+            print(f"{said.printer}: {said.text}", flush=True)
+
+    way = button.way(places)
+    try:
+        if way is not None:
+            button.press(way, printers or [], say)
+        else:
+            stop_all(places, printers or [], say)
+    finally:
+        if json:
+            rows = [said.model_dump() for said in sorted(ended, key=lambda said: said.printer)]
+            print(jsonlib.dumps({"schema": 1, "printers": rows}, indent=2))
+
+
+def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
+    """Stop the printers of these names, all where there is none.
+
+    Raises
+    ------
+    NoSuchThing
+        Of what no printer is called; the others are stopped.
+    FarmError
+        Of those whose heaters were not seen off.
+    """
     began_s = time.time()
     targets, trouble = find_targets(places)
     if not targets and trouble is not None:
         raise trouble
-    wanted = {name: targets[name] for name in printers or targets if name in targets}
-    results = []
+    names = list(printers)
+    wanted = {name: targets[name] for name in names or targets if name in targets}
+    hot = []
     with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as hands:
-        tells = {name: _say_nothing if json else partial(_say, name) for name in wanted}
+        tells = {name: partial(_go_on, say, name) for name in wanted}
         for done in as_completed([hands.submit(stop, tells[name]) for name, stop in wanted.items()]):
             result = done.result()
-            results.append(result)
-            if not json:
-                _say(result.printer, result.text)
-    if json:
-        rows = [
-            {
-                "printer": result.printer,
-                "seen_off": result.seen_off,
-                "reset_after_s": None if result.cut_s is None else round(result.cut_s - began_s, 3),
-                "text": result.text,
-            }
-            for result in sorted(results, key=lambda result: result.printer)
-        ]
-        print(jsonlib.dumps({"schema": 1, "printers": rows}, indent=2))
-    unknown = [name for name in printers or () if name not in targets]
+            after_s = None if result.cut_s is None else round(result.cut_s - began_s, 3)
+            say(
+                Said(
+                    printer=result.printer, text=result.text, seen_off=result.seen_off, reset_after_s=after_s
+                )
+            )
+            if not result.seen_off:
+                hot.append(result.printer)
+    unknown = [name for name in names if name not in targets]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
-    hot = sorted(result.printer for result in results if not result.seen_off)
     if hot:
-        raise FarmError(f"not seen off: {' '.join(hot)}: switch them off by hand")
+        raise FarmError(f"not seen off: {' '.join(sorted(hot))}: switch them off by hand")
 
 
 def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
@@ -93,9 +124,6 @@ def _there(host: str, command: str, farm: str, start: Start) -> Stop:
     return lambda _: bridge.stop_there(host, command, farm, start)
 
 
-def _say(printer: str, text: str) -> None:
-    print(f"{printer}: {text}", flush=True)
-
-
-def _say_nothing(text: str) -> None:
-    """For --json: one object at the end."""
+def _go_on(say: Say, printer: str, text: str) -> None:
+    """What is to be said of a printer before it has ended."""
+    say(Said(printer=printer, text=text))

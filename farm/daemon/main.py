@@ -89,6 +89,7 @@ class Daemon:
 
     async def run(self) -> None:
         """Serve until told to stop."""
+        listening = listen(self._places.socket, self._fleet.fleet.group)
         app = make_app(
             self._core, self._state, self._places.fleet, self._clock.now(), self._workers, self._down
         )
@@ -108,7 +109,6 @@ class Daemon:
         timers.every(_SETTLE_S, "settle", self._turn)
         timers.start()
         await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
-        listening = listen(self._places.socket, self._fleet.fleet.group)
         try:
             await self._server.serve(sockets=[listening])
         finally:

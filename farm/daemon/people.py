@@ -89,15 +89,25 @@ def check_operators(group: str | None) -> None:
 
 
 def listen(path: Path, group: str) -> socket.socket:
-    """A listening Unix socket for the members of a group; for nobody else, where that cannot be."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    path.unlink(missing_ok=True)  # the lock on the state folder says that no daemon of ours has it
+    """A listening Unix socket for the members of a group; for its owner, where that cannot be.
+
+    Raises
+    ------
+    Refused
+        Where there cannot be a socket.
+    """
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    mask = os.umask(0o177)
     try:
-        listening.bind(str(path))
-    finally:
-        os.umask(mask)
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)  # the lock on the state folder says that no daemon of ours has it
+        mask = os.umask(0o177)
+        try:
+            listening.bind(str(path))
+        finally:
+            os.umask(mask)
+    except OSError as error:
+        listening.close()
+        raise Refused(f"{path}: the daemon cannot listen there ({error}); name another --socket") from error
     _share(path, group)
     listening.listen(64)
     listening.setblocking(False)

@@ -34,6 +34,19 @@ def test_a_socket_path_that_is_too_long_for_the_kernel_is_replaced_by_a_short_on
     assert find_places(deep[0], None, None, env).socket == sockets[0]
 
 
+def test_who_has_no_farm_of_their_own_finds_the_one_that_is_shared(tmp_path):
+    env = {"HOME": str(tmp_path), "XDG_RUNTIME_DIR": str(tmp_path / "run")}
+    shared = tmp_path / "shared" / "farm.sock"
+    own = tmp_path / "run" / "farm" / "farm.sock"
+    assert find_places(None, None, None, env, shared).socket == own
+    shared.parent.mkdir()
+    assert find_places(None, None, None, env, shared).socket == shared
+    assert find_places(tmp_path, None, None, env, shared).socket == tmp_path / "farm.sock"
+    own.parent.mkdir(parents=True)
+    own.touch()
+    assert find_places(None, None, None, env, shared).socket == own
+
+
 def test_the_fleet_file_nearby_comes_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     config = tmp_path / "config" / "farm" / "fleet.yaml"

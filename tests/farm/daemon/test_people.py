@@ -17,7 +17,7 @@ from farm.config import Fleet
 from farm.daemon.core import Core
 from farm.daemon.people import PeerProtocol, Person, check_operators, listen
 from farm.daemon.server import make_app
-from farm.errors import FleetFileError
+from farm.errors import FleetFileError, Refused
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.services.models import Inspected
@@ -130,6 +130,14 @@ def test_the_socket_is_for_its_group_and_where_there_is_none_for_its_owner(tmp_p
     with listen(path, group):
         assert stat.S_IMODE(path.stat().st_mode) == mode
     assert (f"for group {group}" if mode == 0o660 else "for this user alone") in caplog.text
+
+
+def test_a_place_where_nobody_can_listen_is_said(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(Refused, match="name another --socket"):
+        listen(tmp_path / "file" / "farm.sock", OURS)
+    with listen(tmp_path / "new" / "farm.sock", NO_GROUP):
+        assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o700
 
 
 ASK = """

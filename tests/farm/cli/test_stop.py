@@ -1,0 +1,81 @@
+"""`farm estop` of somebody who may not touch the agents: a button with two ends."""
+
+import socket
+import threading
+
+import pytest
+
+from farm.cli import button
+from farm.cli.button import Said
+from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.paths import find_places
+
+
+@pytest.fixture
+def pressed(tmp_path):
+    """Presses a button whose other end is a thread with this `stop`."""
+    path = tmp_path / "estop.sock"
+
+    def press(stop, printers):
+        with socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(str(path))
+            listening.listen()
+
+            def serve():
+                talk, _ = listening.accept()
+                with talk, talk.makefile("r") as asked, talk.makefile("w") as said:
+                    button.answer(asked, said, stop)
+
+            serving = threading.Thread(target=serve)
+            serving.start()
+            heard = []
+            try:
+                button.press(path, printers, heard.append)
+            finally:
+                serving.join()
+            return heard
+
+    return press
+
+
+def test_what_came_of_it_is_said_as_it_comes(pressed):
+    words = [Said(printer="a", text="it cools"), Said(printer="a", text="off", seen_off=True)]
+    asked = []
+
+    def stop(printers, say):
+        asked.extend(printers)
+        for word in words:
+            say(word)
+
+    assert pressed(stop, ["a"]) == words
+    assert asked == ["a"]
+
+
+def test_what_went_wrong_at_the_other_end_goes_wrong_here(pressed):
+    def stop(printers, say):
+        raise NoSuchThing("there is no printer z")
+
+    with pytest.raises(FarmError, match="there is no printer z") as caught:
+        pressed(stop, ["z"])
+    assert caught.value.code is ErrorCode.NO_SUCH_THING
+
+
+def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
+    path = tmp_path / "estop.sock"
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(path))
+        listening.listen()
+        dying = threading.Thread(target=lambda: listening.accept()[0].close())
+        dying.start()
+        with pytest.raises(FarmError, match="switch the printers off by hand"):
+            button.press(path, [], lambda said: None)
+        dying.join()
+    with pytest.raises(FarmError, match="switch the printers off by hand"):
+        button.press(path, [], lambda said: None)
+
+
+def test_the_owner_of_a_farm_needs_no_button(tmp_path):
+    (tmp_path / "estop.sock").touch()
+    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
+    assert button.way(places) is None
+    assert button.way(find_places(tmp_path / "state", tmp_path / "elsewhere" / "farm.sock", None)) is None
