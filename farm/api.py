@@ -191,6 +191,20 @@ class History(_View):
     prints: list[HistoryRow]  # oldest first
 
 
+class JobName(_View):
+    id: int
+    name: str
+    state: JobState
+    parts: list[str]
+
+
+class Names(_View):
+    """What a person may mean: what a shell completes."""
+
+    printers: list[str]
+    jobs: list[JobName]
+
+
 class FleetView(_View):
     name: str
     timezone: str

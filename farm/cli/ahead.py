@@ -9,7 +9,7 @@ import typer
 from farm.api import ApproveRequest, LoadRequest
 from farm.cli import night
 from farm.cli.client import Client
-from farm.cli.options import Printer, placed
+from farm.cli.options import Job, Printer, placed
 from farm.errors import Refused
 from farm.paths import Places
 
@@ -36,7 +36,7 @@ def load(
 @placed
 def approve(
     places: Places,
-    job: Annotated[int, typer.Argument(help="The job.")],
+    job: Job,
     plan: Annotated[str | None, typer.Option(help="Only if this is its plan (`farm status JOB`).")] = None,
 ) -> None:
     """Let a held job print exactly as it was planned."""

@@ -12,9 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from farm import api
+from farm.cli import complete
 from farm.cli.board import mass
 from farm.cli.client import Client
-from farm.cli.options import Json, placed
+from farm.cli.options import Job, Json, placed
 from farm.cli.words import moment
 from farm.errors import FarmError
 from farm.paths import Places
@@ -26,8 +27,10 @@ _ALL = 100_000
 @placed
 def history(
     places: Places,
-    job: Annotated[int | None, typer.Option(help="Only of this job.")] = None,
-    printer: Annotated[str | None, typer.Option(help="Only on this printer.")] = None,
+    job: Annotated[int | None, typer.Option(help="Only of this job.", autocompletion=complete.jobs)] = None,
+    printer: Annotated[
+        str | None, typer.Option(help="Only on this printer.", autocompletion=complete.printers)
+    ] = None,
     last: Annotated[int, typer.Option(min=1, max=_ALL, help="How many.")] = 30,
     json: Json = False,
 ) -> None:
@@ -60,7 +63,7 @@ def history(
 @placed
 def report(
     places: Places,
-    job: Annotated[int, typer.Argument(help="The job.")],
+    job: Job,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; else job-N.html here.")] = None,
 ) -> None:
     """Write one HTML page on a job: its figures, the Gantt of the fleet, what failed and why, its parts."""

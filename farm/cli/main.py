@@ -13,7 +13,7 @@ import typer
 
 import farm
 from drivers.profiles import PROFILES
-from farm.cli import ahead, history, local, operate, pause, ports, render, stop, submit
+from farm.cli import ahead, complete, history, local, operate, pause, ports, render, stop, submit
 from farm.cli.client import Client
 from farm.cli.options import Json, placed
 from farm.cli.words import say
@@ -24,7 +24,6 @@ from farm.paths import Places
 app = typer.Typer(
     help="Turns a fleet of Ultimaker 2+ printers into one fast printer for large models.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
@@ -153,7 +152,7 @@ def _exists(pid: int) -> bool:
 @placed
 def status(
     places: Places,
-    job: Annotated[int | None, typer.Argument(help="Only this job.")] = None,
+    job: Annotated[int | None, typer.Argument(help="Only this job.", autocompletion=complete.jobs)] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it anew until Ctrl-C.")] = False,
     json: Json = False,
 ) -> None:

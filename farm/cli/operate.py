@@ -9,11 +9,19 @@ from typing import Annotated
 import typer
 
 from farm.api import ClearedRequest, PrinterView
+from farm.cli import complete
 from farm.cli.client import Client
-from farm.cli.options import Printer, Why, placed
+from farm.cli.options import Job, Printer, Why, placed
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import Places
+
+Target = Annotated[
+    str,
+    typer.Argument(
+        help="A job (3), a part (3/p01), or a printer: what it prints.", autocompletion=complete.targets
+    ),
+]
 
 
 def place_of(target: str) -> str:
@@ -35,7 +43,10 @@ def waiting_for_it(printers: Iterable[PrinterView]) -> list[str]:
 @placed
 def cleared(
     places: Places,
-    printers: Annotated[list[str], typer.Argument(help="The printers whose beds are clear, or all.")],
+    printers: Annotated[
+        list[str],
+        typer.Argument(help="The printers whose beds are clear, or all.", autocompletion=complete.beds),
+    ],
     bad: Annotated[bool, typer.Option("--bad", help="What was printed is bad: print it again.")] = False,
     why: Annotated[str | None, typer.Option(help="What is wrong with it; says --bad too.")] = None,
     filament: Annotated[FilamentState | None, typer.Option(help="Where the filament is, if known.")] = None,
@@ -68,8 +79,10 @@ def fail(places: Places, printer: Printer, why: Why = "") -> None:
 @placed
 def reprint(
     places: Places,
-    job: Annotated[int, typer.Argument(help="The job.")],
-    part: Annotated[str, typer.Argument(help="The part, as `farm status JOB` names it.")],
+    job: Job,
+    part: Annotated[
+        str, typer.Argument(help="The part, as `farm status JOB` names it.", autocompletion=complete.parts)
+    ],
     why: Why = "",
 ) -> None:
     """Print a part again, whatever became of it, at any later time."""
@@ -81,7 +94,7 @@ def reprint(
 @placed
 def cancel(
     places: Places,
-    target: Annotated[str, typer.Argument(help="A job (3), a part (3/p01), or a printer: what it prints.")],
+    target: Target,
 ) -> None:
     """End what prints safely, and never try it again; what waits is not printed."""
     client = Client(places.socket)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
+from farm.cli import complete
 from farm.paths import Places, find_places
 
 P = ParamSpec("P")
@@ -19,7 +20,8 @@ Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's sock
 FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 Why = Annotated[str, typer.Option(help="What you saw; it goes into the history.")]
-Printer = Annotated[str, typer.Argument(help="The printer.")]
+Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=complete.printers)]
+Job = Annotated[int, typer.Argument(help="The job.", autocompletion=complete.jobs)]
 
 
 def placed(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:

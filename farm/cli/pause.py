@@ -6,14 +6,20 @@ from typing import Annotated
 
 import typer
 
+from farm.cli import complete
 from farm.cli.client import Client
 from farm.cli.operate import place_of
 from farm.cli.options import placed
 from farm.paths import Places
 
-Targets = Annotated[list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).")]
+Targets = Annotated[
+    list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).", autocompletion=complete.targets)
+]
 
-Again = Annotated[list[str] | None, typer.Argument(help="Printers, jobs or parts; none after an outage.")]
+Again = Annotated[
+    list[str] | None,
+    typer.Argument(help="Printers, jobs or parts; none after an outage.", autocompletion=complete.targets),
+]
 
 
 @placed

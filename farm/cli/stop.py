@@ -15,7 +15,7 @@ import typer
 from drivers import estop as drv
 from drivers.profiles import PROFILES
 from drivers.start import Start
-from farm.cli import button
+from farm.cli import button, complete
 from farm.cli.button import Said, Say
 from farm.cli.options import Json, placed
 from farm.config import load_fleet
@@ -29,7 +29,8 @@ Stop = Callable[[drv.Tell], drv.Stopped]
 def estop(
     places: Places,
     printers: Annotated[
-        list[str] | None, typer.Argument(help="The printers to stop; all where none.")
+        list[str] | None,
+        typer.Argument(help="The printers to stop; all where none.", autocompletion=complete.printers),
     ] = None,
     asked: Annotated[bool, typer.Option("--asked", hidden=True)] = False,
     json: Json = False,

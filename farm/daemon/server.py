@@ -88,6 +88,16 @@ def make_app(
             jobs=[job_view(scene, job) for job in shown_jobs(core.books)],
         )
 
+    @app.get("/names")
+    async def names() -> api.Names:
+        return api.Names(
+            printers=list(core.fleet.names),
+            jobs=[
+                api.JobName(id=job.id, name=job.name, state=job.state, parts=list(job.parts))
+                for job in shown_jobs(core.books)
+            ],
+        )
+
     @app.get("/history")
     async def past(
         job: int | None = None,
