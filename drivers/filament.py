@@ -93,11 +93,11 @@ class Walk:
     def _follow(self, line: bytes) -> None:
         if line.startswith(_MOVES):
             self._move(line)
-        elif line.startswith(b"G92"):
+        elif line.startswith(b"G92 "):
             for letter, value in _WORD.findall(line):
                 if letter != b"F":
                     self._count(_AXES[letter], float(value))
-        elif line.startswith(b"G28"):  # all moves before it were made
+        elif line.split(b" ", 1)[0] == b"G28":  # all moves before it were made
             self._moves.clear()
             self.at[:3] = [math.nan] * 3
         elif line in (b"G90", b"G91"):
@@ -110,7 +110,8 @@ class Walk:
         after = before.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
-                self.feed_mm_min = float(value)
+                if float(value) > 0:  # the firmware goes on as before otherwise
+                    self.feed_mm_min = float(value)
                 continue
             axis = _AXES[letter]
             relative = self.relative or (axis == 3 and self.relative_e)

@@ -1,13 +1,11 @@
 """A G-code file made ready for the wire, and what has to be known of it beforehand.
 
-The firmware drops a line with a comment and swallows the next one, ends a line at ``:``, takes any ``N``
-for a line number and any ``*`` for a checksum, and cuts lines after 94 characters (um2-serial section 1).
-So comments and blank lines go here, and what cannot be sent is refused with the number of its line.
+Comments and blank lines go here, as the firmware drops a line with a comment and swallows the next one; what
+cannot be sent is refused with the number of its line (`command`).
 """
 
 from __future__ import annotations
 
-import math
 import re
 from array import array
 from bisect import bisect_left
@@ -17,37 +15,21 @@ from enum import StrEnum
 from typing import Protocol
 from zlib import crc32
 
+from drivers.command import COMMAND_BYTES, Command, is_everyday, read, shown, too_long, value
 from drivers.errors import BadGcode, Unreadable
 from drivers.timeline import Mark, Timeline
 
-COMMAND_BYTES = 80
-"""What is left of the firmware's 94 for a command once ``N1234567 `` and ``*255`` are around it."""
+LONGEST_LINE_BYTES = 65536
+"""With its comment: no slicer writes one that is longer."""
 
 _BLOCK_LINES = 256
-_MOVE = re.compile(rb"G[01](?: [FXYE]-?[0-9.]+)+\Z")  # nearly every line, and nothing can be wrong with it
-_CODE = re.compile(rb"([GMT])0*(\d+)")
-_FEEDS = re.compile(rb"G0*[0-3](?!\d)[^E]*E")
+_FEEDS = re.compile(rb"G[0-3] [^E]*E")
+_RISES = frozenset((b"G0", b"G1"))
 _HEATS = frozenset((b"M104", b"M109", b"M140", b"M190"))
-_RISES = re.compile(rb"G0*[01](?!\d)[^Z]*Z *(-?[0-9.]+)")
-_TARGET = re.compile(rb"S(\d+(?:\.\d*)?)(?: |\Z)")
 _MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # of all axes, of E; relative
-_MOST_LAYERS = 1_000_000
+_MOST_LAYERS = 1e6
+_MOST_S = 1e8
 _PEAK_MM = 1.0  # a spiral rises with every line: its height is kept in steps of this
-_NEEDLESS = frozenset((b"M105", b"M117"))  # the link asks; a text is read as commands
-_NEVER = {
-    b"M0": "waits for the knob for ever",
-    b"M1": "waits for the knob for ever",
-    b"M25": "belongs to the SD card",
-    b"M28": "belongs to the SD card",
-    b"M112": "does not exist in this firmware",
-    b"M303": "heats as it likes",
-    b"M600": "does not exist in this firmware",
-    b"M999": "restarts a board that stopped for a reason",
-    b"M85": "is the farm's dead-man",
-    b"M110": "is the link's line number",
-    b"G10": "retracts by the printer's own settings, not by the file's",
-    b"G11": "retracts by the printer's own settings, not by the file's",
-}
 
 
 class HeaterName(StrEnum):
@@ -213,44 +195,32 @@ def strip(raw_lines: Iterable[bytes], store: Store | None = None) -> Program:
     relative, relative_e = toggles = array("Q"), array("Q")
     peak_lines, peaks_mm = array("Q"), array("d")
     homes = extrudes = -1
-    is_move = _MOVE.match
     for number, raw in enumerate(raw_lines, 1):
+        if len(raw) > LONGEST_LINE_BYTES:
+            raise too_long(raw, number)
         line = raw.strip()
         count = text.count
-        if len(line) > COMMAND_BYTES or not is_move(line):
-            if b";" in line:
-                line, _, comment = line.partition(b";")
-                line = line.rstrip()
-                if comment.startswith(b"TIME_ELAPSED:"):
-                    timeline.elapsed(count, _number(comment[13:], number))
-                elif comment.startswith(b"LAYER:"):
-                    layer = int(_number(comment[6:], number))
-                    if abs(layer) > _MOST_LAYERS:
-                        raise BadGcode(f"line {number}: {_shown(comment[6:])} is no number of a layer")
-                    timeline.layer(count, layer)
-                elif comment.startswith(b"TYPE:"):
-                    timeline.feature(count, comment[5:].rstrip().decode("ascii", "replace"))
-                elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
-                    raise BadGcode(
-                        f"line {number}: {_shown(comment[7:])} does not print over USB: slice for Marlin"
-                    )
-            if not line or line.split(b" ", 1)[0] in _NEEDLESS:
+        if len(line) > COMMAND_BYTES or not is_everyday(line):
+            line, semicolon, comment = line.partition(b";")
+            if semicolon:
+                _note(comment, number, count, timeline)
+            command = read(line, number) if (line := line.rstrip()) else None
+            if command is None:
                 continue
-            heat = _check(line, number, count)
-            if heat is not None:
-                heats.append(heat)
-            if homes < 0 and line.startswith(b"G28"):
-                homes = count
-            elif (rises := _RISES.match(line)) is not None:
-                z_mm = _number(rises[1], number)
+            line = command.text
+            if command.name in _HEATS:
+                heats.append(_heat(command, number, count))
+            elif command.name in _MODES:
+                mode, on = _MODES[command.name]
+                if len(toggles[mode]) % 2 != on:
+                    toggles[mode].append(count)
+            elif command.name == b"G28":
+                homes = count if homes < 0 else homes
+            elif (z_mm := command.words.get(b"Z")) is not None and command.name in _RISES:
                 timeline.height(z_mm)
                 if not len(relative) % 2 and z_mm > (peaks_mm[-1] if peaks_mm else 0.0):
                     peak_lines.append(count)
                     peaks_mm.append(z_mm + _PEAK_MM)
-            elif line in _MODES:
-                mode, on = _MODES[line]
-                if len(toggles[mode]) % 2 != on:
-                    toggles[mode].append(count)
         if extrudes < 0 and b"E" in line and _FEEDS.match(line):
             if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in heats):
                 raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
@@ -302,48 +272,26 @@ class _Text:
             self.sums.append(crc32(data))
 
 
-def _check(line: bytes, number: int, count: int) -> Heat | None:
-    """Refuse what the firmware would misread; give back what a heating line sets."""
-    if len(line) > COMMAND_BYTES:
-        raise BadGcode(
-            f"line {number}: {len(line)} characters, and the printer takes {COMMAND_BYTES}: shorten it"
-        )
-    for letter in b":N*":
-        if letter in line:
-            raise BadGcode(
-                f"line {number}: the printer misreads a {chr(letter)!r}: take it out of {_shown(line)}"
-            )
-    if not (line.isascii() and line.decode("ascii").isprintable()):
-        raise BadGcode(f"line {number}: not plain text: is this a G-code file?")
-    code = _CODE.match(line)
-    if code is None:
-        raise BadGcode(f"line {number}: no command that the printer knows: {_shown(line)}")
-    name = code[1] + code[2]
-    if (why := _NEVER.get(name)) is not None:
-        raise BadGcode(f"line {number}: {name.decode()} {why}: take it out")
-    if name not in _HEATS:
-        return None
-    target = _TARGET.search(line)
-    if target is None:
-        raise BadGcode(f"line {number}: {_shown(line)} names no temperature with S")
-    heater = HeaterName.NOZZLE if name in (b"M104", b"M109") else HeaterName.BED
-    target_c = float(target[1])
+def _note(comment: bytes, number: int, count: int, timeline: Timeline) -> None:
+    """What a slicer's comment says of the print; `count` lines are before it."""
+    if comment.startswith(b"TIME_ELAPSED:"):
+        timeline.elapsed(count, value(comment[13:], number, _MOST_S))
+    elif comment.startswith(b"LAYER:"):
+        timeline.layer(count, int(value(comment[6:], number, _MOST_LAYERS)))
+    elif comment.startswith(b"TYPE:"):
+        timeline.feature(count, comment[5:].rstrip().decode("ascii", "replace"))
+    elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
+        raise BadGcode(f"line {number}: {shown(comment[7:])} does not print over USB: slice for Marlin")
+
+
+def _heat(command: Command, number: int, count: int) -> Heat:
+    """What a heating line sets. Raises BadGcode."""
+    target_c = command.words.get(b"S")
+    if target_c is None or target_c < 0:
+        raise BadGcode(f"line {number}: {shown(command.text)} names no temperature with S")
+    heater = HeaterName.NOZZLE if command.name in (b"M104", b"M109") else HeaterName.BED
     if target_c > MOST_C[heater]:
         raise BadGcode(
             f"line {number}: {target_c:g} degrees are too many for the {heater}: at most {MOST_C[heater]:g}"
         )
-    return Heat(count, heater, target_c, waits=name in (b"M109", b"M190"))
-
-
-def _number(text: bytes, number: int) -> float:
-    try:
-        found = float(text)
-    except ValueError:
-        found = math.nan
-    if not math.isfinite(found):
-        raise BadGcode(f"line {number}: {_shown(text)} is no number")
-    return found
-
-
-def _shown(text: bytes) -> str:
-    return repr(text[:40].decode("ascii", "replace"))
+    return Heat(count, heater, target_c, waits=command.name in (b"M109", b"M190"))

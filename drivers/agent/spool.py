@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import AgentError, BadGcode
-from drivers.gcode import Program, strip
+from drivers.gcode import LONGEST_LINE_BYTES, Program, strip
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 _PART = ".part"
@@ -79,7 +79,8 @@ class Spool:
 
         try:
             with source.open("rb") as raw:
-                lines = hashed(raw)
+                # a file that is no text may be one line, and need not be in memory for that
+                lines = hashed(iter(lambda: raw.readline(LONGEST_LINE_BYTES + 1), b""))
                 try:
                     program = strip(lines, _Copy(path))
                 except BadGcode as error:

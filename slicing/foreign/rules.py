@@ -6,6 +6,8 @@ end of a file are not printed, so that there only what gives the whole file anot
 
 from __future__ import annotations
 
+import re
+
 _SCRIPT = "take it out of your slicer's start, end or layer script"
 
 PRINTED = frozenset(
@@ -15,6 +17,8 @@ PRINTED = frozenset(
     )
 )
 """Carried out; what reaches the printer is written anew (`slicing.foreign.writer`)."""
+
+_IN_MM = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, as it is here
 
 NEEDLESS = frozenset(
     (
@@ -77,6 +81,11 @@ _REASONS = {
     "M203": f"changes the printer's limits: {_SCRIPT}",
     "M81": f"switches the power off: {_SCRIPT}",
 }
+
+
+def needless(code: str, rest: str) -> bool:
+    """Whether a command changes nothing in a print; `rest` is what follows its code."""
+    return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
 
 
 def refusal(code: str) -> str | None:

@@ -71,7 +71,7 @@ def survey(lines: Iterable[bytes]) -> Survey:
                 layer = number
             elif (fact := _FACT.match(comment)) is not None:
                 facts[fact[1].decode().lower()] = fact[2].strip()
-        if not code:
+        if not code or rules.needless(code, rest):
             continue
         if (why := rules.refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {why}")

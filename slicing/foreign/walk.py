@@ -76,7 +76,7 @@ class Walk:
             self._writer.layer()
         elif self._printing and _FEATURE.match(comment):
             self._writer.line(b";" + comment)
-        if not code or code in rules.NEEDLESS:
+        if not code or rules.needless(code, rest):
             return
         if (why := rules.refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {why}")

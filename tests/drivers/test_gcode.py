@@ -1,12 +1,16 @@
 import io
+import math
+import re
 import tracemalloc
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.command import COMMAND_BYTES
 from drivers.errors import BadGcode
-from drivers.gcode import COMMAND_BYTES, HeaterName, Program, strip
+from drivers.filament import Walk, retracted_mm
+from drivers.gcode import HeaterName, Program, strip
 from drivers.timeline import Feature, Mark
 
 
@@ -135,16 +139,16 @@ def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: li
 @pytest.mark.parametrize(
     ("line", "says"),
     [
-        ("M118 12:30", "':'"),
-        ("M118 Nozzle", "'N'"),
-        ("M118 a*b", "'*'"),
+        ("M16 12:30", "':'"),
+        ("M16 Nozzle", "'N'"),
+        ("M16 a*b", "'*'"),
         ("G1 X1 " + "Y1.00000 " * 9, "characters"),
         ("M0", "knob"),
         ("M999", "stopped for a reason"),
         ("G10", "retracts"),
         ("M109 R200", "no temperature"),
         ("hello", "no command"),
-        ("M118 \x01", "plain text"),
+        ("M16 \x01", "plain text"),
         ("M00", "knob"),
         ("M303 S210", "heats"),
         ("M109 S500", "degrees"),
@@ -155,6 +159,26 @@ def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: li
         (";TIME_ELAPSED:inf", "no number"),
         (";TIME_ELAPSED:soon", "no number"),
         (";LAYER:3000000000", "no number"),
+        (";TIME_ELAPSED:1e9", "no number"),
+        ("G1 X1.2.3", "cannot be read"),
+        ("G92 E1.2.3", "cannot be read"),
+        ("G1 X1e5", "cannot be read"),
+        ("G1 X--1", "cannot be read"),
+        ("G1 X1-1", "cannot be read"),
+        ("G1 X+1", "cannot be read"),
+        ("G1 X.", "cannot be read"),
+        ("G1 X1 X2", "cannot be read"),
+        ("G1 E1 e2", "cannot be read"),
+        ("M106 S255 G28", "cannot be read"),
+        ("g1 x1", "no command"),
+        ("G1 X1\0", "plain text"),
+        ("G1 X", "without a number"),
+        ("G92 E", "without a number"),
+        ("G1 X12345678", "no number"),
+        ("G1 X1234567", "no number"),
+        ("M104 S-5", "no temperature"),
+        ("M23 other.gcode", "SD card"),
+        ("G1 X1 ;" + 70_000 * "a", "characters"),
     ],
 )
 def test_what_the_firmware_would_misread_is_refused_with_its_line(line: str, says: str):
@@ -182,6 +206,96 @@ def test_any_slice_of_the_lines_is_that_of_the_list(values: list[int], start: in
     assert p.count == len(lines)
     times = [p.seconds_at(n) for n in range(0, p.count + 1, 50)]
     assert times == sorted(times)
+
+
+@pytest.mark.parametrize(
+    ("line", "sent"),
+    [
+        ("G1X1Y2", b"G1 X1 Y2"),
+        ("G01 Y2 X1 F900", b"G1 Y2 X1 F900"),
+        ("G1  X 1.  Y-.5", b"G1 X1. Y-.5"),
+        ("G28 X Y", b"G28 X Y"),
+        ("G 91", b"G91"),
+        ("M0106 S128", b"M106 S128"),
+    ],
+)
+def test_what_can_be_read_goes_out_in_one_form(line: str, sent: bytes):
+    assert program(line + "\n").lines(0, 1) == [sent]
+
+
+def test_texts_for_the_display_are_left_out_whatever_they_say():
+    p = program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
+    assert p.lines(0, p.count) == [b"G28"]
+
+
+NUMBERS = st.sampled_from(
+    ["1", "-1", "1.5", ".5", "-.5", "5.", "0", "1e5", "1E5", "--1", ".", "-", "+1", "+", "1.2.3", "", "1 2", "nan",
+     "inf", "999999", "1000000", "9" * 70, "-0", "0x10", "1_0", "\0", "１"]
+)  # fmt: skip
+WORDS = st.builds(
+    "{}{}{}".format, st.sampled_from(["", " ", "  ", "\t"]), st.sampled_from([*"XYZEFSPGMTNxé*:;"]), NUMBERS
+)
+HARD = st.builds(
+    "{}{}{}".format,
+    st.sampled_from(
+        [
+            "G0",
+            "G1",
+            "G01",
+            "G2",
+            "G3",
+            "G4",
+            "G28",
+            "G90",
+            "G91",
+            "G92",
+            "M82",
+            "M83",
+            "M104",
+            "M109",
+            "M140",
+            "M106",
+            "g1",
+            "T0",
+            "M117",
+            "G",
+            "",
+            "\ufeffG1",
+            ";LAYER:",
+            ";TIME_ELAPSED:",
+            "G1 X5 ;LAYER:",
+            "G1 X1 Y1 E1",
+        ]
+    ),  # fmt: skip
+    st.lists(WORDS, max_size=4).map("".join),
+    st.sampled_from(["", " ", "\r", " ; a comment", ";", "\0", "a" * 90]),
+)
+
+
+@given(st.lists(HARD, min_size=1, max_size=12), st.data())
+def test_what_is_taken_can_be_followed_line_by_line_and_never_ends_an_agent(
+    lines: list[str], data: st.DataObject
+):
+    """A pause, a cancel or a snapshot reads numbers of the file in the middle of a print."""
+    taken = []
+    for line in ["M109 S210", *lines]:
+        try:
+            p = program("\n".join(["M109 S210", *taken, line]))
+        except BadGcode as refused:
+            assert str(refused).startswith("line ") and "\n" not in str(refused)
+        else:
+            taken.append(line)
+    p = program("\n".join(taken))
+    done = data.draw(st.integers(0, p.count))
+    walk = Walk(p, done)
+    known = [mm for mm in (*walk.at, walk.back_mm, walk.feed_mm_min) if not math.isnan(mm)]
+    assert all(abs(mm) < 1e9 for mm in known)
+    assert 0.0 <= retracted_mm(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9
+    mark = p.at(done)
+    assert all(abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.highest_mm(done), p.time_s))
+    sent = p.lines(0, p.count)
+    assert program("\n".join(line.decode() for line in sent)).lines(0, p.count) == sent
+    assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent)
 
 
 @given(st.binary(max_size=200))

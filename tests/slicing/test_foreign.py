@@ -399,6 +399,8 @@ def test_what_is_left_out_is_said():
         ("M117\0", "plain text"),
         ("G1 X1 \x07", "plain text"),
         ("G1 Xé", "plain text"),
+        ("M200", "mm3"),
+        ("M200 D1.75", "mm3"),
         (";" + "x" * LONGEST, "longer than"),
         ("(open", "no command"),
     ],
@@ -433,6 +435,8 @@ def test_what_gives_a_file_another_meaning_is_refused_in_its_start_too(line):
         "M420 S1",
         'M862.3 P "MK3"',
         "G80",
+        "M200 D0",
+        "M200D0.0",
     ],
 )
 def test_what_a_start_does_to_the_printer_is_left_out(line):
