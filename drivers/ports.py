@@ -27,6 +27,8 @@ class Port(Protocol):
 
     def write(self, data: bytes) -> None: ...
 
+    def write_now(self, data: bytes) -> None: ...
+
     @property
     def unwritten(self) -> bool: ...
 
@@ -82,6 +84,10 @@ class NetPort:
         """Send. Raises PortError where the port went away."""
         if data:
             self._distant.write(data)
+
+    def write_now(self, data: bytes) -> None:
+        """Send this instead of what waits on the other host. Raises PortError where the port went away."""
+        self._distant.write_now(data)
 
     @property
     def unwritten(self) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import sys
 import termios
 import time
 from contextlib import suppress
@@ -23,6 +24,8 @@ from drivers.errors import PortError
 
 BAUD = 250_000
 DTR_PULSE_S = 0.1
+DRAIN_S = 1.0
+_DRAIN_LOOK_S = 0.01
 _READ_BYTES = 4096
 _PTY = "/dev/pts/"  # the kernel forgets of no pty that it was exclusive before its other end is closed
 
@@ -115,6 +118,34 @@ class SerialPort:
         """Whether something waits to be written."""
         return bool(self._unwritten)
 
+    def write_now(self, data: bytes) -> None:
+        """Send this instead of all that was not sent yet, and wait until it is on the wire.
+
+        Where the board has stopped taking bytes, no longer than `DRAIN_S`.
+
+        Raises
+        ------
+        PortError
+            The port went away.
+        """
+        self._unwritten = b""
+        until_s = time.monotonic() + DRAIN_S
+        try:
+            termios.tcflush(self._fd, termios.TCOFLUSH)
+            self.write(data)
+            while self._unwritten or self._queued():
+                if time.monotonic() > until_s:
+                    return
+                time.sleep(_DRAIN_LOOK_S)
+                if self._unwritten:
+                    self.write(b"")
+        except (OSError, termios.error) as error:
+            raise PortError(f"{self.path}: went away ({error}); look at its cable and power") from error
+
+    def _queued(self) -> int:
+        """How many bytes the kernel has not sent yet."""
+        return int.from_bytes(fcntl.ioctl(self._fd, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
+
     def reset(self) -> None:
         """Reset the board: a pulse of DTR, or on a pseudo-terminal, which has none, close and open.
 
@@ -205,6 +236,14 @@ class Distant:
             self._port.write(data)
         except (serial.SerialException, OSError) as error:
             raise PortError(f"{self._url}: went away ({error}); look at its host and the network") from error
+
+    def write_now(self, data: bytes) -> None:
+        """Send this instead of what waits on the other host; raises PortError."""
+        try:
+            self._port.reset_output_buffer()
+        except (serial.SerialException, OSError) as error:
+            raise PortError(f"{self._url}: went away ({error}); look at its host and the network") from error
+        self.write(data)
 
     def set_dtr(self, *, up: bool) -> None:
         """Set DTR and wait until the other host says that it is; raises PortError."""

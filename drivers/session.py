@@ -379,6 +379,8 @@ class Session(Identifying):
                 try:
                     yield from self._connect()
                     if (yield from self._shown_off()):
+                        if self._up is not None and not self._up.restarted:
+                            yield from self._dead_man(0.0)
                         if homed and self.fault is None:
                             # The nozzle may stand in the part: the bed goes down to its switch first.
                             yield from self._commands(b"G28 Z0", b"G28 X0 Y0", b"M84", b"M400")

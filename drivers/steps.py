@@ -32,7 +32,7 @@ PAUSE_DEAD_MAN_S = 120.0  # fed every few seconds
 FEED_S = 300.0  # while heating: M105 does not feed the dead-man, a command does
 
 _AS_NEW = (
-    b"M104 S0", b"M140 S0", b"M401", b"M107", b"M85 S0", b"G90", b"M82", b"M220 S100", b"M221 S100",
+    b"M104 S0", b"M140 S0", b"M401", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100",
 )  # fmt: skip
 _SETS = {HeaterName.NOZZLE: b"M104 S%g", HeaterName.BED: b"M140 S%g"}
 
@@ -120,7 +120,11 @@ class Steps:
         self._deaf_s = max(DEAF_S, 5 * pace.floor_s)
 
     def _connect(self) -> Script:
-        """Reset the board and wait until it answers: heaters off, no dead-man, lines counted from 1."""
+        """Reset the board and wait until it answers: told to be cold, lines counted from 1.
+
+        A board that started again has no dead-man. One that nothing resets keeps the one it has, whoever
+        armed it, until its heaters are shown off.
+        """
         for _ in range(TRIES):
             self._up = None
             self.wants_reset = True
@@ -133,7 +137,8 @@ class Steps:
                 yield from self._commands(*_AS_NEW)
             elif self._up is None or not self._up.restarted:
                 continue
-            self._dead_man_s = 0.0
+            else:
+                self._dead_man_s = 0.0
             return
         raise Ended(Fault.NO_ANSWER, "the board did not start again when its port was opened")
 

@@ -203,7 +203,7 @@ class Board:
         if self.session is not None and self._port is not None:
             with suppress(PortError):
                 if self.refuted:
-                    self._port.write(_OFF)
+                    self._port.write_now(_OFF)
                 self._port.reset()
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import random
 import re
+from abc import ABC, abstractmethod
 from collections import deque
 from enum import StrEnum
 
@@ -33,7 +34,7 @@ class Phase(StrEnum):
     MUTE = "mute"  # a fault: hears and says nothing, and goes on heating
 
 
-class Listener:
+class Listener(ABC):
     """What the board hears and says, from one reset to the next.
 
     Attributes
@@ -66,9 +67,9 @@ class Listener:
         if self.noise is not None:
             self.noise.forget()
 
+    @abstractmethod
     def _break_down(self) -> None:
         """A line was accepted: the faults that happen then."""
-        raise NotImplementedError
 
     # --- lines ---
 

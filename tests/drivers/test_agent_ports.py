@@ -2,18 +2,24 @@
 
 import asyncio
 import json
+import os
+import pty
+import tty
 from pathlib import Path
 from typing import Any
 
 import pytest
-from one_printer import MODEL, Printer, gcode, printer, run
+from one_printer import MODEL, Printer, everything, gcode, printer, run
 
 from drivers import messages as m
+from drivers.agent.board import Board
 from drivers.agent.journal import JOURNAL
 from drivers.client import alive
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import Fault
+from drivers.profiles import PROFILES
+from drivers.session import Session
 
 
 @pytest.mark.system
@@ -199,3 +205,27 @@ def test_a_printer_that_goes_away_hot_loses_its_mains_and_a_person_is_told(tmp_p
                 control(tmp_path / "emulator", "power_off")
 
     run(story())
+
+
+def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(tmp_path: Path):
+    """The agent ends by a fault of its own, with a command stuck on the way to a board that does not read."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    url = os.ttyname(slave)
+    os.close(slave)
+    one = Printer(tmp_path / "agent", url)
+    board = Board(url, tmp_path, one.clock, lambda: None, lambda _: None)
+    board.hot, board.reset_refuted = True, url
+    board.open()
+    session = Session(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, one.clock.now())
+    board.session = session
+    port = board._port
+    assert port is not None
+    try:
+        while not port.unwritten:
+            port.write(b"G1 X1 Y1\n" * 100)
+        board.cut()
+        assert everything(master).endswith(b"\nM104 S0\nM140 S0\n")
+    finally:
+        board.close()
+        os.close(master)

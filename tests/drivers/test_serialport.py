@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from one_printer import everything
 
 from drivers.clock import Clock
 from drivers.errors import PortError
@@ -83,3 +84,29 @@ def test_a_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Pa
     finally:
         port.close()
         os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
+
+
+def test_what_cannot_wait_goes_out_before_all_that_was_not_sent(ends: tuple[int, Path]):
+    """A board that has stopped reading: the kernel's buffer is full, and ours waits behind it."""
+    master, path = ends
+    port = SerialPort(path)
+    try:
+        while not port.unwritten:
+            port.write(b"G1 X1 Y1\n" * 100)
+        port.write_now(b"\nM104 S0\n")
+        assert not port.unwritten
+        assert everything(master).endswith(b"\nM104 S0\n")
+    finally:
+        port.close()
+
+
+def test_a_board_that_takes_nothing_is_not_waited_for_for_ever(
+    ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch
+):
+    port, looks = SerialPort(ends[1]), iter(range(1000))
+    monkeypatch.setattr("drivers.serialport.time.monotonic", lambda: float(next(looks)))
+    monkeypatch.setattr(SerialPort, "_queued", lambda _: 1)
+    try:
+        port.write_now(b"M104 S0\n")
+    finally:
+        port.close()

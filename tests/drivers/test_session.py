@@ -2,28 +2,16 @@
 
 import errno
 import os
-from typing import Any
 
 import pytest
 
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
-from drivers.emulator.listener import Phase
 from drivers.errors import Fault
-from drivers.filament import Walk
 from drivers.gcode import Memory
 from drivers.messages import Filament, PrintPhase
-from drivers.parking import PAUSE_LIMIT_S
-from drivers.session import Pace, Session
-from print_rig import GCODE, PLUS, Rig, gcode, hopping
-
-
-def assert_ended_off(rig: Rig, phase: PrintPhase, fault: Fault | None) -> None:
-    session = rig.session
-    assert (session.phase, session.fault) == (phase, fault), session.reason
-    assert session.heaters_off
-    assert rig.targets() == (0.0, 0.0)
-    assert session.ended_s is not None and rig.now_s - 120.0 < session.ended_s <= rig.now_s
+from drivers.session import Pace
+from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
 
 
 def test_a_print_goes_through_its_phases_to_heaters_shown_off_and_filament_parked():
@@ -190,49 +178,6 @@ def test_a_target_that_somebody_else_changed_ends_the_print():
     assert_ended_off(rig, PrintPhase.FAILED, Fault.TARGET_CHANGED)
 
 
-def test_the_board_of_another_model_is_refused_before_anything_heats():
-    rig = Rig(model="ultimaker2_extended_plus").run()
-    assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert b"M140 S60" not in rig.sent
-    assert not rig.session.extruded
-
-
-def test_a_port_that_went_away_fails_the_print_and_nobody_claims_heaters_off():
-    rig = Rig().printing(100)
-    rig.plugged = False
-    rig.link.closed()
-    rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
-    rig.run()
-    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.PORT_LOST)
-    assert not rig.session.heaters_off
-    assert "switch the printer off" in str(rig.session.reason)
-
-
-def test_a_port_that_comes_back_is_reset_and_shown_off():
-    rig = Rig().printing(100)
-    rig.plugged = False
-    rig.link.closed()
-    rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
-    rig.back_s = rig.now_s + 10.0
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PORT_LOST)
-
-
-def test_without_a_program_the_board_is_reset_and_the_agent_s_death_is_the_reason():
-    rig = Rig()
-    rig.firmware.board.set_nozzle(210.0, rig.now_s)
-    rig.session = Session(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s)
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
-    assert rig.session.filament is Filament.UNKNOWN
-
-
-def test_a_print_on_a_link_that_has_printed_begins_at_nothing():
-    rig = Rig()
-    rig.run()
-    assert rig.session.streamed == rig.program.count
-    again = Session(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s)
-    assert again.streamed == 0
-
-
 def test_a_second_cancel_and_a_cancel_of_what_has_ended_change_nothing():
     rig = Rig().printing(100)
     rig.session.cancel("first", rig.now_s)
@@ -318,184 +263,7 @@ def test_at_the_end_the_filament_is_where_the_file_left_it(end: str, filament: F
     assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=0.1)
 
 
-# --- pause ---
-
-
-@pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])
-def test_a_pause_parks_keeps_the_bed_warm_and_goes_on_as_if_nothing_had_been(lines: int):
-    text = hopping(60)
-    straight = Rig(text=text).run()
-    rig = Rig(text=text).printing(lines)
-    rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    board = rig.firmware.board
-    pause_s = rig.now_s
-    rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the dead-man
-    assert rig.session.phase is PrintPhase.PAUSED
-    assert rig.targets() == (0.0, 60.0)
-    assert rig.session.pause_ends_s == pytest.approx(pause_s + PAUSE_LIMIT_S, abs=60.0)
-    assert rig.session.filament is Filament.PARKED
-    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-    assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)
-    rig.session.resume(rig.now_s)
-    rig.run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
-    assert board.filament_mm == pytest.approx(straight.firmware.board.filament_mm, abs=0.01)
-    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-    assert rig.moves() == straight.moves()
-
-
-def test_after_a_pause_the_head_is_back_before_the_filament():
-    rig = Rig(text=gcode(200)).printing(100)
-    rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    x, y, z, _ = Walk(rig.program, rig.session.streamed).at
-    rig.session.resume(rig.now_s)
-    at = len(rig.sent)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PRINTING)
-    back = rig.sent[at:]
-    order = [
-        b"E13.500",
-        b"G1 F9000 X%.3f Y%.3f" % (x, y),
-        b"G1 F1200 Z%.3f" % z,
-        b"G1 F1500 E6.500",
-        b"G92 E",
-    ]
-    places = [back.index(word) for word in order]
-    assert places == sorted(places)
-
-
-def one_by_one() -> str:
-    """A part of 60 mm is finished, and another one begun beside it."""
-    low = "\n".join(
-        f"G1 F3000 X{150 + 20 * (i % 2)} Y{50 + i * 0.2:.2f} E{4 + 0.1 * i:.2f}" for i in range(60)
-    )
-    high = "G1 F3000 X90 Y50 E1\n;LAYER:1\nG0 Z60\nG1 F3000 X50 Y60 E3\nG0 Z65 X150\n;LAYER:0\nG0 Z0.27\n"
-    return GCODE.format(moves=high + low, end=3.5)
-
-
-@pytest.mark.parametrize("cancel", [False, True])
-def test_the_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
-    rig = Rig(text=one_by_one())
-    rig.printing(rig.program.count - 40)
-    at = len(rig.sent)
-    planner = rig.firmware.machine.planner
-    if cancel:
-        rig.session.cancel("no more", rig.now_s)
-    else:
-        rig.session.pause(rig.now_s)
-    while not rig.session.ended and rig.targets()[1 if cancel else 0] > 0:
-        rig.step()
-    rig.run(until=lambda: b"G28 X0" in rig.sent[at:] if cancel else planner.target[:2] == (10.0, 200.0))
-    assert planner.target[2] >= 69.9
-    rig.session.resume(rig.now_s)
-    rig.run()
-    assert rig.session.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
-
-
-def test_a_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
-    rig = Rig()
-    rig.run(until=lambda: rig.session.streamed > rig.program.homes + 1)
-    rig.session.cancel("no more", rig.now_s)
-    rig.run()
-    assert b"G1 F1200 Z0.000" in rig.sent
-    assert rig.session.heaters_off
-
-
-def test_a_pause_that_nobody_ends_ends_the_print_safely():
-    rig = Rig(text=gcode(200)).printing(100)
-    rig.session.pause(rig.now_s)
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PAUSE_TIMEOUT)
-    assert rig.session.filament is Filament.PARKED
-    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-
-
-@pytest.mark.parametrize("lines", [0, 5])
-def test_a_pause_before_the_first_extrusion_is_nothing(lines: int):
-    rig = Rig().printing(lines)
-    rig.session.pause(rig.now_s)
-    assert_ended_off(rig.run(), PrintPhase.DONE, None)
-    assert PrintPhase.PAUSED not in rig.phases
-
-
-# --- which printer it is ---
-
-
-def test_the_printer_behind_the_cable_is_known_by_its_home_offset():
-    first = Rig(Faults(levelled=243)).run()
-    assert first.session.identity == "X0.00 Y0.00 Z-12.43"
-    again = Rig(Faults(levelled=243), identity=first.session.identity).run()
-    assert_ended_off(again, PrintPhase.DONE, None)
-    other = Rig(Faults(levelled=187), identity=first.session.identity).run()
-    assert_ended_off(other, PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert b"M140" not in other.sent.replace(b"M140 S0", b"") and not other.session.extruded
-
-
-@pytest.mark.parametrize("word", [b"Vers:", b"M206"])
-def test_a_banner_that_does_not_tell_is_asked_for_again_and_then_refused(word: bytes):
-    rig = Rig()
-    listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(word, b"?????"), now_s)  # type: ignore[method-assign]
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert rig.firmware.resets == 3
-    once = Rig()
-    listen = once.link.receive
-    once.link.receive = lambda data, now_s: listen(  # type: ignore[method-assign]
-        data.replace(word, b"?????") if once.firmware.resets < 2 else data, now_s
-    )
-    assert_ended_off(once.run(), PrintPhase.DONE, None)
-
-
-def test_an_extended_that_calls_itself_a_plain_one_is_found_by_its_height():
-    rig = Rig(model="ultimaker2_extended_plus")
-    listen = rig.link.receive
-    rig.link.receive = lambda data, now_s: listen(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
-    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert "315" in str(rig.session.reason) and b"M104 S210" not in rig.sent
-
-
-def test_a_file_that_homes_its_axes_one_by_one_is_no_other_printer():
-    text = gcode().replace("\nG28\nG1", "\nG28 X0 Y0\nG28 Z0\nG1")
-    assert_ended_off(Rig(text=text).run(), PrintPhase.DONE, None)
-
-
-# --- dead-man ---
-
-
-def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
-    rig = Rig(text=gcode(200)).printing(100)
-    rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    pause_s = rig.now_s
-    rig.run(until=lambda: rig.now_s > pause_s + 60.0)
-    assert rig.firmware.machine.dead_man_s == 120.0
-    rig.session.resume(rig.now_s)
-    rig.run()
-    armed = [int(word.split(b"*")[0]) for word in rig.sent.split(b"M85 S")[1:]]
-    assert armed[0] == 1200 and armed[-1] == 0
-    assert {seconds: armed.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
-    assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
-
-
-def test_a_host_that_dies_hot_leaves_a_board_that_ends_its_heat_by_itself():
-    rig = Rig(text=gcode(200)).printing(100)
-    dead_s = rig.now_s
-    while (due_s := rig.firmware.deadline_s()) < dead_s + 1000.0:
-        rig.firmware.feed(b"", due_s)
-    assert rig.targets() == (0.0, 0.0)
-
-
 # --- a reset in the middle ---
-
-
-def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
-    rig = Rig().printing(100)
-    rig.firmware.phase = Phase.MUTE
-    rig.session.cancel("no more", rig.now_s)
-    rig.run()
-    assert_ended_off(rig, PrintPhase.CANCELLED, None)
-    cut = rig.sent.rindex(b"M110")
-    assert rig.sent.index(b"G28 Z0", cut) < rig.sent.index(b"G28 X0 Y0", cut)
 
 
 class DyingDisk(Memory):
@@ -527,68 +295,3 @@ def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad:
     whole = [line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent)]
     assert sent == whole[: len(sent)]
     assert rig.session.filament is not Filament.AT_NOZZLE
-
-
-@pytest.mark.parametrize("layers", [True, False])
-def test_the_head_passes_over_the_highest_part_also_where_the_file_names_no_layers(layers: bool):
-    moves = ["G1 F3000 X90 Y50 E1", "G0 F9000 Z80", "G1 F3000 X90 Y80 E2", "G0 F9000 X150 Y150 Z0.27"]
-    moves += [f"G1 F3000 X{150 + i % 2} Y150 E{2 + 0.1 * i:.1f}" for i in range(300)]
-    text = GCODE.format(moves="\n".join(moves), end=25.5)
-    rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).printing(60)
-    rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
-
-
-def test_a_board_that_nothing_resets_prints_and_is_as_a_new_one_before():
-    rig = Rig(Faults(no_reset=True))
-    board = rig.firmware.board
-    board.bed.target_c = 50.0  # somebody warmed it up before
-    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
-    assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
-    rig.run()
-    assert_ended_off(rig, PrintPhase.DONE, None)
-    assert rig.firmware.resets == 0
-    assert rig.session.identity == "X0.00 Y0.00 Z-10.00"
-    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
-
-
-def test_another_board_that_nothing_resets_is_noticed_all_the_same():
-    rig = Rig(Faults(no_reset=True, levelled=3), identity="X0.00 Y0.00 Z-10.00").run()
-    assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
-
-
-@pytest.mark.parametrize(
-    ("faults", "fault"),
-    [({}, None), ({"stop_after": 150}, Fault.MAXTEMP), ({"dead_bed": True}, Fault.HEATER_TIMEOUT)],
-)
-def test_a_board_that_nothing_resets_ends_by_command(faults: dict[str, Any], fault: Fault | None):
-    rig = Rig(Faults(no_reset=True, **faults))
-    if fault is None:
-        rig.printing(60).session.cancel("cancelled", rig.now_s)
-    rig.run()
-    assert rig.session.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
-    assert rig.session.heaters_off and rig.targets() == (0.0, 0.0)
-    assert rig.firmware.resets == 0
-
-
-def test_a_board_that_nothing_resets_and_that_falls_silent_loses_its_mains():
-    rig = Rig(Faults(no_reset=True, silent_after=150)).run()
-    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.NO_ANSWER)
-    assert rig.session.wants_power_off and not rig.session.heaters_off
-
-
-@pytest.mark.parametrize("steps", range(12))
-def test_a_pause_that_comes_while_the_file_ends_its_heat_pushes_no_cold_filament(steps: int):
-    ends = Rig().program.lines(0, 10_000).index(b"M104 S0")
-    rig = Rig().printing(ends - 2)
-    for _ in range(steps):
-        rig.step()
-    rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.pause_ends_s is not None or rig.session.phase is PrintPhase.ENDING)
-    assert rig.session.streamed <= ends or rig.session.phase is not PrintPhase.PAUSED
-    cold_s = rig.now_s + 900.0
-    rig.run(until=lambda: rig.now_s > cold_s)
-    rig.session.resume(rig.now_s)
-    rig.run()
-    assert_ended_off(rig, PrintPhase.DONE, None)

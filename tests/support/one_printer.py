@@ -2,10 +2,12 @@
 
 import asyncio
 import hashlib
+import os
+import select
 import subprocess
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ from drivers.client import AgentClient, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
+from drivers.emulator.status import EmulatorStatus
 
 MODEL = "ultimaker2_plus"
 SCALE = 120.0
@@ -130,3 +133,21 @@ async def printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
 
 def run(story: Coroutine[Any, Any, None]) -> None:
     asyncio.run(story)
+
+
+def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
+    """Wait until an emulator shows it; whether it did."""
+    until_s = time.monotonic() + DEADLINE_S
+    while not seen(read_status(folder)) and time.monotonic() < until_s:
+        select.select([], [], [], 0.02)
+    return seen(read_status(folder))
+
+
+def everything(master: int) -> bytes:
+    """All that a board that has not read for a while finds."""
+    os.set_blocking(master, False)
+    found = b""
+    with suppress(BlockingIOError):
+        while data := os.read(master, 4096):
+            found += data
+    return found

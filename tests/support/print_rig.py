@@ -7,9 +7,10 @@ from collections.abc import Callable
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
+from drivers.errors import Fault
 from drivers.gcode import Store, strip
 from drivers.marlin import Link
-from drivers.messages import Filament
+from drivers.messages import Filament, PrintPhase
 from drivers.profiles import PROFILES
 from drivers.session import Pace, Session
 
@@ -134,3 +135,11 @@ def hopping(moves: int) -> str:
         if not i % 50:
             path.append("G92 E0\nG1 F600 E-1\nG92 E%.5f" % (e_mm - 1))
     return GCODE.format(moves="\n".join(path), end=0.7 * moves - 6.5)
+
+
+def assert_ended_off(rig: Rig, phase: PrintPhase, fault: Fault | None) -> None:
+    session = rig.session
+    assert (session.phase, session.fault) == (phase, fault), session.reason
+    assert session.heaters_off
+    assert rig.targets() == (0.0, 0.0)
+    assert session.ended_s is not None and rig.now_s - 120.0 < session.ended_s <= rig.now_s

@@ -1,0 +1,160 @@
+"""An agent in trouble of its own: faults, a full disk, heat that may be left."""
+
+import asyncio
+import hashlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from one_printer import DEADLINE_S, MODEL, SCALE, gcode, printer, run, settled
+
+from drivers import messages as m
+from drivers.agent.journal import Journal
+from drivers.agent.loop import Agent
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, read_status
+from drivers.errors import JournalError
+from drivers.profiles import PROFILES
+
+
+class Driven(Agent):
+    """An agent in this process, with something done at each step of its loop."""
+
+    do: Callable[["Driven"], None]
+
+    def _push(self) -> None:
+        super()._push()
+        self.do(self)
+
+    def start(self, gcode_path: Path, text: str) -> m.Reply:
+        gcode_path.write_text(text)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        request = m.StartPrint(
+            id=1,
+            print_id="p-1",
+            gcode=str(gcode_path),
+            sha256=digest,
+            print_time_s=60.0,
+            filament=m.Filament.PARKED,
+        )
+        return self._answer(request)
+
+    @property
+    def told(self) -> m.Snapshot:
+        return self._snapshot()
+
+
+@pytest.fixture
+def driven(tmp_path: Path) -> Iterator[Driven]:
+    clock = Clock(SCALE, time.time())
+    handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
+    agent = Driven("um2-01", PROFILES[MODEL], f"sim://{MODEL}", tmp_path, clock)
+    try:
+        yield agent
+    finally:
+        signal.set_wakeup_fd(-1)
+        for number, handler in handlers:
+            signal.signal(number, handler)
+        if emulator_alive(tmp_path / "emulator"):
+            control(tmp_path / "emulator", "power_off")
+
+
+@pytest.mark.system
+def test_an_agent_that_fails_by_a_fault_of_its_own_switches_the_heaters_off_first(
+    driven: Driven, tmp_path: Path
+):
+    def do(agent: Driven) -> None:
+        told = agent.told
+        if told.link is m.LinkState.READY:
+            assert agent.start(tmp_path / "a.gcode", gcode(50_000)).error is None
+        elif told.print is not None and told.print.phase is m.PrintPhase.PRINTING:
+            status = read_status(tmp_path / "emulator")
+            assert status.nozzle_target_c > 0
+            raise ZeroDivisionError("a fault of ours")
+
+    driven.do = do
+    with pytest.raises(ZeroDivisionError):
+        driven.run()
+    assert settled(tmp_path / "emulator", lambda s: (s.nozzle_target_c, s.bed_target_c) == (0.0, 0.0))
+
+
+@pytest.mark.system
+def test_an_agent_that_can_write_nothing_still_ends_the_heat_of_the_last(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(20_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            assert max(one.targets()) > 0
+            words = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", one.folder]
+            done = await asyncio.to_thread(
+                subprocess.run, words, check=False, capture_output=True, text=True, timeout=DEADLINE_S
+            )
+            assert done.returncode == 1
+            assert "cannot be written" in done.stdout and "seen off" in done.stdout
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_full_disk_stops_no_print_and_starts_none(
+    driven: Driven, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    full = False
+    tell = Journal.write
+    seen: list[m.PrintPhase] = []
+
+    def write(journal: Journal, at_s: float, **record: object) -> None:
+        if full:
+            raise JournalError("the disk is full")
+        tell(journal, at_s, **record)
+
+    monkeypatch.setattr(Journal, "write", write)
+
+    def do(agent: Driven) -> None:
+        nonlocal full
+        told = agent.told
+        if told.link is m.LinkState.READY and told.print is None:
+            full = True
+            assert "full" in str(agent.start(tmp_path / "a.gcode", gcode(300)).error)
+            assert agent.told.print is None
+            full = False
+            assert agent.start(tmp_path / "a.gcode", gcode(300)).error is None
+            full = True
+        elif told.print is not None:
+            seen.append(told.print.phase)
+            if told.print.phase is m.PrintPhase.DONE:
+                if full:
+                    assert told.link is m.LinkState.BUSY  # it is not over before it is written down
+                    full = False
+                elif told.link is m.LinkState.READY:
+                    assert agent._answer(m.Shutdown(id=2)).error is None
+
+    driven.do = do
+    driven.run()
+    assert m.PrintPhase.PRINTING in seen
+    memory = Journal(tmp_path / "journal.jsonl").memory
+    assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
+
+
+def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven) -> None:
+    """Once it is gone, nobody of ours switches the heat off when the port comes back."""
+    refused = []
+
+    def do(agent: Driven) -> None:
+        if agent.told.link is m.LinkState.READY:
+            agent._board.hot = True
+            refused.append(agent._answer(m.Shutdown(id=1)).error)
+            assert agent._answer(m.Shutdown(id=2, now=True)).error is None
+
+    driven.do = do
+    driven.run()
+    assert "may still be hot" in str(refused[0])

@@ -1,0 +1,53 @@
+"""Which printer a session talks to, before anything heats."""
+
+import pytest
+
+from drivers.emulator.faults import Faults
+from drivers.errors import Fault
+from drivers.messages import PrintPhase
+from print_rig import Rig, assert_ended_off, gcode
+
+
+def test_the_board_of_another_model_is_refused_before_anything_heats():
+    rig = Rig(model="ultimaker2_extended_plus").run()
+    assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert b"M140 S60" not in rig.sent
+    assert not rig.session.extruded
+
+
+def test_the_printer_behind_the_cable_is_known_by_its_home_offset():
+    first = Rig(Faults(levelled=243)).run()
+    assert first.session.identity == "X0.00 Y0.00 Z-12.43"
+    again = Rig(Faults(levelled=243), identity=first.session.identity).run()
+    assert_ended_off(again, PrintPhase.DONE, None)
+    other = Rig(Faults(levelled=187), identity=first.session.identity).run()
+    assert_ended_off(other, PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert b"M140" not in other.sent.replace(b"M140 S0", b"") and not other.session.extruded
+
+
+@pytest.mark.parametrize("word", [b"Vers:", b"M206"])
+def test_a_banner_that_does_not_tell_is_asked_for_again_and_then_refused(word: bytes):
+    rig = Rig()
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(word, b"?????"), now_s)  # type: ignore[method-assign]
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert rig.firmware.resets == 3
+    once = Rig()
+    listen = once.link.receive
+    once.link.receive = lambda data, now_s: listen(  # type: ignore[method-assign]
+        data.replace(word, b"?????") if once.firmware.resets < 2 else data, now_s
+    )
+    assert_ended_off(once.run(), PrintPhase.DONE, None)
+
+
+def test_an_extended_that_calls_itself_a_plain_one_is_found_by_its_height():
+    rig = Rig(model="ultimaker2_extended_plus")
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert "315" in str(rig.session.reason) and b"M104 S210" not in rig.sent
+
+
+def test_a_file_that_homes_its_axes_one_by_one_is_no_other_printer():
+    text = gcode().replace("\nG28\nG1", "\nG28 X0 Y0\nG28 Z0\nG1")
+    assert_ended_off(Rig(text=text).run(), PrintPhase.DONE, None)

@@ -1,0 +1,66 @@
+"""Someone at the other end of the emulated firmware's line, in one process and with time in hand."""
+
+from __future__ import annotations
+
+import random
+from functools import reduce
+from operator import xor
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.profiles import PROFILES
+
+
+class Host:
+    """Someone at the other end of the line, with time in hand."""
+
+    def __init__(
+        self, model: str = "ultimaker2_plus", faults: Faults | None = None, boot: bool = True
+    ) -> None:
+        self.firmware = Firmware(PROFILES[model], faults or Faults(), random.Random(1), 0.0)
+        self.board = self.firmware.board
+        self.now_s = 0.0
+        self.n = 0
+        if boot:
+            self.wait(5.0)
+
+    def wait(self, seconds: float) -> list[str]:
+        """The lines said in the next seconds."""
+        return self.until(self.now_s + seconds)
+
+    def until(self, end_s: float) -> list[str]:
+        out = b""
+        while (due_s := self.firmware.deadline_s()) <= end_s:
+            self.now_s = max(self.now_s, due_s)
+            out += self.firmware.feed(b"", self.now_s)
+        self.now_s = end_s
+        out += self.firmware.feed(b"", end_s)
+        return out.decode("latin-1").splitlines()
+
+    def put(self, *lines: str) -> list[str]:
+        """Send lines in one burst; what is answered at once."""
+        data = "".join(f"{line}\n" for line in lines).encode("latin-1")
+        return self.firmware.feed(data, self.now_s).decode("latin-1").splitlines()
+
+    def say(self, line: str, seconds: float = 600.0) -> list[str]:
+        """Send a line and wait for its ok (that may be glued behind other words)."""
+        said = self.put(line)
+        end_s = self.now_s + seconds
+        while not any(word.endswith("ok") or word.startswith("ok") for word in said):
+            due_s = self.firmware.deadline_s()
+            assert due_s <= end_s, f"no ok to {line!r}, only {said}"
+            said += self.until(due_s)
+        return said
+
+    def number(self, body: str) -> list[str]:
+        """Send a line with number and checksum."""
+        self.n += 1
+        return self.say(numbered(self.n, body))
+
+    def warm(self, nozzle_c: float = 210.0) -> None:
+        self.say(f"M109 S{nozzle_c}")
+
+
+def numbered(n: int, body: str) -> str:
+    line = f"N{n} {body}"
+    return f"{line}*{reduce(xor, line.encode())}"
