@@ -12,6 +12,12 @@ from hypothesis import strategies as st
 from drivers.emulator.faults import Faults
 from drivers.profiles import PROFILES
 
+
+@pytest.fixture
+def host() -> Host:
+    return Host()
+
+
 # --- boot ---
 
 
