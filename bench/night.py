@@ -300,10 +300,13 @@ def main() -> None:
     parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="leave the farm's files there")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="night-") as folder:
-        figures = Night(Path(folder), args).run()
+        if args.keep is not None:
+            args.keep.mkdir(parents=True)
+        figures = Night(args.keep or Path(folder), args).run()
     print(json.dumps(figures, indent=2) if args.json else "\n".join(f"{k}: {v}" for k, v in figures.items()))
 
 

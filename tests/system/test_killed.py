@@ -1,0 +1,44 @@
+"""A real daemon is killed by SIGKILL at its commits and at any moment; agents and printers go on."""
+
+from __future__ import annotations
+
+import os
+import random
+
+import pytest
+
+from kept_daemon import LATER, MOMENTS
+from killed_farm import KilledFarm
+
+pytestmark = pytest.mark.system
+
+JOB = (  # what is committed of a job, from its submission to a person's word
+    *("JobSubmitted", "PlanningStarted", "JobPlanned", "PlateAssigned", "PrintProgressed", "PrintEnded"),
+    "BedCleared",
+)
+
+
+@pytest.fixture
+def killed_farm(tmp_path):
+    farm = KilledFarm(tmp_path)
+    yield farm
+    farm.end()
+
+
+@pytest.mark.parametrize(
+    ("seed", "rounds"),
+    [(6, 1), pytest.param(7, 9, marks=pytest.mark.skipif("FARM_KILLS" not in os.environ, reason="9 min"))],
+)
+def test_no_plate_is_lost_or_printed_twice_wherever_the_daemon_is_killed(killed_farm, seed, rounds):
+    """At every event of a job, at one of three moments each; in nine rounds at all of them."""
+    rng = random.Random(seed)
+    fates = [
+        fate
+        for turn in range(rounds)
+        for place, event in enumerate(JOB)
+        for fate in ((MOMENTS[(place + turn) % 3], event), (LATER, rng.uniform(0.3, 2.0)))[: 1 + place % 2]
+    ]
+    killed_farm.keep(fates)
+    killed_farm.print_jobs(3 * rounds, failing=[1])
+    killed_farm.check()
+    assert killed_farm.deaths() == [moment if moment == LATER else f"{moment} {of}" for moment, of in fates]
