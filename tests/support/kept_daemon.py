@@ -3,8 +3,8 @@
     python kept_daemon.py FATES FARM-WORDS...
 
 FATES is JSON, of each life in turn: a moment, and of which event's first commit; or `later`, and after how
-many seconds. The life after the last of these goes on. What each died at is told. A life is cheap: it is forked
-off a process that has imported all of it, and what workers do is done in it.
+many seconds. The life after the last of these goes on. What each died at is told. A life is cheap: it is
+forked off a process that has imported all of it, and what workers do is done in it.
 """
 
 import itertools
