@@ -13,6 +13,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    SecretStr,
     ValidationError,
     field_validator,
     model_validator,
@@ -63,6 +64,7 @@ class FleetSection(_Section):
     max_heating: Annotated[int, Field(ge=1)] | None = None  # printers that heat up at once: the breaker
     approve: bool = False  # no job prints before `farm approve`
     group: Group = "farm"  # who may use the daemon's socket, where there is such a group
+    notify: tuple[SecretStr, ...] = ()  # whom to tell, as apprise writes addresses
     operators: Group | None = None  # who may say that printers go on; None: everybody
 
     @model_validator(mode="after")

@@ -61,6 +61,11 @@ class StateFolder:
     def clock(self) -> Path:
         return self.root / "clock.json"
 
+    @property
+    def told(self) -> Path:
+        """What people were notified of."""
+        return self.root / "told.json"
+
     def agent(self, printer: str) -> Path:
         return self.root / "agents" / printer
 

@@ -20,6 +20,7 @@ from farm.config import Fleet, PrinterSection
 from farm.daemon.backups import Nightly, open_books
 from farm.daemon.core import Core
 from farm.daemon.links import Links
+from farm.daemon.notify import Notifier, forget
 from farm.daemon.people import PeerProtocol, check_operators, listen
 from farm.daemon.planner import Planner
 from farm.daemon.server import make_app
@@ -38,6 +39,7 @@ log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _SETTLE_S = 1.0
+_NOTIFY_S = 2.0
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
@@ -57,6 +59,12 @@ class Daemon:
         self._links = Links(fleet, self._state, self._clock, self._core)
         self._planner = Planner(self._state, self._workers, self._core.planned, self._core.progressed)
         self._timers = Timers()
+        self._notifier: Notifier | None = None
+        if fleet.fleet.notify:
+            urls, name = fleet.fleet.notify, fleet.fleet.name
+            self._notifier = Notifier(urls, name, self._state.told, self._clock.now())
+        else:
+            forget(self._state.told)
         self._edge_s: float | None = None  # for which a timer is set
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
@@ -107,6 +115,7 @@ class Daemon:
         timers = self._timers
         timers.every(_WATCH_S, "watch agents", self._links.watch)
         timers.every(_SETTLE_S, "settle", self._turn)
+        timers.every(_NOTIFY_S, "notify", self._notify)
         timers.start()
         await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
         try:
@@ -119,6 +128,10 @@ class Daemon:
             listening.close()
             self._places.socket.unlink(missing_ok=True)
             self._store.close()
+
+    def _notify(self) -> None:
+        if self._notifier is not None:
+            self._notifier.tell(self._core.books, self._clock.now())
 
     def _turn(self) -> None:
         """Settle, and be awake when hours or start times change."""
