@@ -52,6 +52,19 @@ class Joint:
     area_mm2: float
     width_mm: float
 
+    def holds(self, min_glue_mm2: float) -> bool:
+        """Whether it is counted on: of this area at least, and two walls wide; of any width where 0 will do.
+
+        A narrower joint is a line of glue, however long: the parts fold about it.
+        """
+        return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
+
+    def weakness(self, min_glue_mm2: float) -> str:
+        """Why it is not counted on, as the end of a sentence."""
+        if self.area_mm2 < min_glue_mm2:
+            return f"is held by {self.area_mm2:.1f} mm2 of glue, of {min_glue_mm2:g} mm2 that are wanted"
+        return f"is held by a joint {self.width_mm:.1f} mm wide, of {TWO_WALLS_MM:g} mm that are wanted"
+
 
 @dataclass(frozen=True, slots=True)
 class Fault:
@@ -88,8 +101,8 @@ def faults(
     """The pieces that a partition is better without, at most one for each reason.
 
     Slivers: a cut left them under SLIVER_MM across it, or they are flakes thinner than two walls. Loose
-    pieces: joints of less than `min_glue_mm2` are not counted on, and the others do not hold them to the body
-    that they are of. A piece that touches no other is a body of its own. `touching` are the joints, where
+    pieces: some joints do not hold (`Joint.holds`), and the others do not hold them to the body that they are
+    of. A piece that touches no other is a body of its own. `touching` are the joints, where
     they are known already.
     """
     found = [Fault(i, what) for i, piece in enumerate(pieces) if (what := _sliver(piece))]
@@ -100,20 +113,17 @@ def faults(
 def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float) -> list[Fault]:
     """Of each group of pieces that only weak joints hold to its body, the smallest that has such a joint."""
     body = _groups(len(volumes_mm3), touching)
-    held = _groups(len(volumes_mm3), [j for j in touching if j.area_mm2 >= min_glue_mm2])
+    held = _groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
     weight = np.bincount(held, weights=volumes_mm3)
     heaviest = {int(b): max(np.unique(held[body == b]), key=lambda g: weight[g]) for b in np.unique(body)}
-    weak: dict[int, tuple[float, int, float]] = {}
+    weak: dict[int, tuple[float, int, Joint]] = {}
     for joint in touching:
         for piece in (joint.a, joint.b):
             group = int(held[piece])
             if held[joint.a] != held[joint.b] and group != heaviest[int(body[piece])]:
-                mine = (volumes_mm3[piece], piece, joint.area_mm2)
-                weak[group] = min(weak.get(group, mine), mine)
-    return [
-        Fault(piece, f"is held by {area:.1f} mm2 of glue, of {min_glue_mm2:g} mm2 that are wanted")
-        for _, piece, area in weak.values()
-    ]
+                mine = (volumes_mm3[piece], piece, joint)
+                weak[group] = min(weak.get(group, mine), mine, key=lambda found: found[:2])
+    return [Fault(piece, joint.weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
 
 
 def _sliver(piece: Cut) -> str:

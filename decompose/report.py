@@ -47,7 +47,7 @@ class Options:
     granularity: str | int = "auto"
     interior: Interior = Interior.LEAVE
     min_wall_mm: float = 10.0
-    min_glue_mm2: float = MIN_GLUE_MM2  # a joint of less area holds nothing
+    min_glue_mm2: float = MIN_GLUE_MM2  # a joint of less area, or narrower than two walls, holds nothing
     seed: int = 0  # for engines that draw; the guillotine engine does not
     tries: int = 3  # of parallelobox, for each number of seeds
     score: Score = Score.BOTH  # of parallelobox
@@ -222,7 +222,7 @@ class Decomposition:
                     "b": self.parts[joint.b].id,
                     "area_mm2": joint.area_mm2,
                     "width_mm": joint.width_mm,
-                    "glued": joint.area_mm2 >= self.options.min_glue_mm2,
+                    "glued": joint.holds(self.options.min_glue_mm2),
                 }
                 for joint in self.joints
             ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -143,6 +144,40 @@ def test_a_weak_joint_beside_a_strong_one_is_none_to_rely_on() -> None:
     weak = min(joints(pieces), key=lambda j: j.area_mm2)
     assert weak.area_mm2 == pytest.approx(15.0)
     assert [f.piece for f in faults(pieces)] == [2]
+
+
+def finned() -> Solid:
+    """Two blocks that a fin of half a millimetre joins over 400 mm."""
+    return Solid.union(
+        [
+            block((0, 0, 0), (400, 60, 60)),
+            block((0, 100, 0), (400, 170, 60)),
+            block((0, 50, 30), (400, 110, 30.5)),
+        ]
+    )
+
+
+def test_a_line_of_glue_holds_nothing_however_long() -> None:
+    pieces = cut(finned(), y=(80.0,))
+    (joint,) = joints(pieces)
+    assert joint.area_mm2 == pytest.approx(200.0)
+    assert joint.width_mm == pytest.approx(0.5, rel=0.02)
+    (fault,) = faults(pieces)
+    assert fault.what == "is held by a joint 0.5 mm wide, of 0.8 mm that are wanted"
+    assert faults(pieces, min_glue_mm2=0.0) == []
+    assert not joint.holds(25.0) and joint.holds(0.0)
+
+
+def test_a_partition_that_a_line_of_glue_holds_is_given_up_for_another(cost: CostModel) -> None:
+    """Between the two blocks is the cheapest cut, and the only one of a single width."""
+    printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
+    narrow = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
+    loose = decompose(Model(finned(), (), 1.0), printers, narrow, cost)
+    assert min(j.width_mm for j in loose.joints) < 1.0
+    held = decompose(Model(finned(), (), 1.0), printers, replace(narrow, min_glue_mm2=25.0), cost)
+    assert held.faults == ()
+    assert all(j.holds(25.0) for j in held.joints)
+    assert len(held.parts) == 2
 
 
 def test_bodies_that_touch_nothing_are_not_loose() -> None:
