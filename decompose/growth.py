@@ -20,6 +20,7 @@ from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
 
 SPEED_MM_S = 20.0  # of shell and of infill, in the paper's settings
 OVERHANG_TOLERANCE_DEG = 1.0  # likewise
@@ -59,12 +60,18 @@ class Terrain:
         (boxes,) O, the least overhang of its six poses, in units of P.
     """
 
-    needed: npt.NDArray[np.bool_]
-    barred: npt.NDArray[np.bool_]
+    needed: Bools
+    barred: Bools
     seconds: npt.NDArray[np.float32]
     pieces: npt.NDArray[np.int16]
     printing: npt.NDArray[np.float32]
     overhang: npt.NDArray[np.float32]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of the grid, in cells."""
+        nx, ny, nz = self.needed.shape
+        return nx, ny, nz
 
     def half(self, axis: int, plane: int, upper: bool) -> Terrain:
         """Only what lies on one side of a plane of the grid."""
@@ -86,7 +93,7 @@ def terrain_of_the_paper(grid: Grid, boxes: Boxes) -> Terrain:
     Parameters
     ----------
     grid
-        Laid with the paper's overhang tolerance.
+        Whose overhangs count: of the paper's tolerance where it was laid with that.
     """
     columns = np.concatenate(
         [grid.sums[..., [VOLUME]], grid.area[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
@@ -140,7 +147,7 @@ def can_grow(
     block: Ints,
     direction: int,
     owner: Ints,
-    needed: npt.NDArray[np.bool_],
+    needed: Bools,
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
 ) -> int:
@@ -216,7 +223,7 @@ def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
 def _grow(
     blocks: Ints,
     owner: Ints,
-    needed: npt.NDArray[np.bool_],
+    needed: Bools,
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
     printing: npt.NDArray[np.float32],

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +15,20 @@ from threadpoolctl import threadpool_limits
 
 from decompose.boxes import Box, box_index
 from decompose.grid import Grid
-from decompose.growth import Score, Terrain, grow
+from decompose.growth import Bools, Ints, Score, Terrain, grow
 from decompose.seeds import seeds
 from decompose.voids import fill
 
 Floats = npt.NDArray[np.float64]
-Draw = tuple[Score, int, int]  # reading of the score, seeds, and which of the tries
-Run = Callable[[Callable[[Draw], "Attempt | None"], Sequence[Draw]], Iterable["Attempt | None"]]
+Seeds = list[Box]
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Run(Protocol):
+    """As the builtin `map`: calls a function with each, in any order, and returns the answers in theirs."""
+
+    def __call__(self, function: Callable[[T], R], each: Iterable[T], /) -> Iterable[R]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,56 +48,59 @@ class Attempt:
     parts: int
 
 
-def attempt(
-    draw: Draw, points: Floats, grid: Grid, terrain: Terrain, printers: int, seed: int
-) -> Attempt | None:
-    """One attempt; None where it needs more parts than there are printers."""
-    score, count, number = draw
-    rng = np.random.default_rng([seed, count, number])
-    blocks, owner = grow(seeds(points, grid, terrain.barred, count, rng), terrain, score)
-    parts = _parts(blocks, terrain)
-    filled = fill(blocks, owner, terrain, printers - parts)
-    if filled is None or _parts(filled, terrain) > printers:
-        return None
-    boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in filled.tolist()]
-    longest = max(float(terrain.printing[box_index(box, grid.shape)]) for box in boxes)
-    return Attempt(tuple(boxes), longest, _parts(filled, terrain))
-
-
-def _parts(blocks: npt.NDArray[np.int64], terrain: Terrain) -> int:
-    shape = terrain.needed.shape
-    indices = [box_index((*block,), (shape[0], shape[1], shape[2])) for block in blocks.tolist()]
-    return int(terrain.pieces[indices].sum())
-
-
-def attempts(
-    points: Floats,
-    grid: Grid,
-    terrain: Terrain,
-    printers: int,
-    tries: int,
-    score: Score,
-    seed: int,
-    run: Run = map,
-) -> list[Attempt]:
-    """All attempts that cover the model, the best first: least parallel score, then fewest parts.
+def draws(
+    points: Floats, grid: Grid, barred: Bools, printers: int, tries: int, seed: int, run: Run = map
+) -> list[Seeds]:
+    """The seeds to grow blocks from: `tries` draws of each number from `printers` down to 1.
 
     Parameters
     ----------
     points
         (n, 3) vertices in mm, no two the same.
-    tries
-        For each number of seeds, from `printers` down to 1.
-    run
-        As the builtin `map`: calls a function with each of a list, in any order, and returns what it returns
-        in that of the list.
+    barred
+        (nx, ny, nz) cells that are out of bounds.
     """
-    counts = range(printers, 0, -1)
-    draws = [(reading, count, n) for reading in score.readings for count in counts for n in range(tries)]
+    wanted = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
 
-    def one(draw: Draw) -> Attempt | None:
-        return attempt(draw, points, grid, terrain, printers, seed)
+    def one(draw: tuple[int, int]) -> Seeds:
+        return seeds(points, grid, barred, draw[0], np.random.default_rng([seed, *draw]))
 
     with threadpool_limits(1):  # threads of k-means would add up in any order
-        found = [result for result in run(one, draws) if result is not None]
+        return list(run(one, wanted))
+
+
+def attempts(
+    drawn: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
+) -> list[Attempt]:
+    """All attempts that cover the model, the best first: least parallel score, then fewest parts.
+
+    Parameters
+    ----------
+    drawn
+        From `draws`.
+    score
+        A reading of it, low or high.
+    """
+
+    def one(seeds: Seeds) -> Attempt | None:
+        return _attempt(seeds, terrain, printers, score)
+
+    found = [result for result in run(one, drawn) if result is not None]
     return sorted(found, key=lambda a: (a.longest, a.parts))
+
+
+def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> Attempt | None:
+    """One attempt; None where it needs more parts than there are printers."""
+    blocks, owner = grow(seeds, terrain, score)
+    filled = fill(blocks, owner, terrain, printers - _parts(blocks, terrain))
+    if filled is None or _parts(filled, terrain) > printers:
+        return None
+    boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in filled.tolist()]
+    shape = terrain.shape
+    longest = max(float(terrain.printing[box_index(box, shape)]) for box in boxes)
+    return Attempt(tuple(boxes), longest, _parts(filled, terrain))
+
+
+def _parts(blocks: Ints, terrain: Terrain) -> int:
+    indices = [box_index((*block,), terrain.shape) for block in blocks.tolist()]
+    return int(terrain.pieces[indices].sum())

@@ -2,31 +2,36 @@
 
 Orientation (`alignment`) and symmetry cut (`symmetry`), then for each half seeds (`seeds`), growth (`growth`)
 and void fill (`voids`), over many attempts (`metaheuristic`).
+
+`--faithful` takes the best attempt by the paper's score. Otherwise blocks grow from the same seeds by prices
+in seconds too, by both readings of the score, on a finer grid too, and uncut too. Of all attempts, and the
+faithful one is among them, that is taken whose pieces end soonest in the poses that they are printed in.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import islice, product
 
 import numpy as np
 import numpy.typing as npt
 
 from decompose.alignment import Aligned, align
-from decompose.boxes import Box
+from decompose.boxes import Box, Boxes
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
 from decompose.growth import OVERHANG_TOLERANCE_DEG, Score, Terrain, terrain_in_seconds, terrain_of_the_paper
-from decompose.metaheuristic import Attempt, attempts
+from decompose.joints import faults
+from decompose.metaheuristic import Attempt, attempts, draws
 from decompose.piece import Piece, pieces_in_cells
 from decompose.problem import Found, Problem
 from decompose.report import Options
-from decompose.solid import Solid
 
 Floats = npt.NDArray[np.float64]
-MOST_CUT = 12  # attempts whose pieces are counted, the best first
+MOST_CUT = 12  # partitions whose pieces are counted, the best first
+MOST_OF_A_HALF = 100  # attempts that are combined with those of the other half
 
 
 def paper_settings(options: Options) -> Options:
@@ -42,98 +47,174 @@ def search(problem: Problem) -> Found:
     NoFit
         No attempt covers the model.
     """
+    grounds = _grounds(problem)
+    tried: list[_Tried] = []
+    for ground in grounds:
+        if not tried or not problem.expired():
+            tried += _search(ground, problem)
+    problem.lap("search")
+    if not tried:
+        raise NoFit(
+            f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
+            f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
+        )
+    best = min(tried, key=_Tried.rank)
+    figures = problem.figures(best.ground.grid, best.ground.boxes, list(best.cut))
+    problem.lap("bound")
+    aligned = best.ground.aligned
+    return Found(best.pieces, aligned.model, aligned.rotation, figures)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ground:
+    """A frame, the grid in it, and the terrains on it: the paper's, and not faithful one in seconds too.
+
+    `cut` are the pieces of each box that was cut already.
+    """
+
+    aligned: Aligned
+    grid: Grid
+    boxes: Boxes
+    terrains: tuple[Terrain, ...]
+    cut: dict[Box, list[Piece]] = field(default_factory=dict)
+
+    def pieces(self, box: Box) -> list[Piece]:
+        if box not in self.cut:
+            self.cut[box] = pieces_in_cells(self.aligned.model.solid, self.grid, box)
+        return self.cut[box]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """A partition that was cut, when its last piece ends, and whether one of them is bad to glue."""
+
+    ground: _Ground
+    cut: dict[Box, list[Piece]]
+    ends_s: float
+    faulty: bool
+
+    def rank(self) -> tuple[bool, float]:
+        """Less is better."""
+        return self.faulty, self.ends_s
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        return tuple(piece for found in self.cut.values() for piece in found)
+
+
+def _grounds(problem: Problem) -> list[_Ground]:
+    """The paper's, and not faithful the problem's own; that alone where a person named its granularity."""
     options = problem.options
     steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
-    overhang_cos = steep if options.faithful else problem.cost.overhang_cos
-    aligned = align(problem.model, options.seed, overhang_cos)
-    grid = problem.grid(aligned.model, aligned.mirror)
-    problem.lap("grid")
-    boxes = problem.boxes(grid)
+    found = []
+    if options.faithful or options.granularity == "auto":
+        like_paper = replace(problem, options=paper_settings(options))
+        aligned = align(problem.model, options.seed, steep)
+        grid = like_paper.grid(aligned.model, aligned.mirror)
+        boxes = problem.boxes(grid)
+        paper = terrain_of_the_paper(like_paper.grid(aligned.model, aligned.mirror, steep), boxes)
+        terrains = (paper,) if options.faithful else (paper, terrain_in_seconds(grid, boxes))
+        found.append(_Ground(aligned, grid, boxes, terrains))
+    if not options.faithful:
+        aligned = align(problem.model, options.seed, problem.cost.overhang_cos)
+        grid = problem.grid(aligned.model, aligned.mirror)
+        if not any(_same(aligned, grid, ground) for ground in found):
+            boxes = problem.boxes(grid)
+            terrains = (terrain_of_the_paper(grid, boxes), terrain_in_seconds(grid, boxes))
+            found.append(_Ground(aligned, grid, boxes, terrains))
     problem.lap("boxes")
-    if options.faithful:
-        terrain = terrain_of_the_paper(problem.grid(aligned.model, aligned.mirror, steep), boxes)
-    else:
-        terrain = terrain_in_seconds(grid, boxes)
-    cut = _best_attempt(aligned, grid, terrain, problem)
-    problem.lap("search")
-    figures = problem.figures(grid, boxes, list(cut))
-    problem.lap("bound")
-    pieces = tuple(piece for found in cut.values() for piece in found)
-    return Found(pieces, aligned.model, aligned.rotation, figures)
+    return found
 
 
-def _best_attempt(aligned: Aligned, grid: Grid, terrain: Terrain, problem: Problem) -> dict[Box, list[Piece]]:
-    """The boxes of the best attempt that has no more pieces than there are printers, and their pieces."""
-    printers, options, executor = len(problem.printers), problem.options, problem.executor
-    points = np.unique(aligned.model.solid.arrays()[0], axis=0)
-    tried = options.tries * printers * len(options.score.readings)
-    for halves in _halves(aligned.mirror, grid, terrain, points, printers):
-        found = []
-        for half, part_of_points, share in halves:
-            run = map if executor is None else executor.map
-            settings = (share, options.tries, options.score, options.seed, run)
-            found.append(attempts(part_of_points, grid, half, *settings))
-        best = _whole_within(found, aligned.model.solid, grid, problem)
-        if best is not None:
-            return best
-    raise NoFit(
-        f"none of {tried} attempts of parallelobox covers the model with {printers} parts that fit: "
-        f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
-    )
+def _same(aligned: Aligned, grid: Grid, ground: _Ground) -> bool:
+    return (aligned.rotation == ground.aligned.rotation).all() and grid.shape == ground.grid.shape
 
 
-Half = tuple[Terrain, Floats, int]  # where blocks grow, the points for seeds, the printers
-
-
-def _halves(
-    mirror: tuple[int, float] | None, grid: Grid, terrain: Terrain, points: Floats, printers: int
-) -> list[list[Half]]:
-    """First the two halves of a symmetric model, the larger with the odd printer; then the model uncut."""
-    whole: list[list[Half]] = [[(terrain, points, printers)]]
-    if mirror is None or printers < 2:
-        return whole
-    axis, at_mm = mirror
-    planes = np.flatnonzero(grid.planes[axis][1:-1] == at_mm)
-    if not len(planes):
-        return whole
-    plane = int(planes[0]) + 1
-    sides = [
-        (terrain.half(axis, plane, upper), (points[:, axis] >= at_mm) == upper) for upper in (False, True)
-    ]
-    work = [float(grid.sums[side.needed][:, VOLUME].sum()) for side, _ in sides]
-    larger = int(work[1] > work[0])
-    shares = [printers // 2 + (printers % 2 if i == larger else 0) for i in range(2)]
-    return [[(side, points[on], n) for (side, on), n in zip(sides, shares, strict=True)], *whole]
-
-
-def _whole_within(
-    found: Sequence[list[Attempt]], solid: Solid, grid: Grid, problem: Problem
-) -> dict[Box, list[Piece]] | None:
-    """Of the best attempts the first that has no more pieces than there are printers.
-
-    Not faithful, the one of them whose pieces, in the poses that they are printed in, end soonest.
-    """
-    each = product(*(range(len(half)) for half in found))
-    ranked = sorted(
-        islice(each, 10_000),
-        key=lambda picks: max(half[i].longest for half, i in zip(found, picks, strict=True)),
-    )
-    cut: dict[Box, list[Piece]] = {}
-    best: dict[Box, list[Piece]] | None = None
-    best_s = math.inf
-    for picks in ranked[:MOST_CUT]:
-        boxes = [box for half, i in zip(found, picks, strict=True) for box in half[i].blocks]
-        for box in boxes:
-            if box not in cut:
-                cut[box] = pieces_in_cells(solid, grid, box)
-        pieces = [piece for box in boxes for piece in cut[box]]
-        if len(pieces) > len(problem.printers):
-            continue
+def _search(ground: _Ground, problem: Problem) -> list[_Tried]:
+    """The best partitions on one ground: the paper's choice, and not faithful those that end soonest."""
+    points = np.unique(ground.aligned.model.solid.arrays()[0], axis=0)
+    tried: list[_Tried] = []
+    for halves in _halves(ground, points, len(problem.printers)):
+        grown = [_grown(half, ground, problem) for half in halves]
+        papers = [each.get((0, Score.HIGH), []) for each in grown]
+        tried += _first(_ranked(papers, lambda a: a.longest), ground, problem)
         if problem.options.faithful:
-            return {box: cut[box] for box in boxes}
-        longest_s = max(math.inf if pose is None else pose.seconds for pose in problem.poses(pieces))
-        if best is None or longest_s < best_s:
-            best, best_s = {box: cut[box] for box in boxes}, longest_s
-        if problem.expired():
+            if tried:
+                break
+            continue
+        every = [[attempt for found in each.values() for attempt in found] for each in grown]
+        tried += _soonest(_ranked(every, lambda a: ground.boxes.longest_s(a.blocks)), ground, problem)
+    return tried
+
+
+Half = tuple[tuple[Terrain, ...], Floats, int]  # where blocks grow, the points for seeds, the printers
+Grown = dict[tuple[int, Score], list[Attempt]]  # by the number of the terrain and the reading of the score
+Ranked = list[tuple[float, list[Box]]]  # what partitions promise, the least first, and their boxes
+
+
+def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Half]]:
+    """First the two halves of a symmetric model, the larger with the odd printer; then the model uncut."""
+    if ground.aligned.mirror is not None and printers > 1:
+        axis, at_mm = ground.aligned.mirror
+        for plane in np.flatnonzero(ground.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
+            sides = [
+                tuple(t.half(axis, int(plane), upper) for t in ground.terrains) for upper in (False, True)
+            ]
+            work = [float(ground.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
+            odd = printers % 2
+            shares = [printers // 2 + odd * (work[0] >= work[1]), printers // 2 + odd * (work[0] < work[1])]
+            on = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
+            yield [(side, points[which], n) for side, which, n in zip(sides, on, shares, strict=True)]
+    yield [(ground.terrains, points, printers)]
+
+
+def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
+    """All attempts on one half, from the same seeds."""
+    terrains, points, printers = half
+    options = problem.options
+    run = map if problem.executor is None else problem.executor.map
+    drawn = draws(points, ground.grid, terrains[0].barred, printers, options.tries, options.seed, run)
+    return {
+        (number, reading): attempts(drawn, terrain, printers, reading, run)
+        for number, terrain in enumerate(terrains)
+        for reading in options.score.readings
+    }
+
+
+def _ranked(found: Sequence[Sequence[Attempt]], key: Callable[[Attempt], float]) -> Ranked:
+    """The partitions that attempts on the halves make together, the best first."""
+    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MOST_OF_A_HALF] for half in found]
+    together = [
+        (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
+        for picks in product(*best)
+    ]
+    together.sort(key=lambda each: each[:2])
+    return [(longest, [box for *_, blocks in picks for box in blocks]) for longest, _, picks in together]
+
+
+def _first(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
+    """The first of these that has no more pieces than there are printers, if any."""
+    tried = (_tried(boxes, ground, problem) for _, boxes in ranked[:MOST_CUT])
+    return list(islice((each for each in tried if each is not None), 1))
+
+
+def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
+    """The one of these that ends soonest; it is looked for until no other promises more."""
+    best: list[_Tried] = []
+    for promised_s, boxes in ranked[:MOST_CUT]:
+        if best and (problem.expired() or (not best[0].faulty and promised_s >= best[0].ends_s)):
             break
+        tried = _tried(boxes, ground, problem)
+        if tried is not None and tried.ends_s < math.inf:
+            best = sorted([*best, tried], key=_Tried.rank)[:1]
     return best
+
+
+def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None:
+    """A partition cut and posed; None where it has more pieces than there are printers."""
+    cut = {box: ground.pieces(box) for box in boxes}
+    pieces = [piece for found in cut.values() for piece in found]
+    if len(pieces) > len(problem.printers):
+        return None
+    ends_s = max(math.inf if pose is None else pose.seconds for pose in problem.poses(pieces))
+    return _Tried(ground, cut, ends_s, bool(faults(pieces, problem.options.min_glue_mm2)))
