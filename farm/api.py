@@ -31,6 +31,7 @@ class PrintView(_View):
 
 class PartView(_View):
     id: str
+    cut_from: str | None = None  # the part that failed, of which it is a piece
     verdict: Verdict | None
     plate: str
     file: str

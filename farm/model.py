@@ -104,6 +104,7 @@ class HoldCode(StrEnum):
     MAINTENANCE = "maintenance"
     PAUSED = "paused"
     OUT_OF_ATTEMPTS = "out_of_attempts"
+    CUT_AGAIN = "cut_again"  # it failed, and is being cut for several printers
     JUST_LOST = "just_lost"
     OUTAGE = "outage"
 
@@ -203,6 +204,10 @@ class Part(Entity):
     min_mm: tuple[float, float, float]
     max_mm: tuple[float, float, float]
     volume_mm3: float
+    brim_width_mm: float | None = None  # chosen for it; None: the quality's
+    layer_0_expansion_mm: float | None = None  # chosen for it; None: the quality's
+    stands: bool = True  # while it is printed
+    cut_from: str | None = None  # the part that it is a piece of: that one failed, and was cut again
 
 
 class Plate(Entity):
@@ -228,6 +233,7 @@ class Plate(Entity):
     warnings: tuple[str, ...] = ()  # what of it will not be printed or may fall over, in sentences
     prints: tuple[str, ...] = ()
     counted_from: int = 0  # a person asked for it again: only failures of these prints count
+    replaced_by: tuple[str, ...] = ()  # the plates that are printed in its place
     cancelled: bool = False  # by a person: never tried again, unless a person asks
     hold: Hold | None = None
 

@@ -9,34 +9,37 @@ from __future__ import annotations
 import logging
 import uuid
 from collections import Counter
+from collections.abc import Mapping
 from typing import Protocol
 
 from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
+from farm.daemon.front import Front
+from farm.daemon.otherwise import Otherwise
 from farm.errors import FarmError
 from farm.model import (
     AgentSnapshot,
     Bed,
     Hold,
-    HoldCode,
     Job,
     JobOptions,
     JobState,
     Link,
     PlanProgress,
+    Plate,
     Print,
     PrintState,
 )
 from farm.paths import StateFolder
 from farm.scheduling.assign import assign
-from farm.scheduling.front import Begin, begin, begin_beside, unmatched
 from farm.scheduling.moments import wished_s
 from farm.scheduling.rules import Rules
-from farm.scheduling.snapshot import PrinterView
+from farm.scheduling.snapshot import PlateView, PrinterView
 from farm.scheduling.spares import spare_printers
+from farm.services.again import Remade
 from farm.services.made import planned_event
 from farm.services.models import Inspected
-from farm.services.outlook import Rooms, job_need, may_begin, own_holds, plate_views, printer_views
+from farm.services.outlook import Rooms, may_begin, own_holds, plate_views, printer_views
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.faults import OwnFault
@@ -61,6 +64,8 @@ class Hands(Protocol):
 
     def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None: ...
 
+    def remake(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None: ...
+
 
 class Core:
     """The farm's state and its rules, without any I/O but the store's."""
@@ -84,8 +89,8 @@ class Core:
         self._room = rooms
         self.rules = Rules.of(fleet.fleet)
         self._hands = hands
-        self._least: dict[int, int] = {}  # parts that a job was seen to need
-        self._promised: dict[int, frozenset[str]] = {}  # the printers that a job is being planned for
+        self._front = Front(self, hands.plan)
+        self._otherwise = Otherwise(self.rules, clock, self._remake)
         self._refusals: Counter[str] = Counter()
         self.books = store.load()
         self.fleet = with_reels(fleet, self.books.printers)
@@ -157,9 +162,12 @@ class Core:
             return
         now_s = self.clock.now()
         held_back = own_holds(self.books, now_s)
-        offered = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
-        waiting = plate_views(offered, self.books)
-        given, holds = assign(waiting, self.printer_views(), self.rules, now_s, self._spares())
+        offered = self._offered(held_back)
+        views = self.printer_views()
+        self._otherwise.look_at_failures(self.books, offered, views)
+        held_back |= self._otherwise.holds()
+        waiting = [plate for plate in offered if plate.id not in held_back]
+        given, holds = assign(waiting, views, self.rules, now_s, self.spares())
         for assignment in given:
             self.happened(
                 ev.PlateAssigned(
@@ -171,7 +179,27 @@ class Core:
         }
         if news:
             self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
-        self._settle_front(holds)
+        if holds:
+            planned = frozenset(plate.planned for plate in waiting)
+            kept = spare_printers(views, planned, self.spares())
+            self._otherwise.look_at_waits(self.books, waiting, holds, self.printer_views(), kept)
+        self._front.settle(holds, self._otherwise.promised)
+
+    def _offered(self, held_back: Mapping[str, Hold]) -> list[PlateView]:
+        """The waiting plates that may go to a printer."""
+        waiting = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
+        return list(plate_views(waiting, self.books))
+
+    def _remake(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> None:
+        self._hands.remake(plate, [self.fleet.printer(name) for name in printers], cut)
+
+    def remade(self, plate: str, result: Remade | FarmError) -> None:
+        """A plate was made otherwise, or could not be."""
+        offered = self._offered(own_holds(self.books, self.clock.now()))
+        event = self._otherwise.ended(plate, result, self.books, offered, self.printer_views())
+        if event is not None:
+            self.happened(event)
+        self.settle()
 
     def _remind(self) -> None:
         """Tell agents again what they were told while they were away."""
@@ -211,68 +239,10 @@ class Core:
         )
         self.settle()
 
-    def _settle_front(self, held: dict[str, Hold]) -> None:
-        """Begin the job in front. One that no printer matches (any more) is held, and others pass it.
-
-        G-code has a front of its own: it is planned in a moment, and never waits for a decomposition.
-        """
-        views, now_s = self.printer_views(), self.clock.now()
-        fronts: dict[bool, Job] = {}
-        for job in self.books.queue():
-            own = job.own_gcode is not None
-            nobody = unmatched(job_need(job), views)
-            if job.state is JobState.PLANNING:
-                fronts[own] = job
-            elif nobody is not None:
-                self._hold(job, nobody)
-            elif job.paused:
-                self._hold(job, Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`"))
-            elif job.not_before_s is not None and now_s < job.not_before_s and not job.options.hold:
-                text = f"it starts {self.rules.words(job.not_before_s)}"
-                self._hold(job, Hold(code=HoldCode.START_TIME, text=text))
-            elif own in fronts:
-                text = f"job {fronts[own].id} is in front of it"
-                self._hold(job, Hold(code=HoldCode.NOT_FRONT, text=text))
-            else:
-                fronts[own] = job
-                self._begin(job, views, held)
-
-    def _begin(self, job: Job, views: list[PrinterView], held: dict[str, Hold]) -> None:
-        """Plan a job, or say what it waits for."""
-        taken = frozenset(self.books.plates[name].printer for name in held)
-        taken |= spare_printers(views, taken, self._spares())
-        wanted = job.options.printers if job.own_gcode is None else None  # its plan chooses one of them
-
-        def answer_without(promised: frozenset[str]) -> Begin | Hold:
-            return begin(
-                job_need(job),
-                wanted,
-                self._least.get(job.id, 0),
-                views,
-                taken | promised,
-                self._arriving(),
-                job.options.spares,
-                job.options.hold,
-            )
-
-        promised = [(self.books.job(n).options.priority, names) for n, names in self._promised.items()]
-        answer = begin_beside(job.options.priority, promised, answer_without)
-        if isinstance(answer, Hold):
-            self._hold(job, answer)
-            return
-        self.happened(ev.PlanningStarted(at_s=self.clock.now(), job=job.id))
-        self._promised[job.id] = frozenset(answer.printers)
-        sections = [self.fleet.printer(name) for name in answer.printers]
-        self._hands.plan(self.books.job(job.id), sections, answer.rounds)
-
-    def _spares(self) -> int:
+    def spares(self) -> int:
         """How many printers are kept for what fails, by the jobs that are being printed."""
         jobs = self.books.jobs.values()
         return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
-
-    def _hold(self, job: Job, hold: Hold) -> None:
-        if job.hold != hold:
-            self.happened(ev.JobHeld(at_s=self.clock.now(), job=job.id, hold=hold))
 
     def next_edge_s(self) -> float | None:
         """When hours or start times next change what may start; None where they never do."""
@@ -293,7 +263,7 @@ class Core:
         if job.state is not JobState.PLANNING:
             return  # cancelled meanwhile
         if isinstance(result, TooFewPrinters):
-            self._least[number] = result.needed
+            self._front.needs(number, result.needed)
             self.happened(ev.PlanningAbandoned(at_s=now_s, job=number, hold=None))
         elif isinstance(result, FarmError):
             self.happened(ev.JobFailed(at_s=now_s, job=number, error=result.code, reason=str(result)))
@@ -304,7 +274,7 @@ class Core:
 
     def _no_longer_planned(self, number: int) -> None:
         self.progress.pop(number, None)
-        self._promised.pop(number, None)
+        self._front.planned(number)
 
     # -- jobs -------------------------------------------------------------------------------------------
 
@@ -365,11 +335,11 @@ class Core:
             self.snapshots,
             state,
             self.clock.now(),
-            settled=not self._arriving(),
+            settled=not self.arriving(),
             progress=self.progress,
             warning=self._warning,
         )
 
-    def _arriving(self) -> bool:
+    def arriving(self) -> bool:
         """Whether the farm has just started: printers that do not answer yet are still expected."""
         return self.clock.now() - self.since_s < PATIENCE_S * self.clock.scale

@@ -156,10 +156,14 @@ class Desk:
         """The plate of a part, by its name with or without its job: 3/p01, p01, 01 or 1."""
         books = self._core.books
         entry = books.job(job)
-        number = part.rpartition("/")[2].removeprefix("p").lstrip("0")
         for name in entry.parts:
-            if name.rpartition("/")[2].removeprefix("p").lstrip("0") == number:
+            if _number(name) == _number(part):
                 return books.plates[books.parts[name].plate]
+        for whole in books.parts.values():
+            if whole.job == job and _number(whole.id) == _number(part):
+                names = books.plates[whole.plate].replaced_by
+                pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
+                raise Refused(f"part {whole.id} failed and was cut again: name its pieces {pieces}")
         known = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
         raise NoSuchThing(f"job {job} has no part {part}; its parts are {known}")
 
@@ -170,6 +174,10 @@ class Desk:
     def _happened(self, event: Callable[[float], ev.AnyEvent]) -> None:
         self._core.happened(event(self._core.clock.now()))
         self._core.settle()
+
+
+def _number(part: str) -> str:
+    return part.rpartition("/")[2].removeprefix("p").lstrip("0")
 
 
 def add_desk(app: FastAPI, desk: Desk) -> None:

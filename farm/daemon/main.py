@@ -23,12 +23,14 @@ from farm.daemon.links import Links
 from farm.daemon.notify import Notifier, forget
 from farm.daemon.people import PeerProtocol, check_operators, listen
 from farm.daemon.planner import Planner
+from farm.daemon.remaker import Remaker
 from farm.daemon.server import make_app
 from farm.daemon.timers import Timers
 from farm.daemon.workers import Workers
 from farm.errors import Refused
-from farm.model import Job
+from farm.model import Job, Plate
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
+from farm.services.again import AgainTask
 from farm.services.files import name_files
 from farm.services.planning import file_names, warm
 from farm.services.rooms import bed_boxes
@@ -58,6 +60,7 @@ class Daemon:
         self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
         self._links = Links(fleet, self._state, self._clock, self._core)
         self._planner = Planner(self._state, self._workers, self._core.planned, self._core.progressed)
+        self._remaker = Remaker(self._state, self._workers, self._core.remade)
         self._timers = Timers()
         self._notifier: Notifier | None = None
         if fleet.fleet.notify:
@@ -84,6 +87,22 @@ class Daemon:
         begins_s = max(self._clock.now(), job.not_before_s or 0.0)
         within_s = None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s)
         self._planner.start(job, printers, rounds, factors, within_s)
+
+    def remake(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None:
+        books = self._core.books
+        (part,) = (books.parts[name] for name in plate.parts)
+        job = books.job(plate.job)
+        task = AgainTask(
+            plate=plate,
+            part=part,
+            options=job.options,
+            printers=tuple(printers),
+            files=self._state.files,
+            folder=self._state.work / f"again-{plate.id.replace('/', '-')}",
+            factors={p.name: books.printer(p.name).time_factor for p in printers},
+            others=tuple(books.parts[name] for name in job.parts if name != part.id),
+        )
+        self._remaker.start(task, cut)
 
     def _name_files(self, job: Job) -> None:
         books = self._core.books
@@ -123,6 +142,7 @@ class Daemon:
         finally:
             timers.stop()
             self._planner.stop()
+            self._remaker.stop()
             await self._links.close()
             self._workers.close()
             listening.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
 
 from farm.config import PrinterSection
@@ -117,26 +117,37 @@ class Planner:
         return plan
 
     async def _slice(self, job: int, tasks: list[SliceTask]) -> list[PlateResult]:
-        """All workers slice; where one slice fails, or the job is cancelled, the others are ended."""
+        """Slice, and tell how far that is."""
         done = cached = 0
 
         def tell() -> None:
             progress = PlanProgress(step=PlanStep.SLICING, done=done, of=len(tasks), cached=cached)
             self._progressed(job, progress)
 
-        async def one(task: SliceTask) -> PlateResult:
+        def one_more(result: PlateResult) -> None:
             nonlocal done, cached
-            result = await self._workers.run(slice_part, task, limit=SLICING)
             done += 1
             cached += result.cached
             tell()
-            return result
 
         tell()
-        slicing = [asyncio.ensure_future(one(task)) for task in tasks]
-        try:
-            return await asyncio.gather(*slicing)
-        finally:
-            for future in slicing:
-                future.cancel()
-            await asyncio.gather(*slicing, return_exceptions=True)  # until their workers are gone
+        return await slice_all(self._workers, tasks, one_more)
+
+
+async def slice_all(
+    workers: Workers, tasks: Sequence[SliceTask], sliced: Callable[[PlateResult], None] = lambda _: None
+) -> list[PlateResult]:
+    """All workers slice, and `sliced` is told of each; where one fails, or this is cancelled, all end."""
+
+    async def one(task: SliceTask) -> PlateResult:
+        result = await workers.run(slice_part, task, limit=SLICING)
+        sliced(result)
+        return result
+
+    slicing = [asyncio.ensure_future(one(task)) for task in tasks]
+    try:
+        return await asyncio.gather(*slicing)
+    finally:
+        for future in slicing:
+            future.cancel()
+        await asyncio.gather(*slicing, return_exceptions=True)  # until their workers are gone

@@ -17,11 +17,18 @@ from decompose.files import ASSEMBLY, PICTURE, REPORT, write
 from decompose.mesh import Model
 from decompose.report import Decomposition, Engine, Options
 from decompose.solid import Solid
-from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Job, JobOptions, Part, Plate
-from farm.services.estimate import plate_seconds, quickest_first
+from farm.services.booking import (
+    DecomposedPart,
+    Names,
+    booked_part,
+    booked_plate,
+    printer_settings,
+    slice_task,
+)
+from farm.services.estimate import quickest_first
 from farm.services.files import store_file
 from farm.services.models import read_inspected
 from farm.services.plates import SliceTask
@@ -30,14 +37,10 @@ from farm.services.rooms import model_sizes, printer_room
 from farm.services.trouble import in_farm_words
 from slicing.plate import PlateResult
 from slicing.qualities import OURS
-from slicing.resources import Resources, find_engine, find_resources
-from slicing.settings import Settings, SettingsRequest, resolve_settings
+from slicing.resources import Resources, find_resources
 
 LATE = 1.1
 """The margin of `--done-by`: planning itself takes its time, and so may a print."""
-MOST_WARNINGS = 3
-"""Of a plate: walls too thin to print, the largest first."""
-MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
 
 
 class TooFewPrinters(FarmError):
@@ -63,23 +66,6 @@ class DecomposeTask:
     folder: Path
     factors: Mapping[str, float] = field(default_factory=dict)  # learned of the printers; 1 where none is
     within_s: float | None = None  # in which it has to be printed (`--done-by`)
-
-
-@dataclass(frozen=True, slots=True)
-class DecomposedPart:
-    """A part as a file, and what is known of it before it is sliced."""
-
-    id: str
-    stl: Path
-    to_model: tuple[float, ...]
-    min_mm: tuple[float, float, float]
-    max_mm: tuple[float, float, float]
-    volume_mm3: float
-    estimated_s: float
-    printer: str
-    brim_width_mm: float | None = None  # None: the quality's
-    layer_0_expansion_mm: float | None = None  # None: the quality's
-    stands: bool = True  # while it is printed, in the pose that it is printed in
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,19 +98,6 @@ def warm() -> None:
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
     partition.decompose(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
-
-
-def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
-    """What the slicer is asked for on a printer of the fleet: parts lie in poses that count on supports."""
-    return SettingsRequest(
-        section.model, quality, section.material, nozzle_mm=section.nozzle_mm, supported=True
-    )
-
-
-def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> Settings:
-    """The slicer's settings for a printer of the fleet. Raises FarmError with code `settings`."""
-    with in_farm_words():
-        return resolve_settings(settings_request(section, quality), resources)
 
 
 def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> None:
@@ -177,29 +150,9 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     """
     with in_farm_words():
         resources = find_resources()
-    settings = {
-        section.name: printer_settings(section, task.options.quality, resources) for section in task.printers
-    }
-    # Poses and cuts are priced with the settings of the first.
-    costs = [printer_cost(section, settings[section.name]) for section in task.printers]
-    cost = costs[0]
-    factors = {
-        section.name: task.factors.get(section.name, 1.0) * slower(own, than=cost)
-        for section, own in zip(task.printers, costs, strict=True)
-    }
-    # Nobody asked for a coarser nozzle: that it is quicker does not put its printer first.
-    quickest = sorted(task.printers, key=lambda section: task.factors.get(section.name, 1.0))
-    rooms = [
-        PrinterRoom(section.name, model_sizes(room, settings[section.name]), factors[section.name])
-        for _ in range(task.rounds)
-        for section in quickest
-        for room in (printer_room(section, settings[section.name].brim_width_mm),)
-    ]
+    rooms, cost = priced_rooms(task.printers, task.factors, task.options.quality, resources, task.rounds)
     model = read_inspected(task.model)
-    quality = OURS.get(task.options.quality)
-    engine = Engine(task.options.engine)
-    fits = quality is not None and quality.fits_first_layer
-    options = Options(engine, fit_first_layer=fits, prove=False)  # a person waits: no proof
+    options = decomposition_options(task.options)
     try:
         if task.within_s is not None:
             found = _in_time(model, rooms, options, cost, task.within_s)
@@ -216,11 +169,44 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
         with in_farm_words():
             raise
     return Decomposed(
-        parts=_for_the_quickest([_part(part, task.folder) for part in written.parts], task),
+        parts=_for_the_quickest([DecomposedPart.of(part, task.folder) for part in written.parts], task),
         serial_s=written.serial_s,
         repairs=model.repairs,
         scale=model.scale,
     )
+
+
+def priced_rooms(
+    printers: Sequence[PrinterSection],
+    factors: Mapping[str, float],
+    quality: str,
+    resources: Resources,
+    rounds: int = 1,
+) -> tuple[list[PrinterRoom], CostModel]:
+    """The printers as a decomposition sees them, the quickest first, and what a part costs on them."""
+    settings = {section.name: printer_settings(section, quality, resources) for section in printers}
+    # Poses and cuts are priced with the settings of the first.
+    costs = [printer_cost(section, settings[section.name]) for section in printers]
+    times = {
+        section.name: factors.get(section.name, 1.0) * slower(own, than=costs[0])
+        for section, own in zip(printers, costs, strict=True)
+    }
+    # Nobody asked for a coarser nozzle: that it is quicker does not put its printer first.
+    quickest = sorted(printers, key=lambda section: factors.get(section.name, 1.0))
+    rooms = [
+        PrinterRoom(section.name, model_sizes(room, settings[section.name]), times[section.name])
+        for _ in range(rounds)
+        for section in quickest
+        for room in (printer_room(section, settings[section.name].brim_width_mm),)
+    ]
+    return rooms, costs[0]
+
+
+def decomposition_options(options: JobOptions) -> Options:
+    """How a job's model is cut."""
+    quality = OURS.get(options.quality)
+    fits = quality is not None and quality.fits_first_layer
+    return Options(Engine(options.engine), fit_first_layer=fits, prove=False)  # a person waits: no proof
 
 
 def _whole(model: Model, rooms: list[PrinterRoom], options: Options, cost: CostModel) -> Decomposition | None:
@@ -248,23 +234,6 @@ def _in_time(
     return auto.decompose(model, rooms, options, cost, within_s=enough_s)
 
 
-def _part(part: Any, folder: Path) -> DecomposedPart:
-    lo, hi = part.solid.bounds_mm
-    return DecomposedPart(
-        id=part.id,
-        stl=folder / part.file,
-        to_model=tuple(map(float, part.to_model.ravel())),
-        min_mm=(float(lo[0]), float(lo[1]), float(lo[2])),
-        max_mm=(float(hi[0]), float(hi[1]), float(hi[2])),
-        volume_mm3=part.solid.volume_mm3,
-        estimated_s=part.estimated_s,
-        printer=part.printer,
-        brim_width_mm=part.brim_width_mm,
-        layer_0_expansion_mm=part.layer_0_expansion_mm,
-        stands=part.stands,
-    )
-
-
 def _for_the_quickest(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tuple[DecomposedPart, ...]:
     """The parts, the longest work on the quickest of the printers that are otherwise equal."""
     loads_s: dict[str, float] = {}
@@ -284,34 +253,12 @@ def slice_tasks(task: DecomposeTask, decomposed: Decomposed, cache: Path) -> lis
         `engine` where there is no CuraEngine, `settings` where they cannot be resolved.
     """
     with in_farm_words():
-        engine = find_engine()
         resources = find_resources()
     sections = {section.name: section for section in task.printers}
-    tasks = []
-    for part in decomposed.parts:
-        section = sections[part.printer]
-        settings = printer_settings(section, task.options.quality, resources)
-        tasks.append(
-            SliceTask(
-                part=part.id,
-                stl=part.stl,
-                request=settings_request(section, task.options.quality),
-                resources=resources,
-                settings=settings,
-                room=printer_room(section, settings.brim_width_mm),
-                engine=engine,
-                out=task.folder / f"{part.id}.gcode",
-                cache=cache,
-                brim_width_mm=part.brim_width_mm,
-                layer_0_expansion_mm=part.layer_0_expansion_mm,
-            )
-        )
-    return tasks
-
-
-def _warnings(part: DecomposedPart, sliced: PlateResult) -> tuple[str, ...]:
-    falls = () if part.stands else (MAY_FALL,)
-    return (*falls, *map(str, sliced.unprinted[:MOST_WARNINGS]))
+    return [
+        slice_task(part, sections[part.printer], task.options.quality, resources, task.folder, cache)
+        for part in decomposed.parts
+    ]
 
 
 def make_plan(
@@ -326,47 +273,10 @@ def make_plan(
     parts, plates = [], []
     for number, (part, work, sliced) in enumerate(zip(decomposed.parts, tasks, slices, strict=True), 1):
         section = sections[part.printer]
-        plate_id = f"{task.job}/{number:02d}"
-        part_id = f"{task.job}/{part.id}"
-        parts.append(
-            Part(
-                id=part_id,
-                job=task.job,
-                plate=plate_id,
-                file=store_file(files, part.stl),
-                to_model=part.to_model,
-                min_mm=part.min_mm,
-                max_mm=part.max_mm,
-                volume_mm3=part.volume_mm3,
-            )
-        )
+        names = Names(task.job, f"{task.job}/{part.id}", f"{task.job}/{number:02d}")
         factor = task.factors.get(section.name, 1.0)
-        profile, settings = PROFILES[section.model], work.settings
-        estimated_s = plate_seconds(profile, sliced.print_time_s, settings.nozzle_c, settings.bed_c, factor)
-        plates.append(
-            Plate(
-                id=plate_id,
-                job=task.job,
-                parts=(part_id,),
-                gcode=store_file(files, sliced.gcode),
-                sha256=sliced.sha256,
-                print_time_s=sliced.print_time_s,
-                estimated_s=estimated_s,
-                grams=sliced.grams,
-                filament_mm=sliced.filament_mm,
-                price=section.price(sliced.grams),
-                layers=sliced.layers,
-                min_mm=sliced.min_mm,
-                max_mm=sliced.max_mm,
-                material=section.material,
-                nozzle_mm=section.nozzle_mm,
-                kin=profile.kin,
-                printer=section.name,
-                time_factor=factor,
-                cached=sliced.cached,
-                warnings=_warnings(part, sliced),
-            )
-        )
+        parts.append(booked_part(names, part, files))
+        plates.append(booked_plate(names, section, work.settings, sliced, factor, files, part.stands))
     prelude_s = prelude_seconds(sections[decomposed.parts[0].printer], tasks[0].settings)
     return Plan(
         parts=tuple(parts),

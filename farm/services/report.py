@@ -216,6 +216,8 @@ def _figure(part: api.PartView, job: api.JobView, picture: bytes | None) -> str:
     tries = f", {len(part.prints)} prints" if len(part.prints) > 1 else ""
     image = f'<img alt="{escape(part.id)}" src="{_data(picture)}">' if picture else ""
     caption = f"<b>{escape(part.id)}</b> {state}{tries}<br>{escape(plate.printer)}, {plate.grams:.0f} g"
+    if part.cut_from:
+        caption += f"<br>cut again from {escape(part.cut_from)}"
     return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
 
 

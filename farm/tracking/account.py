@@ -55,12 +55,7 @@ def wasted(attempt: Print) -> bool:
 def job_account(books: Books, job: Job) -> Account:
     """What became of a job's plates so far."""
     stand = [books.standing(plate) for plate in books.plates_of(job)]
-    waste = [
-        (took_s(attempt), attempt.grams)
-        for plate in books.plates_of(job)
-        for attempt in books.prints_of(plate)
-        if wasted(attempt)
-    ]
+    waste = [(took_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if wasted(attempt)]
     return Account(
         printed=stand.count(Standing.PRINTED) + stand.count(Standing.GOOD),
         good=stand.count(Standing.GOOD),
@@ -83,6 +78,7 @@ def night(books: Books, recent: Iterable[Print], now_s: float) -> Night | None:
         return None
     done = {p.plate for p in ended if not wasted(p)}
     failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
+    failed = {name for name in failed if not books.plates[name].replaced_by}  # those are what waits now
     printing = {p.plate for p in books.open_prints()} - done
     waiting = {plate.id for plate in books.waiting_plates()} - done - failed
     grams = [(wasted(p), p.grams) for p in ended]

@@ -64,6 +64,10 @@ class Books:
         """The attempts at a plate, oldest first."""
         return (self.prints[name] for name in plate.prints)
 
+    def prints_of_job(self, job: Job) -> list[Print]:
+        """The attempts at a job's plates, each once: plates cut of one another share those before the cut."""
+        return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
+
     def standing(self, plate: Plate) -> Standing:
         """Where a plate is."""
         return standing(plate, list(self.prints_of(plate)))

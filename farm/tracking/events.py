@@ -93,6 +93,20 @@ class PlatesHeld(Event):
     holds: dict[str, Hold | None]
 
 
+class PlateReplaced(Event):
+    """What waits is made otherwise: sliced for another kind of printer, or its part cut for several.
+
+    `parts` are those of the new plates; a part that was only sliced again keeps its name. The new plates go
+    on with the old one's prints, and so with its attempts.
+    """
+
+    plate: str
+    parts: tuple[Part, ...]
+    plates: tuple[Plate, ...]
+    picture: str | None = None  # of the whole job, where parts are new; and the GLB
+    assembly: str | None = None
+
+
 class PrintProgressed(Event):
     """A print entered another state, or began to extrude."""
 
@@ -232,6 +246,7 @@ AnyEvent = (
     | JobCancelled
     | PlateAssigned
     | PlatesHeld
+    | PlateReplaced
     | PrintProgressed
     | PauseAsked
     | PrintEnded

@@ -32,7 +32,7 @@ from farm.tracking.consequences import (
 )
 from farm.tracking.factor import learned
 from farm.tracking.faults import BY_PEOPLE, LOSSES, OwnFault
-from farm.tracking.outcome import printed
+from farm.tracking.outcome import Standing, printed
 from farm.tracking.reels import less, used_grams
 
 BY_THE_DAMAGE = "the books were restored"
@@ -141,6 +141,8 @@ def _(event: ev.PlateAssigned, books: Books) -> Result:
     printer = books.printer(event.printer)
     if books.open_print_on(printer.name) is not None:
         raise ValueError(f"{printer.name} is booked already")
+    if plate.replaced_by:
+        raise ValueError(f"{plate.id} is not printed any more")
     if printer.bed is not Bed.CLEAR:
         raise ValueError(f"the bed of {printer.name} is not known to be clear")
     attempt = Print(
@@ -154,6 +156,33 @@ def _(event: ev.PlateAssigned, books: Books) -> Result:
 def _(event: ev.PlatesHeld, books: Books) -> Result:
     held = (edited(books.plates[name], hold=hold) for name, hold in event.holds.items())
     return put(books, *held), ()
+
+
+@apply.register
+def _(event: ev.PlateReplaced, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    job = books.job(plate.job)
+    waits = plate.id in job.plates and books.standing(plate) is Standing.WAITING
+    if job.state is not JobState.PRINTING or not waits:
+        return books, ()
+    plates = [edited(new, prints=plate.prints, counted_from=plate.counted_from) for new in event.plates]
+    names = tuple(new.id for new in plates)
+    old = edited(plate, replaced_by=names, hold=None)
+    job = edited(
+        job,
+        plates=_instead(job.plates, (plate.id,), names),
+        parts=_instead(job.parts, plate.parts, tuple(part.id for part in event.parts)),
+        picture=event.picture or job.picture,
+        assembly=event.assembly or job.assembly,
+    )
+    return put(books, old, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
+
+
+def _instead(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
+    """The names with the new ones where the old ones were."""
+    at = names.index(old[0])
+    kept = tuple(name for name in names if name not in old)
+    return (*kept[:at], *new, *kept[at:])
 
 
 @apply.register

@@ -33,7 +33,7 @@ from farm.tracking.books import Books
 _PASSING_HOLDS = {
     HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
     HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
-    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST,
+    HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.CUT_AGAIN,
 }  # fmt: skip
 
 
@@ -61,7 +61,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
     """Everything about a job."""
     books = scene.books
     plates = list(books.plates_of(job))
-    prints = [attempt for plate in plates for attempt in books.prints_of(plate)]
+    prints = books.prints_of_job(job)
     account = job_account(books, job)
     elapsed_s = _elapsed_s(job, prints, scene.now_s)
     remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(scene, plates)
@@ -315,6 +315,7 @@ def _part_view(scene: Scene, name: str) -> api.PartView:
     plate = scene.books.plates[part.plate]
     return api.PartView(
         id=part.id,
+        cut_from=part.cut_from,
         verdict=_verdict(scene.books, plate),
         plate=part.plate,
         file=str(scene.state.files / part.file),

@@ -16,6 +16,7 @@ class Hands:
     def __init__(self):
         self.told = []
         self.plans = []
+        self.remade = []
 
     def perform(self, instruction):
         self.told.append(instruction)
@@ -23,20 +24,28 @@ class Hands:
     def plan(self, job, printers, rounds):
         self.plans.append((job.id, [p.name for p in printers], rounds))
 
+    def remake(self, plate, printers, cut):
+        self.remade.append((plate.id, [p.name for p in printers], cut))
 
-def fleet(**house):
-    printers = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in ("a", "b")]
+
+PLUS = "ultimaker2_plus"
+
+
+def fleet(models=(PLUS, PLUS), **house):
+    """Printers a, b, ... of these models."""
+    names = zip("abcdefgh", models, strict=False)
+    printers = [{"name": name, "model": model, "port": f"sim://{model}"} for name, model in names]
     return Fleet.model_validate({"fleet": house, "printers": printers})
 
 
 class Farm:
     """A core on a store in a folder; made again, it is a daemon that was killed and started again."""
 
-    def __init__(self, folder, **house):
+    def __init__(self, folder, models=(PLUS, PLUS), clock=None, **house):
         self.hands = Hands()
         folder.mkdir(exist_ok=True)
         self.store = Store(folder / "farm.db")
-        self.core = Core(fleet(**house), self.store, Clock(), bed_boxes, self.hands)
+        self.core = Core(fleet(models, **house), self.store, clock or Clock(), bed_boxes, self.hands)
         self.desk = Desk(self.core)
         self.core.start()
 

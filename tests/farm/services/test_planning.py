@@ -15,18 +15,15 @@ from farm.config import Fleet
 from farm.daemon.core import Core
 from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, Job, JobOptions, JobState, Link
+from farm.services.booking import MAY_FALL, MOST_WARNINGS, printer_settings, settings_request
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
     LATE,
-    MAY_FALL,
-    MOST_WARNINGS,
     DecomposeTask,
     TooFewPrinters,
     decompose_job,
     file_names,
     make_plan,
-    printer_settings,
-    settings_request,
     slice_tasks,
 )
 from farm.services.plates import slice_part
