@@ -37,7 +37,7 @@ def submit(
     at: Annotated[str | None, typer.Option(help="Not before: 22:00, fri 22:00, 2026-11-21T22:00.")] = None,
     overnight: Annotated[bool, typer.Option("--overnight", help="Not before attended hours end.")] = False,
     done_by: Annotated[str | None, typer.Option(help="As few parts as are printed by then.")] = None,
-    spares: Annotated[int, typer.Option(help="Free printers kept for what fails.")] = 0,
+    spares: Annotated[int, typer.Option(help="Free printers kept for what fails while nobody is there.")] = 0,
     hold: Annotated[bool, typer.Option("--hold", help="Plan it; print after `farm approve`.")] = False,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show the plan; print nothing.")] = False,
     wait: Annotated[bool, typer.Option("--wait", help="Return when the last part is printed.")] = False,

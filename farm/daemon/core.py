@@ -240,7 +240,9 @@ class Core:
         self.settle()
 
     def spares(self) -> int:
-        """How many printers are kept for what fails, by the jobs that are being printed."""
+        """How many printers are kept for what fails while nobody is there, by the jobs that are printed."""
+        if self.rules.somebody_is_there(self.clock.now()):
+            return 0
         jobs = self.books.jobs.values()
         return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
 

@@ -78,8 +78,10 @@ class Front:
         self, job: Job, views: list[PrinterView], held: Mapping[str, Hold], promised: frozenset[str]
     ) -> None:
         """Plan a job, or say what it waits for."""
+        there = self._core.rules.somebody_is_there(self._core.clock.now())
         taken = frozenset(self._core.books.plates[name].printer for name in held)
         taken |= spare_printers(views, taken, self._core.spares()) | promised
+        asleep = frozenset(p.name for p in views if not (p.unattended or there))
         wanted = job.options.printers if job.own_gcode is None else None  # its plan chooses one of them
 
         def answer_without(others: frozenset[str]) -> Begin | Hold:
@@ -92,6 +94,7 @@ class Front:
                 self._core.arriving(),
                 job.options.spares,
                 job.options.hold,
+                asleep,
             )
 
         planned = [(self._core.books.job(n).options.priority, names) for n, names in self._planned.items()]

@@ -38,6 +38,7 @@ def begin(
     patient: bool,
     spares: int = 0,
     later: bool = False,
+    asleep: frozenset[str] = frozenset(),
 ) -> Begin | Hold:
     """The printers that the job in front takes.
 
@@ -62,6 +63,10 @@ def begin(
         How many of the free printers it leaves, as long as it has one.
     later
         Nothing of it is printed yet (it waits for a person's approval): printers that print now count too.
+        Nobody knows when it is approved, and what is then in front of it: it is planned for all of them, and
+        where others have them then, it waits.
+    asleep
+        Printers on which nothing may start at this hour: they are taken only where there is no other.
     """
     matching = sorted((p for p in printers if need.matches(p.kind)), key=lambda p: p.name)
     arriving = [p.name for p in matching if p.link in (Link.STARTING, Link.CONNECTING) and not p.booked]
@@ -69,7 +74,9 @@ def begin(
         return Hold(code=HoldCode.PRINTER_CONNECTING, text=f"connecting to {' '.join(arriving)}")
     # A printer that is away or broken may never come back: it is not waited for.
     coming = [p for p in matching if (hold := p.obstacle()) is None or hold.code in _PASSING]
-    idle = coming if later else [p for p in matching if p.obstacle() is None and p.name not in taken]
+    if not later:
+        coming = [p for p in coming if p.name not in asleep] or coming
+    idle = coming if later else [p for p in coming if p.obstacle() is None and p.name not in taken]
     if not idle:
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
         if not obstacles:

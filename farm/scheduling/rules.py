@@ -124,6 +124,10 @@ class Rules:
             return None
         return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
 
+    def somebody_is_there(self, at_s: float) -> bool:
+        """Whether it is within the attended hours; never where none are named."""
+        return self.attended.span(at_s) is not None
+
     def cleared_s(self, ended_s: float, clearing_s: float) -> float:
         """When the bed of a print that ended can be clear: somebody has to be there."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:

@@ -240,6 +240,32 @@ def test_spares_are_left_out_of_the_plan(farm):
     assert farm.hands.plans[0][0] == number
 
 
+def test_spares_are_kept_only_while_nobody_is_there(tmp_path, state):
+    kept = {}
+    for when, hours in {"day": ["00:00-24:00"], "night": []}.items():
+        farm = Farm(tmp_path / when, attended=hours)
+        farm.ready("a", "b")
+        first = submit(farm, spares=1)
+        farm.core.planned(first, plan_for(first, state, plates=1))
+        submit(farm, "s")
+        kept[when] = [names for number, names, _ in farm.hands.plans if number != first]
+    assert kept == {"day": [["b"]], "night": []}
+
+
+def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its_printers(farm, state):
+    numbers = [submit(farm, name, hold=True) for name in "rs"]
+    for number in numbers:
+        assert farm.hands.plans[-1] == (number, ["a", "b"], 1)
+        farm.core.planned(number, plan_for(number, state))
+    for number in reversed(numbers):
+        plan = farm.core.books.job(number).plan
+        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
+    printing = {attempt.printer: attempt.job for attempt in farm.core.books.open_prints()}
+    assert printing == {"a": numbers[1], "b": numbers[1]}  # it was approved first
+    waiting = [farm.core.books.plates[name].hold.code for name in farm.core.books.job(numbers[0]).plates]
+    assert waiting == [HoldCode.PRINTER_BUSY] * 2
+
+
 def test_the_night_of_a_held_job_is_foreseen(farm, state):
     number = submit(farm, hold=True)
     with pytest.raises(Refused, match="no plan yet"):

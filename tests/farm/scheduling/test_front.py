@@ -40,3 +40,14 @@ def test_a_job_that_no_printer_matches_is_held_with_the_reason():
     assert unmatched(Need("generic_abs", None, None), [printer("a")]).code is HoldCode.NO_SUCH_PRINTER
     assert unmatched(ANY, []).code is HoldCode.NO_SUCH_PRINTER
     assert unmatched(ANY, [printer("a", look="it smokes")]) is None
+
+
+def test_what_begins_at_night_is_planned_for_printers_that_may_print_then():
+    fleet = [printer("a"), printer("b"), printer("c", unattended=False)]
+    asleep = frozenset("c")
+    assert begin(ANY, None, 0, fleet, frozenset(), True, asleep=asleep) == Begin(("a", "b"))
+    assert begin(ANY, None, 3, fleet, frozenset(), True, asleep=asleep) == Begin(("a", "b"), rounds=2)
+    assert begin(ANY, None, 0, fleet[2:], frozenset(), True, asleep=asleep) == Begin(("c",))
+    held = begin(ANY, None, 0, [printer("a", booked=True), fleet[2]], frozenset(), True, asleep=asleep)
+    assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
+    assert begin(ANY, None, 0, fleet, frozenset(), True, later=True, asleep=asleep) == Begin(("a", "b", "c"))
