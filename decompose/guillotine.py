@@ -7,9 +7,17 @@ in three dimensions and with a cost that is not additive.)
 
 Among partitions of as few parts the one with the least sum of times wins, then the one with the least area of
 cuts: the three are digits of one whole number, `_key`, whose sum is made least.
+
+Unequal printers are in classes. At a time T the printers of one class that a box needs are a function of how
+many of each other class it may use; a cut adds the functions of its sides, over all ways to share out.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,19 +31,35 @@ SECOND = 1 << 20  # of the seconds, rounded; what is left counts the area of the
 AREA_MM2 = 64.0  # in units of this
 MOST_S = 1e6  # so many seconds of a box count, so that the digits keep apart
 
+MOST_TIED = 120_000_000  # values of all states, beyond which what is least is left to chance: too much memory
+
+Ints = npt.NDArray[np.int64]
 Table = npt.NDArray[np.int16] | npt.NDArray[np.int64]
 
 
 @jit
-def _least(out: Table, near: Table, far: Table) -> None:
-    for i in range(len(out)):
-        both = near[i] + far[i]
-        if both < out[i]:
-            out[i] = both
+def _least(
+    value: Table, size: int, out_at: int, near_at: int, far_at: int, count: int, sums: npt.NDArray[np.int64]
+) -> None:
+    """What `count` boxes one after the other cost at least where they are cut into a near and a far side.
+
+    value (states * size,); sums (m, 3): which state is one of the near and one of the far side together.
+    """
+    for k in range(len(sums)):
+        at = sums[k, 0] * size + out_at
+        out = value[at : at + count]
+        at = sums[k, 1] * size + near_at
+        near = value[at : at + count]
+        at = sums[k, 2] * size + far_at
+        far = value[at : at + count]
+        for i in range(len(out)):
+            both = near[i] + far[i]
+            if both < out[i]:
+                out[i] = both
 
 
 @jit
-def _solve(value: Table, nx: int, ny: int, nz: int) -> None:
+def _solve(value: Table, sums: npt.NDArray[np.int64], nx: int, ny: int, nz: int) -> None:
     """The least sum over all guillotine partitions of every box, in place; `value` is that of one part.
 
     Boxes of one length along an axis stand side by side: those of the same sides are added at once, whatever
@@ -43,30 +67,35 @@ def _solve(value: Table, nx: int, ny: int, nz: int) -> None:
     A box that is larger than its needed cells needs no care: what a cut takes off there is worth 0.
     """
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    size = ty * tz
-    turned = np.empty(ny * tz, value.dtype)
+    layer = ty * tz
+    size = nx * (nx + 1) // 2 * layer
+    states = len(value) // size
+    turned = np.empty(states * ny * tz, value.dtype)
     for dx in range(1, nx + 1):
         for x0 in range(nx - dx + 1):
-            at = interval(x0, x0 + dx, nx) * size
-            layer = value[at : at + size]
+            first = interval(x0, x0 + dx, nx) * layer
             for x in range(x0 + 1, x0 + dx):
-                a, b = interval(x0, x, nx) * size, interval(x, x0 + dx, nx) * size
-                _least(layer, value[a : a + size], value[b : b + size])
+                a, b = interval(x0, x, nx) * layer, interval(x, x0 + dx, nx) * layer
+                _least(value, size, first, a, b, layer, sums)
             for dy in range(1, ny + 1):
                 rows = ny - dy + 1
-                at = interval(0, dy, ny) * tz
-                block = layer[at : at + rows * tz]
+                at = first + interval(0, dy, ny) * tz
                 for cut in range(1, dy):
-                    a, b = interval(0, cut, ny) * tz, interval(cut, dy, ny) * tz
-                    _least(block, layer[a : a + rows * tz], layer[b : b + rows * tz])
-                _turn(block, turned, rows, tz)
+                    a, b = first + interval(0, cut, ny) * tz, first + interval(cut, dy, ny) * tz
+                    _least(value, size, at, a, b, rows * tz, sums)
+                block = rows * tz
+                for state in range(states):
+                    here = state * size + at
+                    _turn(value[here : here + block], turned[state * block : (state + 1) * block], rows, tz)
                 for dz in range(2, nz + 1):
                     places = (nz - dz + 1) * rows
-                    at = interval(0, dz, nz) * rows
+                    up = interval(0, dz, nz) * rows
                     for cut in range(1, dz):
                         a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
-                        _least(turned[at : at + places], turned[a : a + places], turned[b : b + places])
-                _turn(turned, block, tz, rows)
+                        _least(turned, block, up, a, b, places, sums)
+                for state in range(states):
+                    here = state * size + at
+                    _turn(turned[state * block : (state + 1) * block], value[here : here + block], tz, rows)
 
 
 @jit
@@ -119,98 +148,167 @@ def _keys(
             value[box] = UNREACHABLE * PART
 
 
-class Partitioner:
-    """Solves for one table of boxes, and keeps the last solution while the table is as it was."""
+@dataclass(frozen=True, slots=True)
+class Others:
+    """Printers of another class, beside those that a partition is first of all for.
 
-    def __init__(self, boxes: Boxes) -> None:
+    Attributes
+    ----------
+    boxes
+        The tables as they are on such a printer; `trimmed` and `pieces` are the same on all.
+    count
+        How many there are.
+    """
+
+    boxes: Boxes
+    count: int
+
+
+class Partitioner:
+    """Solves for one table of boxes, and keeps the last solution while the table is as it was.
+
+    Where there are `others`, a part may be theirs too. There is a state for each number of printers of every
+    other class that may be used; of each box and state the fewest of the first class are known, so that the
+    search is exact over all ways to share the parts out. The cost grows with the square of the states.
+    """
+
+    def __init__(self, boxes: Boxes, others: Sequence[Others] = ()) -> None:
         self.boxes = boxes
+        self.others = tuple(others)
+        self._states, self._sums = states([other.count for other in others])
         self._value: Table = np.zeros(0, np.int16)
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
 
     def parts(self, limit_s: float, ties: bool = False) -> int:
-        """The fewest parts that each cost at most limit_s; `UNREACHABLE` where there is no such partition.
+        """The fewest printers of the first class with which each part costs at most limit_s.
 
+        Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
         With `ties`, of the solutions with so few the one of least work, then of the least area of cuts.
         """
-        b, self._limit_s = self.boxes, limit_s
-        if ties:
-            keys = np.empty(len(b.seconds), np.int64)
-            _keys(limit_s, b.seconds, b.trimmed, b.pieces, b.cut_mm2, keys)
-            self._value = keys
+        self._limit_s = limit_s
+        size = len(self.boxes.seconds)
+        total = len(self._states) * size
+        self._value = np.empty(total, np.int64) if ties else np.empty(total, np.int16)
+        for state in range(len(self._states)):
+            self._fill(state, slice(0, size), self._value[state * size : (state + 1) * size])
+        _solve(self._value, self._sums, *self.boxes.shape)
+        return min(int(self.counts[box_index(self._root, self.boxes.shape)]), UNREACHABLE)
+
+    def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
+        """What the boxes at these indices are worth in a state where they are not cut."""
+        seconds, pieces = self.boxes.seconds[at], self.boxes.pieces[at]
+        for other, free in zip(self.others, self._states[state].tolist(), strict=True):
+            if free:
+                own_s = other.boxes.seconds[at]
+                pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - free, 0), pieces)
+                seconds = np.minimum(seconds, own_s)
+        if self.others:  # what is left of a box has to be quick enough on the first class
+            able = (self.boxes.seconds[at] <= self._limit_s) | (pieces == 0)
+            seconds = np.where(able, seconds, np.float32(np.inf))
+        tables = (self._limit_s, seconds, self.boxes.trimmed[at], pieces.astype(np.int16, copy=False))
+        if value.dtype == np.int64:
+            _keys(*tables, self.boxes.cut_mm2[at], value)
         else:
-            counts = np.empty(len(b.seconds), np.int16)
-            _count(limit_s, b.seconds, b.trimmed, b.pieces, counts)
-            self._value = counts
-        _solve(self._value, *b.shape)
-        return min(int(self.counts[box_index(self._root, b.shape)]), UNREACHABLE)
+            _count(*tables, value)
 
     @property
     def counts(self) -> npt.NDArray[np.int16]:
-        """(boxes,) The fewest parts of each box in the last solution, by the index of the box."""
-        if self._value.dtype == np.int64:
-            return (self._value // PART).astype(np.int16)
-        return self._value.astype(np.int16, copy=False)
+        """(boxes,) The fewest parts of each box in the last solution, by the index of the box.
+
+        Beside the parts of all others, where there are any.
+        """
+        value = self._value[-len(self.boxes.seconds) :]
+        if value.dtype == np.int64:
+            return (value // PART).astype(np.int16)
+        return value.astype(np.int16, copy=False)
 
     def chosen(self, within: Box | None = None) -> list[Box]:
         """The boxes of the last solution, all or those of one box, in the order of the cuts."""
         found: list[Box] = []
-        stack = [within or self._root]
+        stack = [(within or self._root, len(self._states) - 1)]
         while stack:
-            box = self._tight(stack.pop())
+            whole, state = stack.pop()
+            box = self._tight(whole)
             if box is None:
                 continue
-            at = box_index(box, self.boxes.shape)
-            if self._value[at] == self._uncut(at):
+            if self._worth(box, state) == self._uncut(box, state):
                 found.append(box)
             else:
-                stack.extend(self._cut(box, int(self._value[at])))
+                stack.extend(self._cut(box, state))
         return found
 
-    def _uncut(self, at: int) -> int:
-        """What a box is worth as one part."""
-        b = self.boxes
-        if not b.seconds[at] <= self._limit_s:
-            return UNREACHABLE * PART
-        if self._value.dtype == np.int16:
-            return int(b.pieces[at])
-        return _key(float(b.seconds[at]), int(b.pieces[at]), float(b.cut_mm2[at]) if len(b.cut_mm2) else 0.0)
+    def _worth(self, box: Box, state: int) -> int:
+        return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
 
-    def _cut(self, box: Box, value: int) -> tuple[Box, Box]:
-        """The far and the near side of the first cut that reaches the value of a box."""
+    def _uncut(self, box: Box, state: int) -> int:
+        """What a box is worth as one part."""
+        at = box_index(box, self.boxes.shape)
+        value = np.empty(1, self._value.dtype)
+        self._fill(state, slice(at, at + 1), value)
+        return int(value[0])
+
+    def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
+        """The far and the near side, with their states, of the first cut that reaches the value of a box."""
+        value = self._worth(box, state)
+        shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
             for plane in range(box[axis] + 1, box[axis + 3]):
-                far, near = list(box), list(box)
-                near[axis + 3] = far[axis] = plane
-                sides = _box(far), _box(near)
-                if sum(int(self._value[box_index(side, self.boxes.shape)]) for side in sides) == value:
-                    return sides
+                lower, upper = list(box), list(box)
+                lower[axis + 3] = upper[axis] = plane
+                far, near = _box(upper), _box(lower)
+                for a, b in shares:
+                    if self._worth(near, a) + self._worth(far, b) == value:
+                        return (far, b), (near, a)
         raise LookupError(f"no solution for {box}: nothing reaches it at this limit")
 
     def _tight(self, box: Box) -> Box | None:
         at = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
         return None if at < 0 else box_at(at, self.boxes.shape)
 
-    def least_makespan(self, printers: int, at_least_s: float, tolerance_s: float = 1.0) -> float | None:
-        """The least limit (to tolerance_s) at which `printers` parts are enough; leaves its solution."""
-        finite = self.boxes.seconds[np.isfinite(self.boxes.seconds)]
-        if not len(finite):
-            return None
-        low, high = max(0.0, at_least_s), float(finite.max())
-        if self.parts(high) > printers:
+    def least_makespan(
+        self, printers: int, at_least_s: float, tolerance_s: float = 1.0, at_most_s: float = math.inf
+    ) -> float | None:
+        """The least limit (to tolerance_s) at which so many printers of the first class are enough.
+
+        Leaves its solution. None where there is no limit, or none up to at_most_s.
+        """
+        tables = (self.boxes, *(other.boxes for other in self.others))
+        finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
+        high = min(at_most_s, max((float(each.max()) for each in finite if len(each)), default=-math.inf))
+        low = max(0.0, at_least_s)
+        if high < 0.0 or self.parts(high) > printers:
             return None
         while high - low > tolerance_s:
             middle = (low + high) / 2.0
             if self.parts(middle) <= printers:
-                high = min(middle, self.longest_s())
+                high = middle if self.others else min(middle, self.longest_s())
             else:
                 low = middle
-        self.parts(high, ties=True)
+        self.parts(high, ties=len(self._value) <= MOST_TIED)
         return high
 
     def longest_s(self) -> float:
-        """The time of the costliest box of the last solution."""
+        """The time of the costliest box of the last solution on a printer of the first class."""
         return self.boxes.longest_s(self.chosen())
+
+
+def states(counts: Sequence[int]) -> tuple[Ints, Ints]:
+    """How many of each of some classes may be used, and which two states are a third together.
+
+    Returns
+    -------
+    tuple
+        (states, classes) numbers, the last state all of them; and (m, 3) indices of states.
+    """
+    each = list(np.ndindex(*(count + 1 for count in counts)))
+    index = {state: i for i, state in enumerate(each)}
+    sums = [
+        (index[whole], index[part], index[tuple(w - p for w, p in zip(whole, part, strict=True))])
+        for whole in each
+        for part in np.ndindex(*(w + 1 for w in whole))
+    ]
+    return np.array(each, dtype=np.int64).reshape(len(each), len(counts)), np.array(sums, dtype=np.int64)
 
 
 def _box(sides: list[int]) -> Box:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
+from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -10,11 +12,13 @@ from box_tables import Shape, tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose.assignment import soonest
 from decompose.boxes import Box, Boxes, box_at, box_index, shared_rooms
 from decompose.cost import PrinterRoom
-from decompose.guillotine import AREA_MM2, UNREACHABLE, Partitioner
+from decompose.guillotine import AREA_MM2, UNREACHABLE, Others, Partitioner
 
 Worth = tuple[int, int, int]  # parts, seconds, units of cut area
+Parts = tuple[int, ...]  # of each class of printers
 
 
 def best_by_recursion(boxes: Boxes, needed: np.ndarray, limit_s: float) -> Worth:
@@ -101,6 +105,95 @@ def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None
         assert found is None
     else:
         assert found == pytest.approx(float(reachable[0]), abs=2e-3)
+
+
+def shares_by_recursion(classes: list[Boxes], needed: np.ndarray, limit_s: float, most: int) -> set[Parts]:
+    """Every way to share out the parts of a partition: how many go to each class, `most` of one at most."""
+
+    @cache
+    def ways(box: Box) -> frozenset[Parts]:
+        inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
+        if not len(inside):
+            return frozenset([(0,) * len(classes)])
+        lo, hi = inside.min(axis=0) + box[:3], inside.max(axis=0) + box[:3] + 1
+        box = (*map(int, lo), *map(int, hi))  # type: ignore[assignment]
+        at = box_index(box, classes[0].shape)
+        able = [i for i, boxes in enumerate(classes) if boxes.seconds[at] <= limit_s]
+        takers = combinations_with_replacement(able, int(classes[0].pieces[at]))
+        found = {tuple(each.count(i) for i in range(len(classes))) for each in takers}
+        for axis in range(3):
+            for plane in range(box[axis] + 1, box[axis + 3]):
+                near, far = list(box), list(box)
+                near[axis + 3] = far[axis] = plane
+                sides = ways(tuple(near)), ways(tuple(far))  # type: ignore[arg-type]
+                found |= {tuple(np.add(a, b).tolist()) for a in sides[0] for b in sides[1]}
+        return frozenset(share for share in found if max(share) <= most)
+
+    return set(ways((0, 0, 0, *classes[0].shape)))
+
+
+def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[Boxes], np.ndarray]:
+    """The same boxes on printers that are quicker or slower, and do not have room for all of them."""
+    boxes, needed = tables(shape, seed)
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(number):
+        seconds = boxes.seconds * np.float32(rng.uniform(0.5, 1.5))
+        seconds[rng.random(len(seconds)) < 0.2] = np.inf
+        found.append(replace(boxes, seconds=seconds))
+    return found, needed
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 3), st.integers(1, 3), st.integers(1, 2)),
+    seed=st.integers(0, 10**6),
+    share=st.floats(0.05, 1.2),
+    counts=st.lists(st.integers(0, 2), min_size=1, max_size=2),
+)
+def test_unequal_printers_against_every_way_to_share_the_parts_out(
+    shape: Shape, seed: int, share: float, counts: list[int]
+) -> None:
+    classes, needed = of_classes(shape, seed, 1 + len(counts))
+    limit = share * 130.0 * float(np.prod(shape))
+    solver = Partitioner(classes[0], [Others(*each) for each in zip(classes[1:], counts, strict=True)])
+    ways = shares_by_recursion(classes, needed, limit, most=12)
+    within = [way[0] for way in ways if all(n <= m for n, m in zip(way[1:], counts, strict=True))]
+    expected = min(within, default=UNREACHABLE)
+    for ties in (False, True):
+        assert solver.parts(limit, ties) == expected
+        if expected >= UNREACHABLE:
+            continue
+        at = [
+            box_index(box, shape)
+            for box in solver.chosen()
+            for _ in range(classes[0].pieces[box_index(box, shape)])
+        ]
+        printers = [classes[0]] * expected + [
+            c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
+        ]
+        cover = np.zeros(shape, int)
+        for x0, y0, z0, x1, y1, z1 in solver.chosen():
+            cover[x0:x1, y0:y1, z0:z1] += 1
+        assert cover.max(initial=0) <= 1
+        assert (cover[needed] == 1).all()
+        times = np.array([[own.seconds[i] for own in printers] for i in at]).reshape(len(at), len(printers))
+        assert not len(at) or soonest(np.where(times <= limit, times, np.inf)) is not None
+
+
+@settings(max_examples=25, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 4), others=st.integers(0, 2))
+def test_printers_of_another_class_never_make_it_later(
+    shape: Shape, seed: int, printers: int, others: int
+) -> None:
+    (first, second), _ = of_classes(shape, seed, 2)
+    alone_s = Partitioner(first).least_makespan(printers, 0.0, tolerance_s=1e-3)
+    both = Partitioner(first, [Others(second, others)])
+    both_s = both.least_makespan(printers, 0.0, tolerance_s=1e-3)
+    if alone_s is not None:
+        assert both_s is not None
+        assert both_s <= alone_s + 1e-3
+        assert both.least_makespan(printers, 0.0, at_most_s=0.5 * both_s) is None
 
 
 def random_partition(boxes: Boxes, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
