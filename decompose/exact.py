@@ -7,12 +7,9 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from decompose.assignment import printers_for
 from decompose.boxes import Box, Boxes, box_index
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
@@ -43,29 +40,16 @@ def search(problem: Problem) -> Found:
     problem.lap("boxes")
     needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
     bound_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
-    chosen = _Search(problem, grid, boxes, bound_s).run()
+    chosen = Search(problem, grid, boxes, bound_s).run()
     problem.lap("search")
-    pieces = tuple(evened(problem, grid, _for_printers(problem, chosen)))
+    pieces = tuple(evened(problem, grid, chosen))
     problem.lap("planes")
     figures = problem.figures(grid, boxes, list(chosen))
     problem.lap("bound")
     return Found(pieces, model, np.eye(3), figures)
 
 
-def _for_printers(problem: Problem, cut: Mapping[Box, Sequence[Piece]]) -> dict[Box, list[Piece]]:
-    """The pieces of boxes, each with a printer where these are unequal: the last one ends soonest then."""
-    pieces = [piece for found in cut.values() for piece in found]
-    poses = [pose for pose in problem.poses(pieces) if pose is not None]
-    takers = None
-    if not problem.alike and len(poses) == len(pieces):
-        takers = printers_for(poses, problem.printers)
-    if takers is not None:
-        pieces = [replace(piece, printer=taker) for piece, taker in zip(pieces, takers, strict=True)]
-    each = iter(pieces)
-    return {box: [next(each) for _ in found] for box, found in cut.items()}
-
-
-class _Search:
+class Search:
     """The exact search, told the truth about the boxes that it chooses.
 
     The tables take the solid in a cell as one piece, and price a box in the axis poses with no idea whether
@@ -139,9 +123,12 @@ class _Search:
         pieces = [piece for box in chosen for piece in self.cut[box]]
         found = faults(pieces, self.problem.options.min_glue_mm2)
         for fault in found:
-            self.boxes.seconds[box_index(owners[fault.piece], self.boxes.shape)] = math.inf
+            self._forbid(box_index(owners[fault.piece], self.boxes.shape))
         self.mends += [found[0].what] if found else []
         return bool(found)
+
+    def _forbid(self, at: int) -> None:
+        self.boxes.seconds[at] = math.inf
 
     def _truly_s(self, chosen: list[Box]) -> float:
         """The true makespan of these boxes in seconds; what costs more than in the table is put there."""

@@ -10,7 +10,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from decompose import exact, parallelobox
+from decompose import parallelobox, unequal
 from decompose.assignment import printers_for
 from decompose.baselines import cube_skeleton, symmetry_based
 from decompose.check import check
@@ -26,7 +26,7 @@ from decompose.report import Attempt, Coverage, Decomposition, Engine, Options, 
 Floats = npt.NDArray[np.float64]
 
 ENGINES: dict[Engine, Callable[[Problem], Found]] = {
-    Engine.GUILLOTINE: exact.search,
+    Engine.GUILLOTINE: unequal.search,
     Engine.PARALLELOBOX: parallelobox.search,
     Engine.SYMMETRY: symmetry_based.search,
     Engine.CUBE_SKELETON: cube_skeleton.search,

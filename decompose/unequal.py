@@ -1,0 +1,230 @@
+"""The engine `guillotine` for printers of unequal rooms and speeds.
+
+The model is cut as for equal printers first: each part fits the room that all of them share, and the quickest
+printer takes the longest part. Then it is cut for classes of printers (`decompose.classes`): exact over all
+guillotine partitions and all ways to share their parts out. The better one of the two is the answer, so that
+nothing is lost where the classes, which are coarser than the printers, miss something.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose import exact
+from decompose.assignment import printers_for, soonest
+from decompose.bound import makespan_bound
+from decompose.boxes import Box, Boxes, all_boxes, box_index
+from decompose.classes import PrinterClass, classes_of
+from decompose.cost import PrinterRoom
+from decompose.errors import NoFit
+from decompose.grid import VOLUME, Grid
+from decompose.guillotine import Others, Partitioner
+from decompose.piece import Piece
+from decompose.planes import evened
+from decompose.problem import Found, GridFigures, Problem, surface_bound_s
+
+Cut = Mapping[Box, Sequence[Piece]]
+
+MOST_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
+MOST_ROUNDS, MOST_MENDS = 4, 20  # of pricing truly what was chosen; of choices that were given up
+GAIN = 0.995  # of the makespan so far, which a partition has to reach to be worth its search
+CLOSE = 0.003  # share of it to which the least makespan is found
+WORTH = 1.01  # as in `decompose.exact`
+
+
+def search(problem: Problem) -> Found:
+    """The pieces of the partition that ends soonest on these printers; see `exact.search`.
+
+    Raises
+    ------
+    NoFit
+        The pieces are more than the printers, with how many of the smallest would do.
+    """
+    if problem.alike:
+        return exact.search(problem)
+    model = problem.model
+    grid = problem.grid(model)
+    problem.lap("grid")
+    boxes = problem.boxes(grid)
+    problem.lap("boxes")
+    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+    least_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    cuts: list[Cut] = []
+    failure: NoFit | None = None
+    try:
+        cuts.append(_for_printers(problem, exact.Search(problem, grid, boxes, least_s).run()))
+    except NoFit as error:
+        failure = error
+    problem.lap("search")
+    least_s *= min(printer.time_factor for printer in problem.printers)
+    by_class = _ByClass(problem, grid, boxes, least_s)
+    cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
+    if not cuts:
+        assert failure is not None
+        raise failure
+    problem.lap("classes")
+    best = min(cuts, key=lambda cut: _ends_s(problem, cut))
+    pieces = tuple(evened(problem, grid, best))
+    for cut in cuts:
+        other = pieces if cut is best else tuple(evened(problem, grid, cut))
+        pieces = min(pieces, other, key=lambda found: _longest_s(problem, found))
+    problem.lap("planes")
+    figures = by_class.figures(grid, best, least_s)
+    problem.lap("bound")
+    return Found(pieces, model, np.eye(3), figures)
+
+
+def _for_printers(problem: Problem, cut: Cut) -> Cut:
+    """The pieces of boxes, each with its printer: the last one ends soonest then."""
+    poses = [pose for pose in problem.poses(_pieces(cut)) if pose is not None]
+    takers = printers_for(poses, problem.printers) if len(poses) == len(_pieces(cut)) else None
+    return cut if takers is None else _taken(cut, takers)
+
+
+def _taken(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
+    """The same pieces, each with its printer."""
+    each = iter(takers)
+    return {box: [replace(piece, printer=next(each)) for piece in found] for box, found in cut.items()}
+
+
+def _pieces(cut: Cut) -> list[Piece]:
+    return [piece for found in cut.values() for piece in found]
+
+
+def _ends_s(problem: Problem, cut: Cut) -> float:
+    return _longest_s(problem, _pieces(cut))
+
+
+def _longest_s(problem: Problem, pieces: Sequence[Piece]) -> float:
+    """When the last piece ends, each truly posed and on its printer; inf where one does not fit."""
+    each = zip(pieces, problem.poses(list(pieces)), strict=True)
+    return max(math.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in each)
+
+
+class _ByClass(exact.Search):
+    """The search for classes of printers, told the truth about what it chooses as `exact.Search` is.
+
+    What was learned there of boxes on all printers is known here, too.
+    """
+
+    def __init__(self, problem: Problem, grid: Grid, shared: Boxes, least_s: float) -> None:
+        self.classes = classes_of(problem.printers, MOST_SUMS / len(shared.seconds))
+        self.tables = _tables(problem, grid, shared, self.classes)
+        super().__init__(problem, grid, self.tables[0], least_s)
+        others = zip(self.tables[1:], self.classes[1:], strict=True)
+        self.solver = Partitioner(self.tables[0], [Others(table, own.count) for table, own in others])
+
+    def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
+        """Partitions that truly end sooner than that, the last one soonest; none where there is one class."""
+        found: list[Cut] = []
+        close_s = CLOSE * (below_s if math.isfinite(below_s) else self.least_s)
+        if len(self.classes) == 1 or not self._promising(GAIN * below_s, close_s):
+            return found
+        rounds = 0
+        while rounds < MOST_ROUNDS and len(self.mends) < MOST_MENDS:
+            if self.problem.expired() and math.isfinite(below_s):
+                break
+            count = self.classes[0].count
+            limit_s = self.solver.least_makespan(count, self.least_s, close_s, GAIN * below_s)
+            if limit_s is None:
+                break
+            self.least_s = max(self.least_s, limit_s - close_s)
+            chosen = self.solver.chosen()
+            if self._more_pieces(chosen) or self._mended(chosen):
+                continue
+            rounds += 1
+            cut = self._shared_out(chosen)
+            ends_s = _ends_s(self.problem, cut)
+            if ends_s < below_s:
+                found, below_s = [cut], ends_s
+            if ends_s <= WORTH * limit_s:
+                break
+            self._learn(cut)
+        return found
+
+    def _promising(self, at_most_s: float, close_s: float) -> bool:
+        """Whether there might be such a partition, were every printer as good as the best for each box."""
+        best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
+        count = sum(own.count for own in self.classes)
+        least_s = Partitioner(best).least_makespan(count, self.least_s, close_s, at_most_s)
+        if least_s is not None:
+            self.least_s = max(self.least_s, least_s - close_s)
+        return least_s is not None
+
+    def _forbid(self, at: int) -> None:
+        for table in self.tables:
+            table.seconds[at] = math.inf
+
+    def _shared_out(self, chosen: Sequence[Box]) -> Cut:
+        """The pieces of boxes, each with the printer that the tables say is best."""
+        cut = {box: self.cut[box] for box in chosen}
+        takers = soonest(self._seconds(chosen))
+        assert takers is not None  # the search found a way
+        printers = [printer for own in self.classes for printer in own.printers]
+        return _taken(cut, [printers[i] for i in takers])
+
+    def _seconds(self, chosen: Sequence[Box]) -> npt.NDArray[np.float64]:
+        """(pieces, printers) What each piece takes by the tables; printers in the order of the classes."""
+        at = [box_index(box, self.boxes.shape) for box in chosen]
+        rows = np.repeat(at, self.boxes.pieces[at])
+        columns = [
+            table.seconds[rows].astype(np.float64) / own.time_factor * printer.time_factor
+            for table, own in zip(self.tables, self.classes, strict=True)
+            for printer in own.printers
+        ]
+        return np.array(columns).T
+
+    def _learn(self, cut: Cut) -> None:
+        """Put into the tables what pieces truly cost, on all printers with that room."""
+        for box, pieces in cut.items():
+            at = box_index(box, self.boxes.shape)
+            for piece, pose in zip(pieces, self.problem.poses(list(pieces)), strict=True):
+                seconds = math.inf if pose is None else pose.seconds
+                mine = next(own for own in self.classes if piece.printer in own.printers)
+                for own, table in zip(self.classes, self.tables, strict=True):
+                    if own.boxes == mine.boxes:
+                        table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
+
+    def figures(self, grid: Grid, cut: Cut, least_s: float) -> GridFigures:
+        """How good these boxes are by the tables, and what no partition can undercut on any printer.
+
+        Proven as if all printers had the speed of the quickest, and the room of whichever is best.
+        """
+        problem = self.problem
+        times = self._seconds(list(cut))
+        takers = soonest(times)
+        if takers is None:  # what this search gave up, the one for all printers need not have
+            makespan_s = _ends_s(problem, cut)
+        else:
+            makespan_s = float(times[range(len(takers)), takers].max())
+        if problem.options.prove:
+            quickest = np.float32(min(printer.time_factor for printer in problem.printers))
+            each = [all_boxes(grid, [room], problem.cost) for room in problem.rooms]
+            best = replace(
+                each[0],
+                seconds=quickest * np.min([boxes.seconds for boxes in each], axis=0),
+                pieces=np.max([boxes.pieces for boxes in each], axis=0),
+            )
+            proven = makespan_bound(best, grid.needed, len(problem.printers), list(cut), makespan_s)
+            least_s = max(least_s, proven.seconds)
+        return GridFigures(makespan_s, least_s, grid.shape)
+
+
+def _tables(problem: Problem, grid: Grid, shared: Boxes, classes: Sequence[PrinterClass]) -> list[Boxes]:
+    """The tables of each class, its speed in the times; all have the same `trimmed` and `pieces`."""
+    rooms: dict[object, Boxes] = {}
+    for own in classes:
+        if own.boxes in rooms:
+            continue
+        least = all(room.fits(*box) for box in own.boxes for room in problem.rooms)
+        rooms[own.boxes] = shared if least else all_boxes(grid, [own.room], problem.cost)
+    pieces = np.maximum(shared.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
+    return [
+        replace(shared, seconds=rooms[own.boxes].seconds * np.float32(own.time_factor), pieces=pieces)
+        for own in classes
+    ]
