@@ -21,6 +21,10 @@ class AgentError(DriverError):
     """An agent refused a request or cannot be reached."""
 
 
+class TooLate(AgentError):
+    """A print was told to begin after the moment until which it might."""
+
+
 class JournalError(AgentError):
     """The disk does not take what an agent must remember."""
 
@@ -53,6 +57,7 @@ class Fault(StrEnum):
     THERMAL_RUNAWAY = "thermal_runaway"  # was warm, and fell away from its target
     HEATER_STUCK_ON = "heater_stuck_on"  # gets hotter than it was set, or does not cool when off
     PAUSE_TIMEOUT = "pause_timeout"  # nobody resumed it in time
+    HOURS_ENDED = "hours_ended"  # it prints only while somebody is there, and nobody was to be any more
     TARGET_CHANGED = "target_changed"  # somebody or something else set a temperature
     WRONG_PRINTER = "wrong_printer"  # not the model that was asked for
     BAD_FILE = "bad_file"  # not the file that was meant, or not fit for this printer

@@ -85,6 +85,7 @@ class PrintSnapshot(_Said):
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock, heaters off and the head still
     pause_ends_s: float | None = None  # farm clock; a pause that nobody has ended by then ends the print
+    ends_by_s: float | None = None  # farm clock; the print is ended safely where it has not ended by then
     starved_s: float = 0.0  # emulator only: farm seconds of this print in which it waited for the host
 
 
@@ -128,6 +129,17 @@ class StartPrint(_Message):
     sha256: str
     print_time_s: float
     filament: Filament  # what the daemon's books say; UNKNOWN is refused
+    not_after_s: float | None = None  # the agent's clock; delivered later it is refused (`Reply.late`)
+    ends_by_s: float | None = None  # see `EndPrintBy`
+
+
+class EndPrintBy(_Message):
+    """When a print is to be ended safely where it has not ended by itself, daemon or no daemon."""
+
+    do: Literal["end_by"] = "end_by"
+    id: int
+    print_id: str
+    ends_by_s: float | None  # the agent's clock; None: it takes what it takes
 
 
 class Upload(_Message):
@@ -201,6 +213,7 @@ Request = (
     | StartPrint
     | Upload
     | CancelPrint
+    | EndPrintBy
     | PausePrint
     | ResumePrint
     | ForgetPrint
@@ -216,6 +229,7 @@ class Reply(_Said):
     kind: Literal["reply"] = "reply"
     id: int
     error: str | None = None
+    late: bool = False  # what was refused came after its moment: nothing of it was begun
     snapshot: Snapshot | None = None
 
 

@@ -15,22 +15,21 @@ become M140 and M104, and M105 up to the target, so that a cancel is heard withi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 
 from drivers.errors import Fault, Unreadable
 from drivers.filament import place
 from drivers.gcode import Heat, HeaterName, Program
-from drivers.identify import Identifying
+from drivers.leaving import BARRIERS, Leaving
 from drivers.marlin import Event, Events, Link, Report, Said, Trouble, Up
 from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
-from drivers.parking import LIFT_MM, PARKED_MM
+from drivers.parking import PARKED_MM
 from drivers.profiles import Profile
 from drivers.steps import (
     HEAT_DEAD_MAN_S,
     HOT_ENOUGH_C,
     PRINT_DEAD_MAN_S,
-    TRIES,
     Ended,
     Pace,
     Script,
@@ -40,23 +39,16 @@ from drivers.steps import (
 __all__ = ["PARKED_MM", "Pace", "Session"]
 
 BLIND_S = 700.0  # printing without a report: longer than any command may take
-STOP_S = 30.0  # M401 waits for the move under way
-_BARRIERS = (b"M400",) * 3  # the ok of a garbled last line may be believed; that of three is not
 _OFF = {HeaterName.NOZZLE: 0.0, HeaterName.BED: 0.0}
 
-_RESET_AFTER = frozenset(
-    (
-        Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.REBOOT, Fault.ENDSTOP,
-        Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.PORT_LOST, Fault.AGENT_DIED, Fault.ESTOP,
-    )
-)  # fmt: skip
+NOBODY_THERE = "it prints only while somebody is there, and nobody was to be there any more"
 _LEFT = {
     Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
     Fault.ESTOP: "a person stopped it by `farm estop`",
 }
 
 
-class Session(Identifying):
+class Session(Leaving):
     """One print, or the recovery of one that an agent left behind.
 
     Parameters
@@ -91,31 +83,19 @@ class Session(Identifying):
         left: Fault = Fault.AGENT_DIED,
     ) -> None:
         super().__init__(link, program, profile, filament, pace, now_s, identity)
-        self.fault: Fault | None = None
         self._left = left
-        self.reason: str | None = None
         self.extruded = False
         self.started_s = now_s
         self.ended_s: float | None = None
+        self.ends_by_s: float | None = None  # it is ended safely where it has not ended by then
         self._heard_s = now_s  # when it reported temperatures
         self._blind_s = max(BLIND_S, 5 * pace.floor_s)
         self._strange = 0  # reports in a row with targets that nobody here set
-        self._carried_out = 0  # lines of the file up to the last heating line that was carried out here
-        self._streamed: int | None = None  # once the stream is over
         self._unreadable: Unreadable | None = None
         self._script = self._run()
         self._wait = next(self._script)
 
     # --- what the caller does ---
-
-    @property
-    def streamed(self) -> int:
-        """Lines of the file that the printer has acknowledged."""
-        if self._streamed is not None:
-            return self._streamed
-        if self.program is None or self._up is None:
-            return 0  # until the board has started anew, the link counts what was printed before
-        return max(self._carried_out, self.link.streamed)
 
     @property
     def ended(self) -> bool:
@@ -124,7 +104,9 @@ class Session(Identifying):
     @property
     def deadline_s(self) -> float:
         """When `advance` wants to be called without events."""
-        return math.inf if self.ended else self._wait.deadline_s
+        if self.ended:
+            return math.inf
+        return min(self._wait.deadline_s, self._last_moment_s())
 
     def advance(self, events: Events, now_s: float) -> None:
         """Take what the link heard, and go as far as that allows."""
@@ -132,6 +114,8 @@ class Session(Identifying):
         ended: Ended | None = None
         for event in events:
             ended = ended or self._notice(event)
+        if now_s >= self._last_moment_s():
+            ended = ended or Ended(Fault.HOURS_ENDED, NOBODY_THERE)
         if ended is not None:
             self._leave(ended)
         while not self.ended:
@@ -165,6 +149,11 @@ class Session(Identifying):
         if not self.ended:
             self._leave(Ended(fault, reason))
             self.advance((), now_s)
+
+    def _last_moment_s(self) -> float:
+        """When a print that still goes on is ended."""
+        going_on = self.phase is not PrintPhase.ENDING and not self.ended
+        return self.ends_by_s if going_on and self.ends_by_s is not None else math.inf
 
     # --- what was heard ---
 
@@ -291,7 +280,7 @@ class Session(Identifying):
     def _finish(self, program: Program) -> Script:
         self.phase = PrintPhase.ENDING
         self._streamed = program.count
-        yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *_BARRIERS, limit_s=math.inf)
+        yield from self._commands(b"M104 S0", b"M140 S0", b"M107", *BARRIERS, limit_s=math.inf)
         if self.filament is Filament.AT_NOZZLE:
             # as far back as the file's end code left it: it cools already
             yield from self._park(self._back_mm(program, program.count), hot=False)
@@ -331,67 +320,6 @@ class Session(Identifying):
 
     def _sent_or_paused(self) -> bool:
         return self.link.drained or self._unreadable is not None or (self._pause_wanted and self._pausable())
-
-    # --- ways out ---
-
-    def _make_safe(self) -> Script:
-        self._streamed = self.streamed
-        homed = self.program is not None and self._streamed > self.program.homes
-        listens = self._up is not None and self.link.phase is LinkPhase.LIVE
-        if listens and self.fault not in _RESET_AFTER:
-            try:
-                if (yield from self._abort(homed)):
-                    return
-            except Ended:
-                pass  # it stopped listening on the way
-        yield from self._cut(homed)
-
-    def _abort(self, homed: bool) -> Generator[Wait, bool, bool]:
-        """The safe sequence of um2-serial section 5, with the filament parked. False where it got stuck."""
-        self.link.halt()
-        if not (yield from self._commands(b"M401", b"M104 S0", b"M140 S0", b"M107", limit_s=STOP_S)):
-            return False
-        if homed:  # else nobody knows how far the bed may go
-            done = max(self._carried_out, self.link.streamed)
-            self._place = None
-            yield from self._commands(b"M114")
-            if self.filament is Filament.AT_NOZZLE and self.program is not None:
-                hot = self.report is not None and self.report.nozzle_c >= HOT_ENOUGH_C
-                yield from self._park(self._back_mm(self.program, done, self._place), hot)
-            z_mm = math.nan if self._place is None else self._place[2]
-            lift_mm = LIFT_MM if math.isnan(z_mm) else self._lift_mm(z_mm, done)
-            away = (b"G91", b"G1 F1200 Z%.3f" % lift_mm, b"G90", b"G28 X0 Y0", b"M84", *_BARRIERS)
-            if not (yield from self._commands(*away)):
-                return False
-        if not (yield from self._shown_off()):
-            return False
-        yield from self._dead_man(0.0)
-        return True
-
-    def _cut(self, homed: bool) -> Script:
-        """Heaters off by a reset: the only emergency stop that this firmware has."""
-        if self.filament is Filament.AT_NOZZLE:
-            self.filament = Filament.UNKNOWN
-        self.link.only_ask = True
-        try:
-            for _ in range(TRIES):
-                self.heaters_off = False
-                try:
-                    yield from self._connect()
-                    if (yield from self._shown_off()):
-                        if self._up is not None and not self._up.restarted:
-                            yield from self._dead_man(0.0)
-                        if homed and self.fault is None:
-                            # The nozzle may stand in the part: the bed goes down to its switch first.
-                            yield from self._commands(b"G28 Z0", b"G28 X0 Y0", b"M84", b"M400")
-                        return
-                except Ended as ended:
-                    if ended.fault is Fault.PORT_LOST:
-                        break
-            self.wants_power_off = True
-            self.reason = f"{self.reason}; heaters were not shown off: switch the printer off"
-        finally:
-            self.link.only_ask = False
 
 
 def _cools(heat: Heat, after: int) -> bool:

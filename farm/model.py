@@ -326,6 +326,7 @@ class AgentPrint(Entity):
     z_mm: float | None = None
     feature: str | None = None  # by Cura's name
     pause_ends_s: float | None = None  # when its agent ends it, unless it is resumed
+    ends_by_s: float | None = None  # when its agent ends it, unless it has ended
 
 
 class AgentSnapshot(Entity):

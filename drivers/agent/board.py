@@ -155,6 +155,12 @@ class Board:
             (self.session.pause if wanted else self.session.resume)(now_s)
             self._go_on((), now_s)
 
+    def end_by(self, at_s: float | None) -> None:
+        """End the open print safely where it has not ended by then."""
+        if self.session is not None:
+            self.session.ends_by_s = at_s
+            self._go_on((), self._clock.now())
+
     def looked_at(self) -> None:
         """A person saw to the printer: whatever was the matter is over."""
         if self.idle.card:

@@ -17,12 +17,13 @@ from drivers.agent.record import Record
 from drivers.agent.server import Server
 from drivers.agent.spool import Spool
 from drivers.clock import Clock, wall_s
-from drivers.errors import AgentError, BadGcode, DriverError, Fault
+from drivers.errors import AgentError, BadGcode, DriverError, Fault, TooLate
 from drivers.marlin import Phase
 from drivers.messages import (
     BedCleared,
     CancelPrint,
     Commission,
+    EndPrintBy,
     Filament,
     ForgetPrint,
     Heater,
@@ -227,7 +228,8 @@ class Agent:
             self._obey(request)
         except (DriverError, OSError) as error:
             log.warning("%s refused: %s", request.do, error)
-            return Reply(id=request.id, error=str(error), snapshot=self._snapshot())
+            late = isinstance(error, TooLate)
+            return Reply(id=request.id, error=str(error), late=late, snapshot=self._snapshot())
         return Reply(id=request.id, snapshot=self._snapshot())
 
     def _obey(self, request: Request) -> None:
@@ -242,6 +244,9 @@ class Agent:
             case CancelPrint():
                 if told is not None and told.print_id == request.print_id:
                     self._board.cancel(request.reason)
+            case EndPrintBy():
+                if told is not None and told.print_id == request.print_id:
+                    self._board.end_by(request.ends_by_s)
             case PausePrint() | ResumePrint():
                 if told is not None and told.print_id == request.print_id:
                     self._board.pause(isinstance(request, PausePrint))
@@ -273,6 +278,12 @@ class Agent:
         memory = self._journal.memory
         if request.print_id in memory.ended or (memory.print and memory.print.print_id == request.print_id):
             return  # told before
+        now_s = self._clock.now()
+        if request.not_after_s is not None and now_s > request.not_after_s:
+            late_s = now_s - request.not_after_s
+            raise TooLate(
+                f"{self._printer}: the word to begin came {late_s:.0f} s too late: it may not any more"
+            )
         link, reason = self._link_state()
         if link is not LinkState.READY:
             raise AgentError(f"{self._printer} is {link}{': ' + reason if reason else ''}")
@@ -280,7 +291,6 @@ class Agent:
             raise AgentError(f"{self._printer}: its bed is not known to be clear: {self._board.doubt}")
         if request.filament is Filament.UNKNOWN:
             raise AgentError(f"{self._printer}: nobody knows where its filament is: load it first")
-        now_s = self._clock.now()
         shot = PrintSnapshot(
             print_id=request.print_id, phase=PrintPhase.SPOOLED, print_time_s=request.print_time_s
         )
@@ -296,7 +306,7 @@ class Agent:
             return
         shot = shot.model_copy(update={"lines": program.count, "started_s": now_s})
         self._journal.write(now_s, print=shot.model_dump(mode="json"), filament=request.filament.value)
-        self._record.begin(program, request.filament, extruded=False)
+        self._record.begin(program, request.filament, extruded=False, ends_by_s=request.ends_by_s)
 
     def _cleared(self, request: BedCleared) -> None:
         if self._board.session is not None:

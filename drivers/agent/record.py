@@ -66,7 +66,9 @@ class Record:
         if board.doubt is None and not board.simulated:
             board.doubt = UNWATCHED
 
-    def begin(self, program: Program | None, filament: Filament, extruded: bool) -> None:
+    def begin(
+        self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
+    ) -> None:
         """Open a print; without a program, recover from one that an agent left behind."""
         now_s, memory = self._clock.now(), self._journal.memory
         left = Fault.ESTOP if memory.look == ESTOPPED else Fault.AGENT_DIED
@@ -75,6 +77,7 @@ class Record:
         )
         session.extruded = extruded
         session.resets = not self._board.refuted
+        session.ends_by_s = ends_by_s
         self._program = program
         status = self._board.status()
         self._starved_before_s = status.starved_s if status is not None else 0.0
@@ -147,6 +150,7 @@ class Record:
             "reason": session.reason,
             "extruded": session.extruded,
             "ended_s": session.ended_s,
+            "ends_by_s": session.ends_by_s,
             "pause_ends_s": session.pause_ends_s if session.phase is PrintPhase.PAUSED else None,
             "starved_s": max(0.0, starved_s),
         }

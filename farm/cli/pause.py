@@ -42,6 +42,9 @@ def resume(places: Places, targets: Again = None) -> None:
     for target in targets or ():
         client.tell(f"{place_of(target)}/resume")
         print(f"{_named(target)}: goes on")
+    for item in client.status().todo:
+        if item.code == "hours":  # it goes on, but not to its end
+            print(item.text)
 
 
 def _named(target: str) -> str:

@@ -39,7 +39,7 @@ from farm.scheduling.spares import spare_printers
 from farm.services.again import Remade
 from farm.services.made import planned_event
 from farm.services.models import Inspected
-from farm.services.outlook import Rooms, may_begin, own_holds, plate_views, printer_views
+from farm.services.outlook import Rooms, Span, may_begin, own_holds, plate_views, printer_views, span
 from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.faults import OwnFault
@@ -202,11 +202,13 @@ class Core:
         self.settle()
 
     def _remind(self) -> None:
-        """Tell agents again what they were told while they were away."""
+        """Tell agents again what they were told while they were away, and when hours have changed."""
         for attempt in list(self.books.open_prints()):
             snapshot = self.snapshots.get(attempt.printer)
             if snapshot is not None:
-                for instruction in owed(attempt, snapshot):
+                view = self.view(attempt.printer)
+                ends_by_s = None if view is None else self.rules.ends_by_s(view, self.clock.now())
+                for instruction in owed(attempt, snapshot, ends_by_s):
                     if isinstance(instruction, ev.SendStart) and not self._may_begin(attempt):
                         continue
                     self._hands.perform(instruction)
@@ -216,20 +218,34 @@ class Core:
         views, now_s = self.printer_views(), self.clock.now()
         return self.books.outage is None and may_begin(attempt, self.books, views, self.rules, now_s)
 
-    def refused(self, print_id: str, reason: str) -> None:
-        """An agent would not start a print; where it still will not after several times, the print failed."""
+    def span(self, print_id: str) -> Span:
+        """When hours let a print begin and go on."""
+        views, now_s = self.printer_views(), self.clock.now()
+        return span(self.books.prints[print_id], self.books, views, self.rules, now_s)
+
+    def view(self, printer: str) -> PrinterView | None:
+        """A printer as the scheduler sees it; None where it is not used."""
+        sections = [section for section in self.fleet.printers if section.name == printer]
+        views = printer_views(sections, self.books, self.snapshots, self._room)
+        return views[0] if views else None
+
+    def refused(self, print_id: str, reason: str, late: bool = False) -> None:
+        """An agent would not start a print; where it still will not after several times, the print failed.
+
+        One that came too `late` was never begun, and its plate is given a printer by what holds now.
+        """
         attempt = self.books.prints[print_id]
         self._refusals[print_id] += 1
-        if attempt.state is not PrintState.ASSIGNED or self._refusals[print_id] < REFUSALS:
+        if attempt.state is not PrintState.ASSIGNED or not (late or self._refusals[print_id] >= REFUSALS):
             return
         now_s = self.clock.now()
         self.happened(
             ev.PrintEnded(
                 at_s=now_s,
                 print_id=print_id,
-                state=PrintState.FAILED,
-                fault=OwnFault.REFUSED,
-                reason=f"its agent would not start it: {reason}",
+                state=PrintState.CANCELLED if late else PrintState.FAILED,
+                fault=None if late else OwnFault.REFUSED,
+                reason=f"never begun: {reason}" if late else f"its agent would not start it: {reason}",
                 started_s=None,
                 ended_s=now_s,
                 extruded=False,

@@ -103,6 +103,10 @@ class Desk:
             raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
         if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
             raise Refused(f"{printer} is not paused")
+        view = self._core.view(printer)
+        away = None if wanted or view is None else self._core.rules.away(view, self._core.clock.now())
+        if away is not None:
+            raise Refused(away)
         at_s = self._core.clock.now()
         self._core.happened(ev.PauseAsked(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 

@@ -9,7 +9,7 @@ import logging
 import subprocess
 import time
 from collections import deque
-from collections.abc import Coroutine, Iterable
+from collections.abc import Callable, Coroutine, Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,10 +24,11 @@ from drivers.errors import AgentError, DriverError
 from drivers.heartbeat import Heartbeat, look_at
 from drivers.start import Start
 from farm.config import Fleet, PrinterSection
-from farm.daemon.translate import translate
+from farm.daemon.translate import on_its_clock, shift_s, translate
 from farm.errors import FarmError
 from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder
+from farm.services.outlook import Span
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 
@@ -39,6 +40,7 @@ _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach another host
 _PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 64 KiB
 _WAY = "way.json"  # in the folder of an agent on another host
+_START_S = 120.0  # wall seconds; a start that takes longer on its way is decided anew
 _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
@@ -79,7 +81,7 @@ class Ears(Protocol):
 
     def heard(self, snapshot: AgentSnapshot) -> None: ...
 
-    def refused(self, print_id: str, reason: str) -> None: ...
+    def refused(self, print_id: str, reason: str, late: bool) -> None: ...
 
 
 class Links:
@@ -127,12 +129,15 @@ class Links:
         for link in self._links.values():
             link.keep_alive()
 
-    def perform(self, instruction: ev.AnyInstruction, books: Books, files: Path) -> None:
+    def perform(
+        self, instruction: ev.AnyInstruction, books: Books, files: Path, span_of: Callable[[str], Span]
+    ) -> None:
         """Tell an agent; where it cannot be told now, its next snapshot shows that it still has to be."""
         match instruction:
             case ev.SendStart():
                 attempt = books.prints[instruction.print_id]
                 plate = books.plates[attempt.plate]
+                span = span_of(attempt.id)
                 request: m.Request = m.StartPrint(
                     id=0,
                     print_id=attempt.id,
@@ -140,7 +145,11 @@ class Links:
                     sha256=plate.sha256,
                     print_time_s=plate.print_time_s,
                     filament=m.Filament(books.printer(instruction.printer).filament),
+                    not_after_s=span.not_after_s,
+                    ends_by_s=span.ends_by_s,
                 )
+            case ev.SendEndBy():
+                request = m.EndPrintBy(id=0, print_id=instruction.print_id, ends_by_s=instruction.ends_by_s)
             case ev.SendCancel():
                 request = m.CancelPrint(id=0, print_id=instruction.print_id, reason=instruction.reason)
             case ev.SendPause():
@@ -194,6 +203,7 @@ class AgentLink:
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._ahead_s = 0.0  # our clock of the agent's
         self._stopping = False
 
     def start(self) -> None:
@@ -259,6 +269,7 @@ class AgentLink:
                         said = await anext(words, None)
                     if said is None:
                         break
+                    self._ahead_s = shift_s(said, self._clock)
                     if self._is_ours(said):
                         self._hear(self._up_to_date(translate(said, self._clock)))
                 log.info("%s: the connection to its agent is gone", self._name)
@@ -306,11 +317,12 @@ class AgentLink:
             if self._remote and isinstance(request, m.StartPrint) and request.gcode:
                 await self._upload(request.print_id, Path(request.gcode))
                 request = request.model_copy(update={"gcode": None})
-            reply = await self._client.request(request)
+            latest_s = self._clock.now() + _START_S * self._clock.scale
+            reply = await self._client.request(on_its_clock(request, self._ahead_s, latest_s))
             if reply.error:
                 log.warning("%s: %s refused: %s", self._name, request.do, reply.error)
                 if isinstance(request, m.StartPrint):
-                    self._ears.refused(request.print_id, reply.error)
+                    self._ears.refused(request.print_id, reply.error, reply.late)
         except (DriverError, FarmError) as error:
             log.warning("%s: %s", self._name, error)
         finally:

@@ -80,7 +80,7 @@ class Daemon:
         elif isinstance(instruction, ev.NameFiles):
             self._name_files(self._core.books.job(instruction.job))
         else:
-            self._links.perform(instruction, self._core.books, self._state.files)
+            self._links.perform(instruction, self._core.books, self._state.files, self._core.span)
 
     def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
         factors = {p.name: self._core.books.printer(p.name).time_factor for p in printers}

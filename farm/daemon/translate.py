@@ -20,14 +20,34 @@ _PHASES = {
 }
 
 
+def shift_s(said: m.Snapshot, clock: Clock) -> float:
+    """What the farm's clock is ahead of the agent's; 0 where that may be a word's way alone."""
+    late_s = clock.now() - said.now_s
+    return late_s if said.now_s and abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S else 0.0
+
+
+def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:
+    """A request with its moments on the agent's clock; a print begins by `latest_s` at the latest."""
+    match request:
+        case m.StartPrint(not_after_s=not_after_s, ends_by_s=ends_by_s):
+            latest_s = latest_s if not_after_s is None else min(latest_s, not_after_s)
+            moments = {"not_after_s": latest_s - shift_s}
+        case m.EndPrintBy(ends_by_s=ends_by_s):
+            moments = {}
+        case _:
+            return request
+    if ends_by_s is not None:
+        moments["ends_by_s"] = ends_by_s - shift_s
+    return request.model_copy(update=moments)
+
+
 def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
     """An agent's words in the farm's, and its moments on the farm's clock where its own is another."""
     attempt = None
-    late_s = clock.now() - said.now_s
-    shift_s = late_s if said.now_s and abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S else 0.0
+    ahead_s = shift_s(said, clock)
 
     def moment(at_s: float | None) -> float | None:
-        return None if at_s is None else at_s + shift_s
+        return None if at_s is None else at_s + ahead_s
 
     if said.print is not None:
         attempt = AgentPrint(
@@ -46,6 +66,7 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
             z_mm=said.print.z_mm,
             feature=said.print.feature,
             pause_ends_s=moment(said.print.pause_ends_s),
+            ends_by_s=moment(said.print.ends_by_s),
         )
     return AgentSnapshot(
         printer=said.printer,

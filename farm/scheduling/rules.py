@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from zoneinfo import ZoneInfo
@@ -18,6 +19,8 @@ GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
 """What must be on a reel beside a plate's grams: priming, and what a ledger does not see."""
 FIRST_LAYER_S = 3600.0
 """Before the end of the attended hours, for first layers that need somebody."""
+ENDED_BEFORE_S = 900.0
+"""Before the end of the attended hours, for a print that is ended: to cool, and to be seen to."""
 _FARTHEST_S = 15 * 86400.0
 
 
@@ -90,13 +93,12 @@ class Rules:
 
     def _attended(self, plate: PlateView, printer: PrinterView, at_s: float) -> Start | None:
         """When somebody comes, where somebody has to be there and is not, or not long enough."""
+        needed_s = self._attended_s(plate, printer)
+        if needed_s is None:
+            return None
+        asks = "first layers are printed only while somebody is there"
         if not printer.unattended:
             asks = f"{printer.name} prints only while somebody is there ({printer.why_attended})"
-            needed_s = plate.estimated_s * LATE
-        elif self.first_layers_attended:
-            asks, needed_s = "first layers are printed only while somebody is there", plate.first_layer_s
-        else:
-            return None
         span = self.attended.span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
@@ -106,6 +108,38 @@ class Rules:
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
         text = f"{asks}: from {self.words(then[0])}"
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
+
+    def _attended_s(self, plate: PlateView, printer: PrinterView) -> float | None:
+        """How long somebody has to be there from the start on; None: not at all."""
+        if not printer.unattended:
+            return plate.estimated_s * LATE + ENDED_BEFORE_S
+        return plate.first_layer_s if self.first_layers_attended else None
+
+    def latest_s(self, plate: PlateView, printer: PrinterView, at_s: float) -> float:
+        """Until when a plate that may start there at `at_s` still may; infinity where hours do not end it."""
+        quiet = self.quiet.following(at_s)
+        latest_s = math.inf if quiet is None else quiet[0] - plate.estimated_s * LATE
+        needed_s = self._attended_s(plate, printer)
+        span = None if needed_s is None else self.attended.span(at_s)
+        if needed_s is not None and span is not None:
+            latest_s = min(latest_s, span[1] - needed_s)
+        return latest_s
+
+    def ends_by_s(self, printer: PrinterView, at_s: float) -> float | None:
+        """When what prints there at `at_s` has to be ended; None where it may print on with nobody there."""
+        span = self.attended.span(at_s)
+        if printer.unattended or (span is not None and math.isinf(span[1])):
+            return None
+        return at_s if span is None else span[1] - ENDED_BEFORE_S
+
+    def away(self, printer: PrinterView, now_s: float) -> str | None:
+        """Why nothing may print on there now, in words; None where it may."""
+        ends_by_s = self.ends_by_s(printer, now_s)
+        if ends_by_s is None or now_s < ends_by_s:
+            return None
+        then = self.attended.following(now_s)
+        again = "" if then is None else f": from {self.words(then[0])}"
+        return f"{printer.name} prints only while somebody is there ({printer.why_attended}){again}"
 
     def evening_s(self, now_s: float) -> float | None:
         """When the night begins: the end of the attended hours, or earlier where first layers need somebody.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
@@ -108,6 +109,24 @@ def may_begin(
         return False
     start = rules.start(plate, printer, now_s)
     return start.at_s is not None and start.at_s <= now_s
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """When hours let a print begin and go on; None where they do not decide it."""
+
+    not_after_s: float | None
+    ends_by_s: float | None
+
+
+def span(attempt: Print, books: Books, printers: Iterable[PrinterView], rules: Rules, now_s: float) -> Span:
+    """Until when a print that may begin now may, and when what is printed there has to be ended."""
+    printer = next((p for p in printers if p.name == attempt.printer), None)
+    if printer is None:
+        return Span(None, None)
+    (plate,) = plate_views([books.plates[attempt.plate]], books)
+    latest_s = rules.latest_s(plate, printer, now_s)
+    return Span(None if math.isinf(latest_s) else latest_s, rules.ends_by_s(printer, now_s))
 
 
 def job_need(job: Job) -> Need:

@@ -275,6 +275,12 @@ class SendStart(Instruction):
     printer: str
 
 
+class SendEndBy(Instruction):
+    print_id: str
+    printer: str
+    ends_by_s: float | None
+
+
 class SendCancel(Instruction):
     print_id: str
     printer: str
@@ -307,4 +313,6 @@ class NameFiles(Instruction):
     job: int
 
 
-AnyInstruction = SendStart | SendCancel | SendPause | SendForget | SendCleared | StopPlanning | NameFiles
+AnyInstruction = (
+    SendStart | SendEndBy | SendCancel | SendPause | SendForget | SendCleared | StopPlanning | NameFiles
+)

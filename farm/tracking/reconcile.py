@@ -8,6 +8,9 @@ from farm.model import AgentSnapshot, Bed, FilamentState, Link, Print, Printer, 
 from farm.tracking import events as ev
 from farm.tracking.faults import OwnFault
 
+CLOCKS_APART_S = 60.0
+"""Moments on the clocks of two hosts that are no further apart are the same."""
+
 
 def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
     """What has happened to an open print, by its agent's word.
@@ -65,10 +68,17 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
         )
 
 
-def owed(attempt: Print, snapshot: AgentSnapshot) -> Iterator[ev.AnyInstruction]:
-    """What the agent of an open print has to be told (again): every message is idempotent by print id."""
+def owed(
+    attempt: Print, snapshot: AgentSnapshot, ends_by_s: float | None = None
+) -> Iterator[ev.AnyInstruction]:
+    """What the agent of an open print has to be told (again): every message is idempotent by print id.
+
+    `ends_by_s` is when the print has to be ended; None where it takes what it takes.
+    """
     said = snapshot.print
     if said is not None and said.print_id == attempt.id:
+        if not said.state.ended and not _same(said.ends_by_s, ends_by_s):
+            yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
         if attempt.cancel_asked is not None and not said.state.ended:
             reason = attempt.cancel_asked
             yield ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
@@ -79,6 +89,13 @@ def owed(attempt: Print, snapshot: AgentSnapshot) -> Iterator[ev.AnyInstruction]
         attempt.state is PrintState.ASSIGNED and attempt.cancel_asked is None and snapshot.link is Link.READY
     ):
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
+
+
+def _same(one_s: float | None, other_s: float | None) -> bool:
+    """Whether two moments are one, as far as clocks of two hosts can tell."""
+    if one_s is None or other_s is None:
+        return one_s is other_s
+    return abs(one_s - other_s) <= CLOCKS_APART_S
 
 
 def observe(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:

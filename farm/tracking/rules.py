@@ -31,7 +31,7 @@ from farm.tracking.consequences import (
     stop_print,
 )
 from farm.tracking.factor import learned
-from farm.tracking.faults import BY_PEOPLE, LOSSES, OwnFault
+from farm.tracking.faults import LOSSES, UNCHARGED, OwnFault
 from farm.tracking.outcome import Standing, printed
 from farm.tracking.reels import less, used_grams
 
@@ -227,7 +227,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         state=state,
         fault=fault,
         reason=reason,
-        charged=attempt.cancel_asked is None and fault not in BY_PEOPLE,
+        charged=attempt.cancel_asked is None and fault not in UNCHARGED,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=attempt.extruded or event.extruded,

@@ -29,6 +29,7 @@ from farm.paths import StateFolder
 from farm.tracking.account import job_account, took_s
 from farm.tracking.asks import asks
 from farm.tracking.books import Books
+from farm.tracking.deadlines import deadlines
 
 _PASSING_HOLDS = {
     HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
@@ -170,7 +171,7 @@ def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
 
 def todo(scene: Scene) -> list[api.Todo]:
     """What a person has to do now: look, connect, clear; each printer once."""
-    looks, absent, full, paused = [], [], [], []
+    looks, absent, full, ending = [], [], [], []
     outage = scene.books.outage
     if outage is not None:
         names = " ".join(outage.printers)
@@ -196,9 +197,11 @@ def todo(scene: Scene) -> list[api.Todo]:
             what = f"{section.name} {why}{_when(scene, section.name)}"
             text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
             looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
-        elif attempt is not None and attempt.state is PrintState.PAUSED:
-            paused += _resume(scene, attempt)
-        elif entry.bed is not Bed.CLEAR and attempt is None:
+        elif attempt is not None:
+            left_s = _print_remaining_s(scene, attempt, scene.books.plates[attempt.plate])
+            said, zone = _said(scene, attempt), scene.fleet.zone
+            ending += deadlines(attempt, said, left_s, scene.now_s, zone)
+        elif entry.bed is not Bed.CLEAR:
             full.append(section.name)
     clear = []
     if full:
@@ -206,7 +209,7 @@ def todo(scene: Scene) -> list[api.Todo]:
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
     own = [api.Todo(code="farm", printers=[], text=scene.warning)] if scene.warning else []
-    return [*own, *looks, *absent, *paused, *clear, *asks(scene.books)]
+    return [*own, *looks, *absent, *ending, *clear, *asks(scene.books)]
 
 
 def _when(scene: Scene, printer: str) -> str:
@@ -215,17 +218,6 @@ def _when(scene: Scene, printer: str) -> str:
     if last is None or last.state is not PrintState.FAILED or last.ended_s is None:
         return ""
     return datetime.fromtimestamp(last.ended_s, scene.fleet.zone).strftime(" %H:%M")
-
-
-def _resume(scene: Scene, attempt: Print) -> list[api.Todo]:
-    """That a pause has to be ended, and by when; nothing while it parks, or goes on already."""
-    said = _said(scene, attempt)
-    if not attempt.pause_asked or said is None or said.pause_ends_s is None:
-        return []
-    name = attempt.printer
-    by = datetime.fromtimestamp(said.pause_ends_s, scene.fleet.zone).strftime("%a %H:%M")
-    text = f"resume {name} by {by}, or its print is ended: `farm resume {name}`"
-    return [api.Todo(code="resume", printers=[name], text=text)]
 
 
 def _snapshot(scene: Scene, name: str) -> AgentSnapshot:

@@ -18,7 +18,7 @@ from drivers.agent.loop import Agent
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
-from drivers.errors import JournalError
+from drivers.errors import Fault, JournalError
 from drivers.profiles import PROFILES
 
 
@@ -31,7 +31,7 @@ class Driven(Agent):
         super()._push()
         self.do(self)
 
-    def start(self, gcode_path: Path, text: str) -> m.Reply:
+    def start(self, gcode_path: Path, text: str, **moments: float) -> m.Reply:
         gcode_path.write_text(text)
         digest = hashlib.sha256(text.encode()).hexdigest()
         request = m.StartPrint(
@@ -41,6 +41,8 @@ class Driven(Agent):
             sha256=digest,
             print_time_s=60.0,
             filament=m.Filament.PARKED,
+            not_after_s=moments.get("not_after_s"),
+            ends_by_s=moments.get("ends_by_s"),
         )
         return self._answer(request)
 
@@ -158,3 +160,34 @@ def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven)
     driven.do = do
     driven.run()
     assert "may still be hot" in str(refused[0])
+
+
+@pytest.mark.system
+def test_a_start_that_comes_too_late_is_refused_by_name_and_a_print_ends_by_its_hour_without_a_daemon(
+    driven: Driven, tmp_path: Path
+):
+    late: list[m.Reply] = []
+    failed: list[m.PrintSnapshot] = []
+
+    def do(agent: Driven) -> None:
+        told, now_s = agent.told, agent._clock.now()
+        if told.link is m.LinkState.READY and told.print is None:
+            late.append(agent.start(tmp_path / "a.gcode", gcode(20_000), not_after_s=now_s - 1.0))
+            assert agent.told.print is None
+            hours = {"not_after_s": now_s + 600.0, "ends_by_s": now_s + 10_000.0}
+            assert agent.start(tmp_path / "a.gcode", gcode(20_000), **hours).error is None
+        elif told.print is not None and told.print.phase is m.PrintPhase.PRINTING:
+            if told.print.ends_by_s is not None and told.print.ends_by_s > now_s:
+                agent._answer(m.EndPrintBy(id=3, print_id="another", ends_by_s=now_s))
+                assert agent.told.print == told.print
+                agent._answer(m.EndPrintBy(id=4, print_id="p-1", ends_by_s=now_s))
+        elif told.link is m.LinkState.READY and told.print is not None and told.print.phase.ended:
+            failed.append(told.print)
+            agent._answer(m.Shutdown(id=2))
+
+    driven.do = do
+    driven.run()
+    assert late[0].late and "too late" in str(late[0].error)
+    assert (failed[0].phase, failed[0].fault) == (m.PrintPhase.FAILED, Fault.HOURS_ENDED)
+    status = read_status(tmp_path / "emulator")
+    assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)

@@ -4,7 +4,7 @@ import re
 import tracemalloc
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.command import COMMAND_BYTES
@@ -248,6 +248,7 @@ HARD = st.builds(
 
 
 @given(st.lists(HARD, min_size=1, max_size=12), st.data())
+@settings(deadline=None)
 def test_what_is_taken_can_be_followed_line_by_line_and_never_ends_an_agent(
     lines: list[str], data: st.DataObject
 ):

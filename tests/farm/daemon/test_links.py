@@ -16,9 +16,11 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch
 from farm.config import Fleet
 from farm.daemon.links import Links
-from farm.daemon.translate import translate
+from farm.daemon.translate import on_its_clock, translate
+from farm.daemon.translate import shift_s as shift_s_of
 from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder
+from farm.services.outlook import Span
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 
@@ -33,8 +35,12 @@ class Ears:
     def heard(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def refused(self, print_id: str, reason: str) -> None:
+    def refused(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
+
+
+def no_span(_: str) -> Span:
+    return Span(None, None)
 
 
 @pytest.mark.system
@@ -89,6 +95,24 @@ def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: 
     heard = translate(said, clock).print
     assert heard is not None
     assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
+    assert shift_s_of(said, clock) == pytest.approx(shift_s, abs=30.0)
+
+
+def start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
+    facts = {"print_id": "p", "gcode": None, "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
+    return m.StartPrint.model_validate({"id": 0, **facts, "not_after_s": not_after_s, "ends_by_s": ends_by_s})
+
+
+def test_what_is_told_has_its_moments_on_the_agent_s_clock_and_a_start_is_never_without_one():
+    sent = on_its_clock(start(None, None), -3600.0, 1000.0)
+    assert sent == start(4600.0, None)
+    assert on_its_clock(start(500.0, 2000.0), -3600.0, 1000.0) == start(4100.0, 5600.0)
+    assert on_its_clock(start(5000.0, 2000.0), 0.0, 1000.0) == start(1000.0, 2000.0)
+    end = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
+    assert on_its_clock(end, 500.0, 1000.0) == end.model_copy(update={"ends_by_s": 1500.0})
+    free = end.model_copy(update={"ends_by_s": None})
+    for request in (free, m.Hello(id=0)):
+        assert on_its_clock(request, 500.0, 1000.0) == request
 
 
 @pytest.mark.system
@@ -114,7 +138,7 @@ def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent
         old = Links(fleet("old"), state, clock, ears)
         old.start(())
         await until(old, Link.FAULT)  # nobody has said that it may be opened
-        old.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
+        old.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path, no_span)
         await until(old, Link.READY)
         await old.close()
         ears.last = None
@@ -122,7 +146,7 @@ def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent
         new.start(())
         try:
             await until(new, Link.FAULT)
-            new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
+            new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path, no_span)
             await until(new, Link.READY)
             assert not alive(state.agent("old"))
             ended = old._links["old"]._process

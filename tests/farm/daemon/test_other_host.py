@@ -49,7 +49,7 @@ class Ears:
     def heard(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def refused(self, print_id: str, reason: str) -> None:
+    def refused(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
 

@@ -1,14 +1,16 @@
 """Hours, reels, the breaker, priorities and spares: nothing starts that must not, and all that can does."""
 
+import math
 from dataclasses import replace
 from datetime import datetime
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from farm.model import Bed, HoldCode
 from farm.scheduling.assign import assign
+from farm.scheduling.rules import ENDED_BEFORE_S
 from farm.scheduling.snapshot import Need
 from make_views import LOW, TALL, UTC, box, plate, printer, rules
 
@@ -78,12 +80,43 @@ def test_nothing_starts_that_the_house_forbids(waiting, fleet, house, now_s, spa
         assert quiet is None or now_s + what.estimated_s <= quiet[0]
         watched = house.attended.span(now_s)
         if not where.unattended:
-            assert watched is not None and now_s + what.estimated_s <= watched[1]
+            assert watched is not None and now_s + what.estimated_s + ENDED_BEFORE_S <= watched[1]
         elif house.first_layers_attended:
             assert watched is not None and now_s + what.first_layer_s <= watched[1]
 
 
 @given(plates, fleets, houses, moments)
+@settings(deadline=None)
+def test_what_may_start_now_may_start_until_its_latest_moment_and_not_after_it(waiting, fleet, house, now_s):
+    for what, where in ((w, p) for w in waiting for p in fleet):
+        at_s = house.start(what, where, now_s).at_s
+        if at_s is None:
+            continue
+        latest_s = house.latest_s(what, where, at_s)
+        for within_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
+            assert within_s < at_s or house.start(what, where, within_s).at_s == within_s
+        if latest_s < math.inf:
+            assert house.start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
+        ends_by_s = house.ends_by_s(where, at_s)
+        assert (ends_by_s is None) == (where.unattended or math.isinf(house.attended.span(at_s)[1]))
+        assert ends_by_s is None or at_s + what.estimated_s < ends_by_s
+
+
+def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_when_it_may_go_on():
+    house, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
+    assert house.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
+    assert house.away(alone, at("2026-11-20 17:44")) is None
+    says = "a prints only while somebody is there (so): from Mon 08:00"
+    assert house.away(alone, at("2026-11-20 17:45")) == says
+    assert house.away(alone, at("2026-11-21 03:00")) == says
+    assert house.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
+    assert rules().away(alone, FRIDAY) == "a prints only while somebody is there (so)"
+    assert house.away(printer("a"), at("2026-11-21 03:00")) is None
+    assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
+
+
+@given(plates, fleets, houses, moments)
+@settings(deadline=None)
 def test_no_printer_idles_for_want_of_a_better_order(waiting, fleet, house, now_s):
     """Against brute force: as many plates start as can, and the first of the queue among them."""
     waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]

@@ -1,0 +1,136 @@
+"""Printers that print only while somebody is there, from the evening's end to the next morning."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from farm.errors import Refused
+from farm.model import AgentPrint, AgentSnapshot, Bed, JobOptions, Link, PrintState
+from farm.paths import StateFolder
+from farm.services.planning import Plan
+from farm.tracking import events as ev
+from farm.tracking.view import todo
+from make_books import plan as planned
+from one_core import MODEL, Farm
+
+STATE = StateFolder(Path("/state"))
+
+
+def at(text):
+    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+
+
+class Clock:
+    """Stands still until it is set."""
+
+    scale = 1.0
+
+    def __init__(self, now_s):
+        self.now_s = now_s
+
+    def now(self):
+        return self.now_s
+
+
+FRIDAY, STOP = at("2026-11-20 17:00"), at("2026-11-20 17:45")
+
+
+@pytest.fixture
+def farm(tmp_path):
+    """A job of one part; nothing resets the board of `a`, and `b` is not there."""
+    farm = Farm(tmp_path, timezone="UTC", attended=["mon-fri 08:00-18:00"])
+    farm.core.clock, farm.core.since_s = Clock(FRIDAY), FRIDAY - 3600.0
+    farm.ready("a", reset_verified=False)
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    event = planned(1, 1)
+    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    return farm
+
+
+def word(farm, state=PrintState.PRINTING, **changes):
+    """What the agent of `a` says of its print."""
+    attempt = farm.core.books.open_print_on("a")
+    facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+    facts |= {"started_s": FRIDAY, "ended_s": None, "ends_by_s": STOP, **changes}
+    said = AgentPrint(print_id=attempt.id, state=state, **facts)
+    farm.core.heard(AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=said))
+    return attempt
+
+
+def asked(farm):
+    return [item for item in todo(farm.core.scene(STATE)) if item.code in ("hours", "resume")]
+
+
+def test_a_print_is_told_until_when_it_may_begin_and_when_it_ends(farm):
+    attempt = farm.core.books.open_print_on("a")
+    span = farm.core.span(attempt.id)
+    needed_s = farm.core.books.plates[attempt.plate].estimated_s * 1.05
+    assert span.not_after_s == pytest.approx(STOP - needed_s)
+    assert span.ends_by_s == STOP
+
+
+def test_hours_that_are_changed_in_a_print_are_told_to_its_agent(farm):
+    attempt = word(farm)
+    told = [i for i in farm.hands.told if isinstance(i, ev.SendEndBy)]
+    assert told == []
+    word(farm, ends_by_s=STOP - 3600.0)
+    assert farm.hands.told[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
+    word(farm, ends_by_s=None)
+    assert farm.hands.told[-1].ends_by_s == STOP
+    before = len(farm.hands.told)
+    word(farm, PrintState.ENDING)
+    assert len(farm.hands.told) == before
+
+
+def test_a_start_that_came_too_late_was_never_begun_and_its_plate_waits_for_its_hour(farm):
+    attempt = farm.core.books.open_print_on("a")
+    farm.core.clock.now_s = at("2026-11-20 19:00")
+    farm.core.refused(attempt.id, "it came too late", late=True)
+    late = farm.core.books.prints[attempt.id]
+    assert (late.state, late.fault) == (PrintState.CANCELLED, None)
+    assert "too late" in late.reason
+    assert farm.core.books.printer("a").bed is Bed.CLEAR and farm.core.books.printer("a").look is None
+    (plate,) = farm.core.books.waiting_plates()
+    assert "from Mon 08:00" in plate.hold.text
+    farm.core.clock.now_s = at("2026-11-23 08:00")
+    farm.core.settle()
+    assert farm.core.books.open_print_on("a").plate == late.plate
+
+
+def test_what_cannot_end_in_its_hours_is_said_before_it_is_ended(farm):
+    word(farm)
+    assert asked(farm) == []
+    word(farm, progress_s=10.0, print_time_s=90.0)
+    farm.core.clock.now_s = STOP - 20.0
+    (item,) = asked(farm)
+    assert item.code == "hours" and item.printers == ["a"]
+    assert "is ended at Fri 17:45" in item.text and "attended" in item.text
+    word(farm, PrintState.ENDING)
+    assert asked(farm) == []
+
+
+def test_a_pause_is_resumed_while_somebody_is_there_and_not_afterwards(farm):
+    word(farm)
+    farm.desk.pause_printer("a", True, "ann")
+    word(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)
+    assert [item.text for item in asked(farm)] == [
+        "resume a by Fri 17:45, or its print is ended: `farm resume a`"
+    ]
+    farm.core.clock.now_s = at("2026-11-20 19:00")
+    with pytest.raises(Refused, match=r"only while somebody is there .*: from Mon 08:00"):
+        farm.desk.pause_printer("a", False, "ann")
+    farm.core.clock.now_s = STOP - 60.0
+    farm.desk.pause_printer("a", False, "ann")
+    assert not farm.core.books.open_print_on("a").pause_asked
+
+
+def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the_morning(farm):
+    attempt = word(farm)
+    ended = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
+    word(farm, PrintState.FAILED, **ended)
+    books = farm.core.books
+    assert not books.prints[attempt.id].charged
+    assert books.printer("a").look == "nobody was to be there any more"
+    assert books.printer("a").bed is Bed.NOT_CLEAR
+    assert [plate.id for plate in books.waiting_plates()] == [attempt.plate]
