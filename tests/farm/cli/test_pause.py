@@ -18,9 +18,7 @@ class Daemon:
         return path
 
     def status(self) -> api.Status:
-        hours = api.Todo(
-            code="hours", printers=["a"], text="a needs until Fri 19:00"
-        )
+        hours = api.Todo(code="hours", printers=["a"], text="a needs until Fri 19:00")
         clear = api.Todo(code="clear", printers=["b"], text="clear 1 bed: b")
         return api.Status.model_construct(todo=[hours, clear])
 
