@@ -111,7 +111,7 @@ class Problem:
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if self.options.prove:
-            bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, chosen, makespan_s).seconds)
+            bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, makespan_s).seconds)
         return GridFigures(makespan_s, bound_s, grid.shape)
 
     def rooms_of(self, piece: Piece) -> tuple[PrinterRoom, ...]:
