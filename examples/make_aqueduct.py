@@ -5,6 +5,7 @@ Usage: python examples/make_aqueduct.py OUT.stl
 
 from __future__ import annotations
 
+import argparse
 import math
 import sys
 from pathlib import Path
@@ -87,20 +88,20 @@ def aqueduct() -> Solid:
 
 
 def main() -> int:
-    if len(sys.argv) != 2:
-        print("usage: python examples/make_aqueduct.py OUT.stl", file=sys.stderr)
-        return 2
+    parser = argparse.ArgumentParser(description="Make the example model: a Roman aqueduct of three tiers.")
+    parser.add_argument("out", type=Path, metavar="OUT.stl", help="the STL file")
+    out = parser.parse_args().out
     try:
         solid = aqueduct()
         corners = single_precision(*solid.arrays())
         if corners is None:
             raise DecomposeError("the aqueduct is not closed in single precision; change its measures")
-        write_stl(Path(sys.argv[1]), corners)
+        write_stl(out, corners)
     except (DecomposeError, OSError) as error:
-        print(f"{sys.argv[1]}: {error}", file=sys.stderr)
+        print(f"{out}: {error}", file=sys.stderr)
         return 1
     size = " x ".join(f"{v:.0f}" for v in np.ptp(solid.bounds_mm, axis=0))
-    print(f"{sys.argv[1]}: an aqueduct, {size} mm, {solid.volume_mm3 / 1000.0:.0f} cm3")
+    print(f"{out}: an aqueduct, {size} mm, {solid.volume_mm3 / 1000.0:.0f} cm3")
     return 0
 
 

@@ -269,6 +269,12 @@ class ClearedRequest(_View):
     why: str | None = Field(default=None, max_length=200)
 
 
+class Cleared(_View):
+    """A bed was cleared; what was bad there is printed again, unless nobody wants it any more."""
+
+    again: str | None  # the part
+
+
 class Named(_View):
     """The part, or the printer, that was meant."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import yaml
@@ -20,12 +20,20 @@ from pydantic import (
 )
 
 from farm.errors import FleetFileError
+from farm.mistakes import Misplaced, Place, in_words, line_of, place_of, written, written_twice
 from farm.windows import Window, parse_window
 
 SIMULATED = "sim://"
 _FORWARDED = "rfc2217://"
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,40}$")]
+_HOW = {
+    "name": "letters, digits, '.', '_' and '-', 41 at most, the first a letter or a digit",
+    "host": "a host as ssh knows it, like user@pc-b",
+    "group": "a group of this host, like farm",
+    "operators": "a group of this host, like farm-staff",
+}
+"""How the keys are written that have a pattern."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -33,7 +41,7 @@ Positive = Annotated[float, Field(gt=0)]
 def _windows(written: object) -> object:
     """One window or a list of them, each as a person writes it."""
     lines = written if isinstance(written, list | tuple) else [written]
-    return tuple(parse_window(line) if isinstance(line, str) else line for line in lines)
+    return tuple(line if isinstance(line, Window) else parse_window(str(line)) for line in lines)
 
 
 Windows = Annotated[tuple[Window, ...], BeforeValidator(_windows)]
@@ -70,7 +78,7 @@ class FleetSection(_Section):
     @model_validator(mode="after")
     def _somebody_comes(self) -> Self:
         if self.first_layers_attended and not self.attended:
-            raise ValueError("first_layers_attended needs `attended`: when is somebody there?")
+            raise Misplaced("needs `attended`: when is somebody there?", "fleet", "first_layers_attended")
         return self
 
     @field_validator("timezone")
@@ -120,7 +128,7 @@ class PrinterSection(_Section):
     @model_validator(mode="after")
     def _simulates_itself(self) -> Self:
         if self.simulated and self.port.removeprefix(SIMULATED).partition("?")[0] != self.model:
-            raise ValueError(f"port {self.port} simulates another model than {self.model}")
+            raise ValueError(f"{self.name}: port {self.port} simulates another model than {self.model}")
         return self
 
 
@@ -134,27 +142,32 @@ class Fleet(_Section):
     def _consistent(self) -> Self:
         names: set[str] = set()
         ports: dict[Path | str, str] = {}
-        for printer in self.printers:
+        for number, printer in enumerate(self.printers):
+            place = ("printers", number)
             if printer.name in names:
-                raise ValueError(f"two printers are named {printer.name}: each needs a name of its own")
+                twice = f"two printers are named {printer.name}: each needs a name of its own"
+                raise Misplaced(twice, *place, "name")
             names.add(printer.name)
             if not printer.unattended and not self.fleet.attended:
-                raise ValueError(
-                    f"{printer.name} has `unattended: false`: say `attended` hours under `fleet`"
-                )
+                nobody = f"{printer.name} has `unattended: false`: say `attended` hours under `fleet`"
+                raise Misplaced(nobody, *place, "unattended")
             if printer.simulated:
                 continue
             here = printer.host is None and printer.port.startswith("/")
             port = Path(printer.port).resolve() if here else f"{printer.host}:{printer.port}"
             if port in ports:
-                raise ValueError(
+                raise Misplaced(
                     f"{ports[port]} and {printer.name} are on one port ({printer.port}): "
-                    "a port belongs to one printer; see `ls -l /dev/serial/by-path`"
+                    "a port belongs to one printer; see `ls -l /dev/serial/by-path`",
+                    *place,
+                    "port",
                 )
             ports[port] = printer.name
         if self.fleet.time_scale != 1 and not all(printer.simulated for printer in self.printers):
-            raise ValueError(
-                "time_scale must be 1 unless every port is sim://: a real printer has no fast clock"
+            raise Misplaced(
+                "must be 1 unless every port is sim://: a real printer has no fast clock",
+                "fleet",
+                "time_scale",
             )
         return self
 
@@ -203,11 +216,15 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
         raise FleetFileError(f"{where}: not YAML: {getattr(error, 'problem', None) or error}") from error
+    twice = written_twice(node)
+    if twice is not None:
+        raise FleetFileError(_mistake(path, node, twice, "is written twice"))
     if not isinstance(raw, dict) or not isinstance(raw.get("printers"), list):
         raise FleetFileError(f"{path}: needs a list `printers`; see the example in the README")
     defaults = raw.pop("defaults", None) or {}
     if not isinstance(defaults, dict):
-        raise FleetFileError(f"{path}:{_line(node, ('defaults',))}: `defaults` must hold printer keys")
+        raise FleetFileError(f"{path}:{line_of(node, ('defaults',))}: `defaults` must hold printer keys")
+    raw = {str(key): value for key, value in raw.items() if value is not None}
     raw["printers"] = [
         {**defaults, **printer} if isinstance(printer, dict) else printer for printer in raw["printers"]
     ]
@@ -227,61 +244,29 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
     return fleet
 
 
-def _mistake(path: Path, node: yaml.Node | None, place: tuple[str | int, ...], message: str) -> str:
+def _mistake(path: Path, node: yaml.Node | None, place: Place, message: str) -> str:
     """One line: the file, the line where a person wrote it, the field, and what is wrong."""
-    written = _written(node, place)
-    field = ".".join(map(str, written))
-    return f"{path}:{_line(node, written)}: " + (f"{field}: {message}" if field else message)
+    where = written(node, place)
+    field = ".".join(map(str, where))
+    return f"{path}:{line_of(node, where)}: " + (f"{field}: {message}" if field else message)
 
 
 def _first_mistake(path: Path, node: yaml.Node | None, error: ValidationError) -> str:
     first = error.errors()[0]
-    place = _written(node, first["loc"])
+    place = place_of(first)
     if first["type"] == "extra_forbidden":
-        owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
-        owners |= {"printers": PrinterSection, "defaults": PrinterSection}
-        owner = owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
-        if place[:2] == ("fleet", "compute") and len(place) > 2:
-            owner = ComputeSection
-        message = f"unknown key; known are {', '.join(owner.model_fields)}"
+        section = _section(written(node, place))
+        known = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
+        message = f"unknown key; known are {', '.join(known)}"
     else:
-        message = first["msg"].removeprefix("Value error, ")
-    return _mistake(path, node, first["loc"], message)
+        message = in_words(first, _HOW.get(str(place[-1])) if place else None)
+    return _mistake(path, node, place, message)
 
 
-def _written(node: yaml.Node | None, place: tuple[str | int, ...]) -> tuple[str | int, ...]:
-    """Where a person wrote what is found at `place`: a printer's key may stand in `defaults`."""
-    if len(place) < 3 or place[0] != "printers":
-        return place
-    own = _find(node, place[:2])
-    shared = _find(node, ("defaults",))
-    if any(key == place[2] for key, _ in _children(own)):
-        return place
-    return ("defaults", *place[2:]) if any(key == place[2] for key, _ in _children(shared)) else place
-
-
-def _find(node: yaml.Node | None, place: tuple[str | int, ...]) -> yaml.Node | None:
-    for step in place:
-        node = next((child for key, child in _children(node) if key == step), None)
-    return node
-
-
-def _line(node: yaml.Node | None, place: tuple[str | int, ...]) -> int:
-    """The line (from 1) of the deepest node on the way to `place`."""
-    line = 1
-    for step in place:
-        for key, child in _children(node):
-            if key == step:
-                node = child
-                line = child.start_mark.line + 1
-                break
-        else:
-            break
-    return line
-
-
-def _children(node: yaml.Node | None) -> Iterator[tuple[Any, yaml.Node]]:
-    if isinstance(node, yaml.MappingNode):
-        yield from ((key.value, value) for key, value in node.value)
-    elif isinstance(node, yaml.SequenceNode):
-        yield from enumerate(node.value)
+def _section(place: Place) -> type[BaseModel]:
+    """What a key stands in."""
+    if place[:2] == ("fleet", "compute") and len(place) > 2:
+        return ComputeSection
+    owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
+    owners |= {"printers": PrinterSection, "defaults": PrinterSection}
+    return owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet

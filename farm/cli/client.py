@@ -42,8 +42,9 @@ class Client:
     def cancel(self, number: int) -> api.JobStatus:
         return api.JobStatus.model_validate(self._call("POST", f"/jobs/{number}/cancel"))
 
-    def cleared(self, printer: str, request: api.ClearedRequest) -> None:
-        self._call("POST", f"/printers/{printer}/cleared", body=request)
+    def cleared(self, printer: str, request: api.ClearedRequest) -> api.Cleared:
+        answer = self._call("POST", f"/printers/{printer}/cleared", body=request)
+        return api.Cleared.model_validate(answer)
 
     def history(self, job: int | None, printer: str | None, last: int) -> api.History:
         asked = {"job": job, "printer": printer, "last": last}

@@ -45,7 +45,7 @@ def patiently(ask: Callable[[], T]) -> T:
 def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
     """Follow a job until its last part is printed, or until it ends otherwise. Ctrl-C leaves it running."""
     console = Console(stderr=True)
-    lines = _Lines(console, quiet)
+    lines = Lines(console, quiet)
     columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
     with Progress(*columns, console=console, disable=quiet or not sys.stderr.isatty()) as bar:
         task = bar.add_task(f"job {number}", total=1.0, text="")
@@ -60,7 +60,7 @@ def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
             time.sleep(_EVERY_S)
 
 
-class _Lines:
+class Lines:
     """Says each thing once, when it becomes true."""
 
     def __init__(self, console: Console, quiet: bool) -> None:

@@ -65,8 +65,9 @@ def cleared(
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet_now)}")
     request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why)
     for printer in printers:
-        client.cleared(printer, request)
-        print(f"{printer}: bed clear" + ("; its part is printed again" if request.bad else ""))
+        again = client.cleared(printer, request).again
+        lay = f"part {again} is printed again" if again else "its part is not printed again: it was cancelled"
+        print(f"{printer}: bed clear" + (f"; {lay}" if request.bad else ""))
 
 
 @placed

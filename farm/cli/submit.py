@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 from pydantic import ValidationError
+from rich.console import Console
 
 from farm import api
 from farm.cli import follow, night, render
@@ -102,11 +103,13 @@ def _end_as(job: api.JobView) -> None:
 
 def _dry_run(client: Client, number: int, json: bool) -> None:
     """Show a job's plan and its night, and take the job back, whatever becomes of it."""
+    lines = follow.Lines(Console(stderr=True), quiet=json)
     try:
         while True:
             job = follow.patiently(lambda: client.job(number)).job
             if job.state not in (JobState.QUEUED, JobState.PLANNING):
                 break
+            lines.tell(job)
             if job.waits_for_person and job.hold is not None:
                 raise Refused(f"it cannot be planned now: {job.hold.text}")
             time.sleep(_EVERY_S)

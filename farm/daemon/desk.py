@@ -49,19 +49,23 @@ class Desk:
         filament: FilamentState | None,
         verdict: Verdict = Verdict.GOOD,
         why: str | None = None,
-    ) -> None:
-        """A person cleared a bed, and says how what was printed on it is."""
+    ) -> str | None:
+        """A person cleared a bed, and says how what lay there is. Returns a part that is printed again."""
         books = self._core.books
         books.printer(printer)
         if books.open_print_on(printer) is not None:
             raise Refused(f"{printer} is printing: its bed cannot be clear")
-        if verdict is Verdict.BAD and books.to_judge(printer) is None:
+        judged = books.to_judge(printer)
+        if verdict is Verdict.BAD and judged is None:
             raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
         self._happened(
             lambda at_s: ev.BedCleared(
                 at_s=at_s, printer=printer, by=by, filament=filament, verdict=verdict, why=why
             )
         )
+        plate = None if judged is None else self._core.books.plates[judged.plate]
+        again = plate is not None and self._core.books.standing(plate) in _COMING
+        return plate.parts[0] if plate is not None and again else None
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
         """Print a part again, whatever became of it. Returns its name."""
@@ -188,9 +192,9 @@ def add_desk(app: FastAPI, desk: Desk) -> None:
     """The routes of what people ask of prints, parts and printers."""
 
     @app.post("/printers/{name}/cleared")
-    async def cleared(name: str, request: api.ClearedRequest, by: ByOperator) -> None:
+    async def cleared(name: str, request: api.ClearedRequest, by: ByOperator) -> api.Cleared:
         verdict = Verdict.BAD if request.bad else Verdict.GOOD
-        desk.cleared(name, by, request.filament, verdict, request.why)
+        return api.Cleared(again=desk.cleared(name, by, request.filament, verdict, request.why))
 
     @app.post("/printers/{name}/pause")
     async def pause(name: str, by: By) -> None:

@@ -42,6 +42,7 @@ log = logging.getLogger(__name__)
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _SETTLE_S = 1.0
 _NOTIFY_S = 2.0
+_FORGET_S = 5.0
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
@@ -135,6 +136,8 @@ class Daemon:
         timers.every(_WATCH_S, "watch agents", self._links.watch)
         timers.every(_SETTLE_S, "settle", self._turn)
         timers.every(_NOTIFY_S, "notify", self._notify)
+        forgotten = app.state.dry_runs.end_forgotten
+        timers.every(_FORGET_S, "dry runs", lambda: forgotten(time.monotonic()))
         timers.start()
         await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
         try:

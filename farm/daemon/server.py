@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 import uuid
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -19,6 +20,7 @@ from farm.daemon.ahead import Ahead, add_ahead
 from farm.daemon.core import Core
 from farm.daemon.desk import Desk, add_desk
 from farm.daemon.people import By, ByOperator
+from farm.daemon.tried import DryRuns
 from farm.daemon.workers import Workers
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.model import JobOptions
@@ -52,6 +54,7 @@ def make_app(
     """The application; `down(now)` ends the farm."""
     app = FastAPI(title="farm", version=farm.__version__)
     app.state.core = core
+    app.state.dry_runs = DryRuns(core)
     desk = Desk(core)
 
     def daemon(scene: Scene) -> api.DaemonView:
@@ -112,6 +115,7 @@ def make_app(
 
     @app.get("/jobs/{number}")
     async def job(number: int) -> api.JobStatus:
+        app.state.dry_runs.asked(number, time.monotonic())
         scene = core.scene(state)
         return api.JobStatus(daemon=daemon(scene), job=job_view(scene, core.books.job(number)))
 

@@ -11,7 +11,7 @@ def asks(books: Books) -> list[api.Todo]:
     """Plans to be approved, and reels that are too short for what waits; each reel once."""
     found = []
     for job in books.jobs.values():
-        if job.state is JobState.HELD:
+        if job.state is JobState.HELD and not job.options.dry_run:
             grams = sum(plate.grams for plate in books.plates_of(job))
             what = f"job {job.id} ({len(job.parts)} parts, {grams / 1000:.2g} kg)"
             text = f"approve {what}: `farm approve {job.id}`"

@@ -38,7 +38,7 @@ def due(books: Books, now_s: float, since_s: float, told: Collection[str]) -> li
 
 def _jobs(books: Books) -> Iterator[Notice]:
     for job in books.jobs.values():
-        if job.ended_s is None:
+        if job.ended_s is None or job.options.dry_run:
             continue
         what = f"job {job.id} ({job.name})"
         if job.state in (JobState.PRINTED, JobState.DONE):

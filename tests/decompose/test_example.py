@@ -46,6 +46,8 @@ def test_aqueduct(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> 
 
 def test_usage_and_a_place_that_cannot_be_written(tmp_path: Path) -> None:
     assert make().returncode == 2
+    assert "usage" in make("--help").stdout
+    assert not (ROOT / "--help").exists()
     done = make(str(tmp_path / "no" / "such" / "folder.stl"))
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 1

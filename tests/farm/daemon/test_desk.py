@@ -125,6 +125,15 @@ def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
         desk.maintained("a", "ann")
 
 
+@pytest.mark.parametrize("cancelled", [False, True])
+def test_what_is_bad_is_printed_again_unless_its_job_was_cancelled(farm, cancelled):
+    ends(farm, "a")
+    if cancelled:
+        farm.desk.cancel_job(1, "ann")
+    again = farm.desk.cleared("a", "ann", None, Verdict.BAD, "warped")
+    assert again == (None if cancelled else "1/p01")
+
+
 def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
     ends(farm, "a")
     farm.desk.cleared("a", "ann", None, Verdict.BAD, "warped")
