@@ -210,7 +210,7 @@ class _ByClass(exact.Search):
                 seconds=quickest * np.min([boxes.seconds for boxes in each], axis=0),
                 pieces=np.max([boxes.pieces for boxes in each], axis=0),
             )
-            proven = makespan_bound(best, grid.needed, len(problem.printers), list(cut), makespan_s)
+            proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
             least_s = max(least_s, proven.seconds)
         return GridFigures(makespan_s, least_s, grid.shape)
 
