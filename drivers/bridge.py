@@ -1,8 +1,9 @@
 """An agent on another host: ``ssh HOST python -m drivers.bridge``, kept up by the daemon.
 
 The first line on stdin says what to do, as JSON (`Errand`). To serve is to start the agent where none lives
-and then to carry bytes between stdin, stdout and the agent's socket, until one of them ends. The agent is in
-a session of its own: a bridge that breaks, as networks do, is nothing to it, and the next one finds it.
+and then to carry bytes between stdin, stdout and the agent's socket, until one of them ends; to reach it is
+the same, but none is started. The agent is in a session of its own: a bridge that breaks, as networks do, is
+nothing to it, and the next one finds it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ SSH = (
     "ssh -T -o BatchMode=yes -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3 "
     "-o ControlMaster=no -o ControlPath=none"
 )
+NOBODY = "no agent lives there"
 _CONNECT_S = 30.0
 _STOP_S = 200.0
 _LOOK_S = 0.5
@@ -39,6 +41,7 @@ class Do(StrEnum):
     """What a bridge is for."""
 
     SERVE = "serve"
+    REACH = "reach"  # the same where an agent lives
     STOP = "stop"  # the emergency stop
 
 
@@ -110,6 +113,8 @@ def serve(errand: Errand, folder: Path) -> None:
     """
     start = errand.start
     if not client.alive(folder):
+        if errand.do is Do.REACH:
+            raise AgentError(f"{start.printer}: {NOBODY}")
         client.spawn(start.printer, start.model, start.port, folder, start.clock, start.power_off_cmd)
     with _connect(folder) as agent:
         heartbeat = Heartbeat()

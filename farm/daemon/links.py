@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import json
 import logging
 import subprocess
 import time
@@ -22,9 +21,9 @@ from drivers.emulator.launch import Command, control
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError
 from drivers.heartbeat import Heartbeat, look_at
-from drivers.start import Start
 from farm.config import Fleet, PrinterSection
 from farm.daemon.translate import on_its_clock, shift_s, translate
+from farm.daemon.ways import Way, forget, kept_way, reaching
 from farm.errors import FarmError
 from farm.model import AgentSnapshot, Link
 from farm.paths import StateFolder
@@ -39,41 +38,9 @@ _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach another host
 _PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 64 KiB
-_WAY = "way.json"  # in the folder of an agent on another host
 _START_S = 120.0  # wall seconds; a start that takes longer on its way is decided anew
 _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
-
-
-def _way(section: PrinterSection, farm: str, clock: Clock) -> tuple[list[str], bytes] | None:
-    """The way to an agent on another host; None where it lives on this one."""
-    if section.host is None:
-        return None
-    start = Start(
-        section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
-    )
-    errand = bridge.Errand(bridge.Do.SERVE, farm, start)
-    return bridge.words(section.host, section.host_command), errand.line()
-
-
-def _kept_way(
-    folder: Path, section: PrinterSection | None, farm: str, clock: Clock
-) -> tuple[list[str], bytes] | None:
-    """The way of a printer of the fleet; of one that was taken out while it prints, the one it had."""
-    kept = folder / _WAY
-    if section is None:
-        try:
-            words, errand = json.loads(kept.read_text())
-        except (OSError, ValueError):
-            return None
-        return words, errand.encode()
-    way = _way(section, farm, clock)
-    if way is None:
-        kept.unlink(missing_ok=True)
-    else:
-        folder.mkdir(parents=True, exist_ok=True)
-        kept.write_text(json.dumps((way[0], way[1].decode())))
-    return way
 
 
 class Ears(Protocol):
@@ -112,17 +79,27 @@ class Links:
     async def _end_strangers(self) -> None:
         """End idle agents of printers that are no longer in the fleet: another name may need their ports."""
         for folder in sorted((self._state.root / "agents").glob("*/")):
-            if folder.name in self._links or not alive(folder):
+            if folder.name in self._links:
                 continue
-            client = AgentClient(folder)
-            try:
-                await client.connect()
-                reply = await client.request(m.Shutdown(id=0))
-                log.info("%s is not in the fleet: its agent %s", folder.name, reply.error or "ends")
-            except DriverError as error:
+            way = reaching(kept_way(folder, None, "", self._clock))
+            if way is not None or alive(folder):
+                await self._end_stranger(folder, way)
+
+    async def _end_stranger(self, folder: Path, way: Way | None) -> None:
+        client, ended = AgentClient(folder, way), False
+        try:
+            await client.connect()
+            reply = await client.request(m.Shutdown(id=0))
+            log.info("%s is not in the fleet: its agent %s", folder.name, reply.error or "ends")
+            ended = reply.error is None
+        except DriverError as error:
+            ended = bridge.NOBODY in str(error)
+            if not ended:
                 log.warning("%s is not in the fleet, and its agent does not answer: %s", folder.name, error)
-            finally:
-                await client.close()
+        finally:
+            await client.close()
+        if ended:
+            forget(folder)
 
     def watch(self) -> None:
         """Start what has died."""
@@ -195,7 +172,7 @@ class AgentLink:
         self._folder = state.agent(name)
         self._clock = clock
         self._ears = ears
-        way = _kept_way(self._folder, section, farm, clock)
+        way = kept_way(self._folder, section, farm, clock)
         self._remote = way is not None
         self._heartbeat = Heartbeat()
         self._client = AgentClient(self._folder, way, self._heartbeat.heard)

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -25,9 +25,9 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import AgentError
 from drivers.start import Start
-from farm.config import PrinterSection
+from farm.config import Fleet, PrinterSection
 from farm.daemon import links
-from farm.daemon.links import AgentLink
+from farm.daemon.links import AgentLink, Links
 from farm.model import AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 
@@ -273,6 +273,45 @@ def test_a_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_
     way.cut()
     done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
     assert done.returncode == 1 and "a: cannot be stopped: pc-b:" in done.stdout, done
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("way", [Pipe], indirect=True)
+def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_and_none_is_started_for_that(
+    tmp_path: Path, way: Any
+):
+    command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.bridge"
+    there = tmp_path / "there" / "farm-agents" / "test" / "a"
+    state, clock = StateFolder(tmp_path / "here"), Clock(SCALE, time.time())
+    state.make()
+    kept = state.agent("a") / "way.json"
+
+    def farm(*names: str) -> Links:
+        facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
+        printers = [{"name": "b", "enabled": False, **facts}, *({"name": n, **facts} for n in names)]
+        raw = {"fleet": {"name": "test"}, "printers": printers}
+        return Links(Fleet.model_validate(raw), state, clock, Ears())
+
+    async def until(seen: Callable[[], bool]) -> None:
+        async with asyncio.timeout(DEADLINE_S):
+            while not seen():
+                await asyncio.sleep(0.05)
+
+    async def story() -> None:
+        before = farm("a")
+        before.start(())
+        await until(lambda: alive(there))
+        await before.close()
+        for _ in range(2):  # the second time nobody lives there any more
+            kept_way = kept.read_text()
+            after = farm()
+            after.start(())
+            await until(lambda: not kept.exists())
+            await until(lambda: not alive(there))
+            await after.close()
+            kept.write_text(kept_way)
+
+    asyncio.run(story())
 
 
 def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():
