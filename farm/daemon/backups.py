@@ -123,6 +123,8 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
         if copies(state) and not (state.books.is_file() and state.books.stat().st_size):
             raise DamagedBooks(f"the books {state.books} are gone")
         store = Store(state.books)
+        if store.copied_s is not None:
+            log.error("the books %s do not know what was after %.0f s", state.books, store.copied_s)
         return store, store.copied_s
     except DamagedBooks as error:
         damage = error
@@ -134,7 +136,7 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
             log.error("the copy %s cannot be used: %s", copy, error)
             continue
         aside = state.books.with_name(f"{state.books.name}.damaged-{now_s:.0f}")
-        for suffix in ("-wal", "-shm", ""):
+        for suffix in ("-wal", "-shm", "-count", ""):
             path = state.books.with_name(state.books.name + suffix)
             if path.exists():
                 path.rename(aside.with_name(aside.name + suffix))

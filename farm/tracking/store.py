@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from contextlib import closing
+import zlib
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Self, TypeVar
 
@@ -14,18 +15,9 @@ from farm.errors import FarmError
 from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
 from farm.tracking.books import Books, changed
 from farm.tracking.events import BooksRestored, Event
+from farm.tracking.forms import CHANGED, COPIED, FORM, STEPS, TABLES, WRITTEN
 
 E = TypeVar("E", bound=Entity)
-
-SCHEMA = 2
-_TABLES: dict[type[Entity], str] = {
-    Job: "job",
-    Part: "part",
-    Plate: "plate",
-    Print: "print",
-    Printer: "printer",
-    Outage: "outage",
-}
 
 
 class StoreError(FarmError):
@@ -36,25 +28,14 @@ class DamagedBooks(StoreError):
     """What is on the disk are no books any more."""
 
 
-_LYING = """
-    SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
-    FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
-    WHERE json_extract(printer.body, '$.bed') <> 'clear' AND json_extract(p.body, '$.ended_s') = (
-        SELECT max(json_extract(q.body, '$.ended_s')) FROM print AS q
-        WHERE json_extract(q.body, '$.printer') = printer.id
+_COUNT = "-count"  # after the books' name: how many events they had when the last one was committed
+_OUTER = frozenset(
+    (
+        *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_NOMEM),
+        *(sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN),
     )
-"""
-_FROM_1 = (  # a verdict was the part's, and of no use; it is the print's, and asked for by its bed
-    "UPDATE part SET body = json_remove(body, '$.verdict')",
-    f"CREATE TEMP TABLE lying AS {_LYING}",
-    "UPDATE print SET body = json_set(body, '$.verdict', 'good')"
-    " WHERE json_extract(body, '$.state') = 'done' AND id NOT IN (SELECT id FROM lying)",
-    "UPDATE job SET body = json_set(body, '$.state', 'done')"
-    " WHERE json_extract(body, '$.state') = 'printed' AND CAST(id AS INTEGER) NOT IN (SELECT job FROM lying)",
-    "DROP TABLE lying",
 )
-"""What was taken off its bed before anybody was asked is good; what lies there may still be judged."""
-_COPIED = "CREATE TABLE IF NOT EXISTS copied (at_s REAL NOT NULL)"
+"""SQLite's words for a full disk, no right to write, no memory: at any other, the books are damaged."""
 
 
 def copy_books(source: Path, target: Path, at_s: float) -> None:
@@ -68,8 +49,10 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
         half.unlink(missing_ok=True)
         with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(half)) as copy:
             books.backup(copy)
+            # So that no damage to the write-ahead log takes the books back behind their copy.
+            books.execute("PRAGMA wal_checkpoint(PASSIVE)")
             with copy:
-                copy.execute(_COPIED)
+                copy.execute(COPIED)
                 copy.execute("DELETE FROM copied")
                 copy.execute("INSERT INTO copied VALUES (?)", (at_s,))
         with half.open("rb") as file:
@@ -88,62 +71,105 @@ class Store:
     """
 
     def __init__(self, path: Path) -> None:
+        self._path = path
+        self._count: int | None = None  # a descriptor
+        new = not path.exists() or not path.stat().st_size
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
+            self._db.create_function("crc32", 1, zlib.crc32, deterministic=True)
         except sqlite3.Error as error:
             raise StoreError(f"the books {path} cannot be opened: {error}") from error
         try:
-            self._open(path)
+            self._open(new)
         except BaseException:
             self._db.close()
             raise
 
-    def _open(self, path: Path) -> None:
+    def _open(self, new: bool) -> None:
+        path = self._path
         try:
             self._db.execute("PRAGMA journal_mode = WAL")
             self._db.execute("PRAGMA synchronous = FULL")
-            (found,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
+            (found,) = self._db.execute("PRAGMA integrity_check(1)").fetchone()
             if found != "ok":
                 raise DamagedBooks(f"the books {path} are damaged: {' '.join(found.split())}")
-            self._create(path)
-        except sqlite3.OperationalError as error:  # a full disk, no right to write: nothing is damaged
+            self._create()
+            self._compare()
+            if new:  # a person moved the old ones away
+                path.with_name(path.name + _COUNT).unlink(missing_ok=True)
+            self._lost = self._committed() < self._counted()
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # its very complaint may not be text
+            outer = getattr(error, "sqlite_errorcode", 0) & 0xFF in _OUTER
+            said = f"the books {path} cannot be opened: {error}"
+            raise (StoreError if outer else DamagedBooks)(said) from error
+        except OSError as error:
             raise StoreError(f"the books {path} cannot be opened: {error}") from error
-        except sqlite3.DatabaseError as error:
-            raise DamagedBooks(f"the books {path} cannot be opened: {error}") from error
 
-    def _create(self, path: Path) -> None:
+    def _create(self) -> None:
+        """Empty books, or those of an older farm in today's form."""
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
-        if version > SCHEMA:
+        if version not in STEPS:
             raise StoreError(
-                f"the books {path} are of a newer farm ({version}): upgrade, or use another --state"
+                f"the books {self._path} are of a newer farm ({version}): upgrade, or use another --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
-        if version == 1:
-            for statement in _FROM_1:
-                self._db.execute(statement)
-        for table in _TABLES.values():
-            self._db.execute(f"CREATE TABLE IF NOT EXISTS {table} (id TEXT PRIMARY KEY, body TEXT NOT NULL)")
-        self._db.execute(
-            "CREATE TABLE IF NOT EXISTS event"
-            " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)"
-        )
-        self._db.execute(_COPIED)
-        self._db.execute(f"PRAGMA user_version = {SCHEMA}")
+        for statement in STEPS[version]:
+            self._db.execute(statement)
+        self._db.execute(COPIED)
+        self._db.execute(f"PRAGMA user_version = {FORM}")
         self._db.execute("COMMIT")
+
+    def _compare(self) -> None:
+        """Raise where a row is not as it was written: SQLite checks pages, not what is in them."""
+        tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
+        if {sql for (sql,) in tables} != WRITTEN:
+            raise DamagedBooks(f"the books {self._path} are damaged: they have other tables")
+        for table in TABLES.values():
+            bad = self._db.execute(CHANGED.format(table)).fetchone()
+            if bad is not None:
+                raise DamagedBooks(f"the books {self._path} are damaged: {table} {bad[0]} was changed")
+
+    def _committed(self) -> int:
+        """How many events these books have."""
+        (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
+        return int(number)
+
+    def _counted(self) -> int:
+        """How many events were committed; 0 where nobody knows."""
+        with suppress(OSError, ValueError):
+            return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
+        return 0
+
+    def _note(self, number: int) -> None:
+        """Keep how many events were committed, beside the books.
+
+        SQLite takes a write-ahead log for ended where a checksum in it is wrong, and says nothing: what was
+        committed after that is gone. The note is not synced: it may lag behind after a power cut, never lead.
+        """
+        with suppress(OSError):
+            if self._count is None:
+                path = self._path.with_name(self._path.name + _COUNT)
+                self._count = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            os.pwrite(self._count, b"%020d" % number, 0)
 
     @property
     def copied_s(self) -> float | None:
-        """When these books were copied, where they are a copy that nobody has restored yet."""
+        """Until when these books know all; None where they are neither a copy nor have lost their end.
+
+        Once a `BooksRestored` is committed they are neither.
+        """
         (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
+        if at_s is None and self._lost:
+            (at_s,) = self._db.execute("SELECT coalesce(max(at_s), 0) FROM event").fetchone()
         return None if at_s is None else float(at_s)
 
     def load(self) -> Books:
         """The books as last committed."""
-        return Books.of(entity for kind in _TABLES for entity in self._rows(kind))
+        return Books.of(entity for kind in TABLES for entity in self._rows(kind))
 
     def _rows(self, kind: type[E]) -> list[E]:
         try:
-            rows = self._db.execute(f"SELECT id, body FROM {_TABLES[kind]}").fetchall()
+            rows = self._db.execute(f"SELECT id, body FROM {TABLES[kind]}").fetchall()
         except sqlite3.Error as error:
             raise StoreError(f"the books cannot be read: {error}") from error
         entities = []
@@ -154,7 +180,7 @@ class Store:
                 first = error.errors()[0]
                 place = ".".join(map(str, first["loc"]))
                 raise StoreError(
-                    f"the books cannot be read: {_TABLES[kind]} {key}, {place}: {first['msg']}; "
+                    f"the books cannot be read: {TABLES[kind]} {key}, {place}: {first['msg']}; "
                     "were they written by another version of farm?"
                 ) from error
         return entities
@@ -164,14 +190,15 @@ class Store:
         try:
             self._db.execute("BEGIN IMMEDIATE")
             try:
-                self._db.execute(
+                number = self._db.execute(
                     "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
                     (event.at_s, type(event).__name__, event.model_dump_json()),
-                )
+                ).lastrowid
                 for entity in changed(before, after):
+                    body = entity.model_dump_json()
                     self._db.execute(
-                        f"INSERT OR REPLACE INTO {_TABLES[type(entity)]} VALUES (?, ?)",
-                        (_key(entity), entity.model_dump_json()),
+                        f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
+                        (_key(entity), body, zlib.crc32(body.encode())),
                     )
                 if isinstance(event, BooksRestored):
                     self._db.execute("DELETE FROM copied")
@@ -182,6 +209,9 @@ class Store:
             self._db.execute("COMMIT")
         except sqlite3.Error as error:
             raise StoreError(f"the books cannot be written: {error}; nothing was started") from error
+        self._note(number or 0)
+        if isinstance(event, BooksRestored):
+            self._lost = False
 
     def events(self) -> list[tuple[float, str, str]]:
         """The event log: farm time, name, JSON."""
@@ -189,6 +219,9 @@ class Store:
 
     def close(self) -> None:
         self._db.close()
+        if self._count is not None:
+            os.close(self._count)
+            self._count = None
 
     def __enter__(self) -> Self:
         return self

@@ -1,12 +1,22 @@
 """The store: what was committed is there, what could not be committed is not."""
 
+import zlib
+
 import pytest
 
 from farm.tracking import events as ev
 from farm.tracking.books import Books
+from farm.tracking.forms import TABLES
 from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
 from make_books import ended, fleet, job, plan, printing, run
+
+
+def in_form(db, version):
+    """Make the books those of an older farm."""
+    for table in TABLES.values():
+        db.execute(f"ALTER TABLE {table} DROP COLUMN crc")
+    db.execute(f"PRAGMA user_version = {version}")
 
 
 def test_the_store_gives_back_what_was_committed(tmp_path):
@@ -52,7 +62,7 @@ def test_books_of_the_first_form_are_brought_up_to_date(tmp_path):
         store.commit(plan(), Books(), books)
     with sqlite3.connect(path) as db:  # a verdict was the part's
         db.execute("UPDATE part SET body = json_set(body, '$.verdict', NULL)")
-        db.execute("PRAGMA user_version = 1")
+        in_form(db, 1)
     db.close()
     with Store(path) as store:
         assert store.load() == books
@@ -65,7 +75,8 @@ def test_a_row_that_cannot_be_read_is_named(tmp_path):
         event = fleet()[0]
         store.commit(event, Books(), apply(event, Books())[0])
     with sqlite3.connect(tmp_path / "farm.db") as db:
-        db.execute("""UPDATE printer SET body = '{"name": "a", "bed": "soft"}'""")
+        body = '{"name": "a", "bed": "soft"}'
+        db.execute("UPDATE printer SET body = ?, crc = ?", (body, zlib.crc32(body.encode())))
     db.close()
     with Store(tmp_path / "farm.db") as store, pytest.raises(StoreError, match="printer a, bed"):
         store.load()
@@ -93,7 +104,7 @@ def test_what_was_cleared_before_anybody_was_asked_is_good(tmp_path):
     with sqlite3.connect(path) as db:
         db.execute("UPDATE print SET body = json_remove(body, '$.verdict')")
         db.execute("UPDATE job SET body = json_set(body, '$.state', 'printed')")
-        db.execute("PRAGMA user_version = 1")
+        in_form(db, 1)
     db.close()
     with Store(path) as store:
         books = store.load()
