@@ -23,6 +23,7 @@ from collections import Counter
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from drivers.agent.journal import JOURNAL
 from drivers.client import kill as kill_agent
 from drivers.emulator.launch import Command, alive, control
 from drivers.errors import DriverError
@@ -31,7 +32,7 @@ from farm import api
 from farm.cli.client import Client
 from farm.config import load_fleet
 from farm.errors import DaemonUnreachable, FarmError
-from farm.model import Bed, Job, JobOptions, PrintState, Verdict
+from farm.model import Bed, Job, JobOptions, PrintState
 from farm.paths import StateFolder
 from farm.services.fleet import mistake_in
 from farm.services.gcode import inspect_gcode, plan_gcode
@@ -45,7 +46,7 @@ from farm.tracking.store import Store
 MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4
 E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
-AWAY_AFTER_S, BACK_AFTER_S = 1800.0, 6 * 3600.0  # of farm time: the operator's night
+AWAY_AFTER_S = 1800.0  # of farm time: the operator's night begins
 LOOK_S = 0.3  # wall seconds between two looks of the operator
 PATIENCE_S = 900.0  # wall seconds
 
@@ -75,6 +76,7 @@ class Night:
         self.fleet_file = folder / "fleet.yaml"
         self.names = [f"um2-{i:02d}" for i in range(1, args.printers + 1)]
         self.rng = random.Random(args.seed)
+        self.back_after_s = AWAY_AFTER_S + 3600.0 * args.away_h
         self.client = Client(self.state.root / "farm.sock")
         self.state.make()
         self._write_fleet()
@@ -93,7 +95,7 @@ class Night:
         now = datetime.now(UTC)
         here = [
             (now - timedelta(hours=1), AWAY_AFTER_S),
-            (now + timedelta(seconds=BACK_AFTER_S), 12 * 3600.0),
+            (now + timedelta(seconds=self.back_after_s), 12 * 3600.0),
         ]
         windows = [
             f"{begins:%H:%M}-{(max(begins, now) + timedelta(seconds=length_s)):%H:%M}"
@@ -104,7 +106,8 @@ class Night:
             for i, name in enumerate(self.names)
         )
         self.fleet_file.write_text(
-            f"fleet: {{name: night, time_scale: {self.args.scale}, attended: {json.dumps(windows)}}}\n"
+            f"fleet: {{name: night, time_scale: {self.args.scale}, attended: {json.dumps(windows)},"
+            f" compute: {{workers: 1}}}}\n"
             f"printers:\n{rows}"
         )
 
@@ -204,6 +207,7 @@ class Night:
                 printing is None
                 or printing.state != PrintState.PRINTING
                 or not printing.layer
+                or printing.progress > 0.5  # it may have ended before it fails
                 or key in self.seen
             ):
                 continue
@@ -221,7 +225,7 @@ class Night:
 
     def _operate(self, view: api.Status, job: api.JobView) -> None:
         """In attended hours a person clears what is done, and looks at what went wrong."""
-        away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < BACK_AFTER_S
+        away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < self.back_after_s
         if away:
             return
         for item in view.todo:
@@ -240,11 +244,6 @@ class Night:
     def _figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
             books = store.load()
-        done = Counter(
-            p.plate
-            for p in books.prints.values()
-            if p.state is PrintState.DONE and p.verdict is not Verdict.BAD
-        )
         good = [p for p in books.plates.values() if books.standing(p) is Standing.GOOD]
         machines = len(self.names) - (self.unplugged is not None)
         rounds = -(-len(books.plates) // machines)
@@ -253,16 +252,26 @@ class Night:
             "plates": len(books.plates),
             "done": len(good),
             "lost": len(books.plates) - len(good),
-            "doubled": sum(count > 1 for count in done.values()),
+            "doubled": sum(count > 1 for count in self._made(books).values()),
             "failed": sum(p.state is PrintState.FAILED for p in books.prints.values()),
             "daemon_killed": self.kills_done,
             "unplugged": self.unplugged,
             "makespan_s": round(job.elapsed_s or 0.0),
             "lower_bound_s": round(rounds * self.plate_s),
-            "away_s": BACK_AFTER_S - AWAY_AFTER_S,
+            "away_s": self.back_after_s - AWAY_AFTER_S,
             "starved": round(job.starved_share or 0.0, 4),
             "wall_s": round(wall_s, 1),
         }
+
+    def _made(self, books: Books) -> Counter[str]:
+        """How often each plate was printed to its end, by the agents' journals; the script finds none bad."""
+        done = set()
+        for name in self.names:
+            for line in (self.state.agent(name) / JOURNAL).read_text().splitlines():
+                said = json.loads(line).get("print")
+                if said is not None and said["phase"] == PrintState.DONE:
+                    done.add(said["print_id"])
+        return Counter(books.prints[one].plate if one in books.prints else "unknown" for one in done)
 
     def _emulator(self, name: str) -> Path:
         return self.state.agent(name) / "emulator"
@@ -289,7 +298,8 @@ class Night:
                     print(error, file=sys.stderr)
 
 
-def main() -> None:
+def parse(words: list[str] | None = None) -> argparse.Namespace:
+    """The options of a night."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -297,12 +307,17 @@ def main() -> None:
     parser.add_argument("--plates", type=int, default=60)
     parser.add_argument("--moves", type=int, default=300, help="of a plate")
     parser.add_argument("--move-s", type=float, default=20.0, help="farm seconds of a move")
+    parser.add_argument("--away-h", type=float, default=5.5, help="farm hours without the operator")
     parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, metavar="DIR", help="leave the farm's files there")
     parser.add_argument("--json", action="store_true")
-    args = parser.parse_args()
+    return parser.parse_args(words)
+
+
+def main() -> None:
+    args = parse()
     with tempfile.TemporaryDirectory(prefix="night-") as folder:
         if args.keep is not None:
             args.keep.mkdir(parents=True)
