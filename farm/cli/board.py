@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
+from datetime import datetime, timedelta
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.words import moment, planning
+from farm.cli.words import moment, off_plan, planning
 from farm.model import Bed, HoldCode, JobState, PrintState
 from farm.words import span
 
 _INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
 _APART = "     "  # between two things to do on one line
-_LABELS = {"look": "look at", "connect": "connect"}
+_LABELS = {"look": "look at", "connect": "connect", "reel": "reels", "approve": "approve"}
+_HEADINGS = ("PRINTER", "STATE", "PART", "ENDED", "VS PLAN", "FACTOR", "REEL", "NOZZLE", "BED", "NEEDS")
 _NAME_WIDTH = 32
+_THIS_NIGHT = timedelta(hours=20)
 
 
 def names(printers: Iterable[str]) -> str:
@@ -47,8 +50,8 @@ def board(view: api.Status, width: int) -> RenderableType:
     if view.night is not None:
         rows.append(_line("NIGHT", night(view.night)))
     for job in view.jobs:
-        rows += _job_lines(job)
-    return Group(*rows, _printers(view.printers))
+        rows += _job_lines(job, width)
+    return Group(*rows, _printers(view.printers, datetime.fromisoformat(view.fleet.now)))
 
 
 def _line(head: str, text: str, style: str = "bold") -> Text:
@@ -57,24 +60,28 @@ def _line(head: str, text: str, style: str = "bold") -> Text:
 
 def _do_now(todo: list[api.Todo], width: int) -> list[Text]:
     """Everything that waits for a person, in as few lines as it takes."""
-    things = []
+    others = [item for item in todo if item.code not in _LABELS]
+    things = [
+        f"take off {len(item.printers)}: {names(item.printers)}" if item.code == "clear" else item.text
+        for item in sorted(others, key=lambda item: item.code == "clear")
+    ]
     for code, label in _LABELS.items():
         briefs = [item.brief or item.text for item in todo if item.code == code]
         if briefs:
             things.append(f"{label}: {', '.join(briefs)}")
-    for item in todo:
-        if item.code == "clear":
-            things.insert(0, f"take off {len(item.printers)}: {names(item.printers)}")
-        elif item.code not in _LABELS:
-            things.append(item.brief or item.text)
+    return _folded("DO NOW", things or ["nothing"], _APART, width, "bold red")
+
+
+def _folded(head: str, things: list[str], apart: str, width: int, style: str = "bold") -> list[Text]:
+    """Things in a row, on as few lines as it takes."""
     lines: list[str] = []
     for thing in things:
-        if lines and _INDENT + len(lines[-1]) + len(_APART) + len(thing) <= width:
-            lines[-1] += _APART + thing
+        if lines and _INDENT + len(lines[-1]) + len(apart) + len(thing) <= width:
+            lines[-1] += apart + thing
         else:
             lines.append(thing)
-    heads = ["DO NOW", *[""] * len(lines)]
-    return [_line(head, text, "bold red") for head, text in zip(heads, lines or ["nothing"], strict=False)]
+    heads = [head, *[""] * len(lines)]
+    return [_line(one, text.rstrip(), style) for one, text in zip(heads, lines, strict=False)]
 
 
 def night(view: api.NightView) -> str:
@@ -85,8 +92,11 @@ def night(view: api.NightView) -> str:
     return f"{view.printed} of {view.plates} plates printed{counts}; {mass(view.grams)}{waste}"
 
 
-def _job_lines(job: api.JobView) -> list[Text]:
-    lines = [_line(f"JOB {job.id}", f"{job.name[:_NAME_WIDTH]}: {_course(job)}")]
+def _job_lines(job: api.JobView, width: int) -> list[Text]:
+    first, *more = _course(job)
+    course = [f"{job.name[:_NAME_WIDTH]}: {first}", *more]
+    parts = [f"{part};" for part in course[:-1]] + course[-1:]
+    lines = _folded(f"JOB {job.id}", parts, " ", width)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
         lines.append(_line("", job.reason, "red"))
     waiting: dict[str, list[str]] = {}
@@ -98,12 +108,12 @@ def _job_lines(job: api.JobView) -> list[Text]:
     return lines
 
 
-def _course(job: api.JobView) -> str:
-    """How a job goes, in one line."""
+def _course(job: api.JobView) -> list[str]:
+    """How a job goes, thing by thing."""
     if job.progress is not None:
-        return planning(job.progress)
+        return [planning(job.progress)]
     if not job.parts:
-        return f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)
+        return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
     of = len(job.plates)
     parts = [f"printed {job.printed}/{of}, good {job.good}/{job.printed}"]
     if job.state not in (JobState.PRINTING, JobState.PRINTED):
@@ -124,12 +134,12 @@ def _course(job: api.JobView) -> str:
         parts.append(job.hold.text)
     if job.submitted_by:
         parts.append(f"by {job.submitted_by}")
-    return "; ".join(parts)
+    return parts
 
 
-def _printers(printers: list[api.PrinterView]) -> Table:
+def _printers(printers: list[api.PrinterView], now: datetime) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for heading in ("PRINTER", "STATE", "PART", "END", "VS PLAN", "REEL", "NOZZLE", "BED", "NEEDS"):
+    for heading in _HEADINGS:
         table.add_column(heading, no_wrap=True)
     for printer in printers:
         part, end, off = "", "", ""
@@ -138,8 +148,8 @@ def _printers(printers: list[api.PrinterView]) -> Table:
             part = printer.print.plate
             end = f"in {span(printer.print.remaining_s)} {printer.print.progress:4.0%}"
         elif last is not None and printer.bed != Bed.CLEAR:
-            part, end = last.plate, moment(last.ended)
-            off = f"{last.off:+.0%}" if last.off is not None else ""
+            part, end = last.plate, _ended(last.ended, now)
+            off = off_plan(last.off) if last.off is not None else ""
             if state == "idle":
                 state = "remove" if last.state == PrintState.DONE else "clear"
         table.add_row(
@@ -148,12 +158,20 @@ def _printers(printers: list[api.PrinterView]) -> Table:
             part,
             end,
             off,
+            f"{printer.time_factor:.2f}",
             _reel(printer.reel),
-            _degrees(printer.nozzle_c, printer.targets.nozzle_c),
+            _nozzle(printer),
             _degrees(printer.bed_c, printer.targets.bed_c),
             _needs(printer),
         )
     return table
+
+
+def _ended(iso: str | None, now: datetime) -> str:
+    """The time of day; with the day, where it may be another's."""
+    if iso is None or now - datetime.fromisoformat(iso) > _THIS_NIGHT:
+        return moment(iso)
+    return datetime.fromisoformat(iso).strftime("%H:%M")
 
 
 def _reel(reel: api.Reel) -> str:
@@ -177,6 +195,12 @@ def _needs(printer: api.PrinterView) -> str:
         HoldCode.PRINTER_ABSENT: "connecting",
     }
     return words.get(printer.hold.code, "")
+
+
+def _nozzle(printer: api.PrinterView) -> str:
+    """Its size, and how hot it is while it is heated."""
+    heat = _degrees(printer.nozzle_c, printer.targets.nozzle_c) if printer.targets.nozzle_c else ""
+    return f"{printer.reel.nozzle_mm:g} {heat}".rstrip()
 
 
 def _degrees(now_c: float | None, target_c: float | None) -> str:

@@ -16,7 +16,7 @@ from farm.cli import complete
 from farm.cli.board import mass
 from farm.cli.client import Client
 from farm.cli.options import Job, Json, placed
-from farm.cli.words import moment
+from farm.cli.words import moment, off_plan
 from farm.errors import FarmError
 from farm.paths import Places
 from farm.words import span
@@ -43,7 +43,8 @@ def history(
     for heading in ("ENDED", "PRINTER", "PART", "MODEL", "TOOK", "VS PLAN", "USED", "BY", "OUTCOME"):
         table.add_column(heading, no_wrap=True)
     for row in past.prints:
-        off = f"{row.took_s / row.expected_s - 1:+.0%}" if row.state == "done" and row.expected_s else ""
+        done = row.state == "done" and row.expected_s
+        off = off_plan(row.took_s / row.expected_s - 1) if done else ""
         why = row.why if row.verdict else row.reason or row.fault
         outcome = str(row.verdict or row.state) + (f": {why}" if why and row.wasted else "")
         used = f"{mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"

@@ -13,6 +13,11 @@ def say(line: str) -> None:
     print(f"farm: {line}", file=sys.stderr)
 
 
+def off_plan(share: float) -> str:
+    """How much longer or shorter than planned."""
+    return f"{round(100 * share):+d} %"
+
+
 def filament(grams: float, length_mm: float, price: float | None = None, currency: str | None = None) -> str:
     """How much filament, and what it costs where that is known."""
     parts = [f"{_short(grams)} g", f"{_short(length_mm / 1000)} m"]

@@ -15,8 +15,10 @@ def asks(books: Books) -> list[api.Todo]:
             grams = sum(plate.grams for plate in books.plates_of(job))
             what = f"job {job.id} ({len(job.parts)} parts, {grams / 1000:.2g} kg)"
             text = f"approve {what}: `farm approve {job.id}`"
-            found.append(api.Todo(code="approve", printers=[], text=text, brief=f"approve {what}"))
+            found.append(api.Todo(code="approve", printers=[], text=text, brief=what))
     holds = (plate.hold for plate in books.waiting_plates())
     short = {hold.text for hold in holds if hold is not None and hold.code is HoldCode.REEL_TOO_SHORT}
-    found += [api.Todo(code="reel", printers=[], text=text, brief=text) for text in sorted(short)]
+    found += [
+        api.Todo(code="reel", printers=[], text=text, brief=text.partition(":")[0]) for text in sorted(short)
+    ]
     return found

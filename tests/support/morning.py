@@ -4,7 +4,7 @@ from pathlib import Path
 
 from farm import api
 from farm.config import Fleet
-from farm.model import AgentSnapshot, Bed, FilamentState, Link, PrintState
+from farm.model import AgentSnapshot, Bed, FilamentState, Hold, HoldCode, Link, PrintState
 from farm.paths import StateFolder
 from farm.tracking import events as ev
 from farm.tracking.books import Books
@@ -17,6 +17,7 @@ FLEET = Fleet.model_validate(
     {"printers": [{"name": n, "model": "m", "port": f"/dev/{n}", "colour": "white"} for n in PRINTERS]}
 )
 NOW_S = 7 * 3600.0
+HOLD = Hold(code=HoldCode.BED_NOT_CLEAR, text="its bed is not clear")
 
 
 def night_books():
@@ -58,7 +59,7 @@ def status_of(books):
         daemon=api.DaemonView(pid=1, version="0", since=""),
         todo=todo(scene),
         fleet=api.FleetView(name="farm", timezone="UTC", time_scale=1, now=scene.moment(NOW_S), file="f"),
-        printers=[printer_view(scene, FLEET.printer(name), None) for name in PRINTERS],
+        printers=[printer_view(scene, FLEET.printer(name), HOLD) for name in PRINTERS],
         jobs=[job_view(scene, one) for one in shown_jobs(books)],
         night=night_view(scene),
     )

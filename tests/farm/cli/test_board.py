@@ -26,7 +26,7 @@ def test_it_begins_with_what_a_person_has_to_do_now():
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
     assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
     table = [line.split() for line in lines if line.startswith("um2-")]
-    assert table[0][:7] == ["um2-01", "remove", "1/01", "Thu", "00:01", "+2%", "PLA"]
+    assert table[0][:7] == ["um2-01", "remove", "1/01", "00:01", "+2", "%", "1.00"]
     assert [row[1] for row in table] == ["remove"] * 3 + ["look", "printing"]
 
 
