@@ -205,8 +205,8 @@ class Board:
         self.stirred = True
 
     def cut(self) -> None:
-        """Switch everything off by a reset, where a print is open: the agent is about to end."""
-        if self.session is not None and self._port is not None:
+        """Switch everything off by a reset, where heat of ours may be on: the agent is about to end."""
+        if (self.session is not None or self.hot) and self._port is not None:
             with suppress(PortError):
                 if self.refuted:
                     self._port.write_now(_OFF)

@@ -231,6 +231,17 @@ def test_no_time_out_is_shorter_than_the_floor():
     assert bench.link.deadline_s >= bench.now_s + 200.0
 
 
+@pytest.mark.parametrize(
+    ("command", "patience_s"),
+    [(b"G1 X1", 10.0), (b"M401", 60.0), (b"G28", 300.0), (b"G4 P60000", 600.0), (b"M400", 600.0)],
+)
+def test_what_waits_for_all_moves_before_it_is_waited_for_longer(command: bytes, patience_s: float):
+    bench = Bench().boot()
+    bench.run()
+    bench.link.send(bench.now_s, command)
+    assert bench.link.deadline_s == pytest.approx(bench.now_s + patience_s)
+
+
 def test_the_ok_that_is_glued_to_the_end_stops_counts():
     bench = Bench().boot()
     bench.link.send(bench.now_s, b"M119", b"G1 X1")

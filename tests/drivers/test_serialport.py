@@ -1,5 +1,7 @@
+import fcntl
 import os
 import pty
+import struct
 import termios
 import tty
 from collections.abc import Iterator
@@ -11,6 +13,8 @@ from one_printer import everything
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.serialport import SerialPort, resolve
+
+TCGETS2 = 0x802C542A  # a rate that has no name among those of POSIX
 
 
 @pytest.fixture
@@ -33,6 +37,9 @@ def test_bytes_go_both_ways_and_an_empty_port_gives_none(ends: tuple[int, Path])
         os.write(master, b"ok\n")
         assert port.read() == b"ok\n"
         assert not termios.tcgetattr(port.fileno())[2] & termios.HUPCL
+        assert (
+            struct.unpack("4I B19s 2I", fcntl.ioctl(port.fileno(), TCGETS2, bytes(44)))[-2:] == (250_000,) * 2
+        )
     finally:
         port.close()
 

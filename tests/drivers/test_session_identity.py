@@ -51,3 +51,11 @@ def test_an_extended_that_calls_itself_a_plain_one_is_found_by_its_height():
 def test_a_file_that_homes_its_axes_one_by_one_is_no_other_printer():
     text = gcode().replace("\nG28\nG1", "\nG28 X0 Y0\nG28 Z0\nG1")
     assert_ended_off(Rig(text=text).run(), PrintPhase.DONE, None)
+
+
+def test_another_firmware_behind_the_cable_is_known_by_its_answer_to_m115():
+    rig = Rig()
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(b"Ultimaker2", b"Ultimaker3"), now_s)  # type: ignore[method-assign]
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
+    assert "M115" in str(rig.session.reason) and b"M140 S60" not in rig.sent

@@ -64,6 +64,17 @@ def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold()
     assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
 
 
+def test_a_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("drivers.session.HEAT_DEAD_MAN_S", 60.0)
+    monkeypatch.setattr("drivers.steps.FEED_S", 20.0)
+    rig = Rig()
+    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    began_s = rig.now_s
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PRINTING)
+    assert rig.now_s - began_s > 2 * 60.0
+    assert_ended_off(rig.run(), PrintPhase.DONE, None)
+
+
 def test_a_host_that_dies_hot_leaves_a_board_that_ends_its_heat_by_itself():
     rig = Rig(text=gcode(200)).printing(100)
     dead_s = rig.now_s

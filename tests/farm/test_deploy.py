@@ -62,3 +62,36 @@ def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypat
     assert done.wait(10.0) == 0
     assert (tmp_path / "asked").read_text() == "start farm-agent@um2-01.service\n"
     assert start.read(folder) == start.Start("um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay")
+
+
+def marks(event: dict[str, str]) -> dict[str, str]:
+    """What the udev rules give to a device, by the few operators that they use."""
+    given: dict[str, str] = {}
+    skip_to = ""
+    for line in (DEPLOY / "udev" / "60-farm.rules").read_text().splitlines():
+        terms = re.findall(r'([A-Z_]+(?:\{[^}]*\})?)(==|!=|=)"([^"]*)"', line)
+        if skip_to:
+            skip_to = "" if ("LABEL", "=", skip_to) in terms else skip_to
+            continue
+        if all(
+            (event.get(key, "") in value.split("|")) is (op == "==") for key, op, value in terms if op != "="
+        ):
+            given |= {key: value for key, op, value in terms if op == "="}
+            skip_to = given.pop("GOTO", "")
+    return given
+
+
+@pytest.mark.parametrize("subsystem", ["usb", "tty"])
+@pytest.mark.parametrize("product", ["0010", "0042"])
+def test_modem_manager_is_kept_from_our_boards_and_from_no_others(subsystem: str, product: str):
+    event = {"ACTION": "add", "SUBSYSTEM": subsystem, "ATTRS{idVendor}": "2341", "ATTRS{idProduct}": product}
+    ours = marks(event)
+    assert (ours["ENV{ID_MM_DEVICE_IGNORE}"], ours["ENV{ID_MM_PORT_IGNORE}"]) == ("1", "1")
+    assert ours.get("GROUP") == ("dialout" if subsystem == "tty" else None)
+    for other in (
+        {"ATTRS{idVendor}": "1a86"},
+        {"ATTRS{idProduct}": "9999"},
+        {"ACTION": "remove"},
+        {"SUBSYSTEM": "net"},
+    ):
+        assert not any(key.startswith("ENV") for key in marks(event | other))
