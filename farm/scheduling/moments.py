@@ -60,9 +60,13 @@ def wished_s(options: JobOptions, rules: Rules, now_s: float) -> tuple[float | N
 
 
 def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
+    """The next such local time; one that a change of the clock brings twice is met twice."""
     then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
-        if then.timestamp() > now.timestamp() and (day is None or DAYS[then.weekday()] == day):
-            break
+        again = then.replace(fold=1)  # an hour later where it comes twice, earlier where it is skipped
+        if day is None or DAYS[then.weekday()] == day:
+            for moment in (then, again) if again.timestamp() > then.timestamp() else (then,):
+                if moment.timestamp() > now.timestamp():
+                    return moment
         then += timedelta(days=1)
-    return then
+    raise AssertionError("a week has every day")

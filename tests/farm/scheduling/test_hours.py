@@ -75,6 +75,25 @@ def test_edges_that_the_clock_skips_or_brings_twice():
     )
 
 
+@pytest.mark.parametrize(
+    ("window", "begin", "end"),
+    [
+        ("02:30-04:00", "2026-03-29T03:30:00+02:00", "2026-03-29T04:00:00+02:00"),  # skipped: an hour later
+        ("22:00-02:30", "2026-03-28T22:00:00+01:00", "2026-03-29T03:30:00+02:00"),
+        ("02:30-04:00", "2026-10-25T02:30:00+02:00", "2026-10-25T04:00:00+01:00"),  # twice: the first begins
+        ("22:00-02:30", "2026-10-24T22:00:00+02:00", "2026-10-25T02:30:00+01:00"),  # and the second ends
+    ],
+)
+def test_edges_in_the_hour_that_is_skipped_or_comes_twice(window, begin, end):
+    """Attended and quiet hours alike."""
+    berlin = Hours((parse_window(window),), ZoneInfo("Europe/Berlin"))
+    span = tuple(datetime.fromisoformat(text).timestamp() for text in (begin, end))
+    assert berlin.span(span[0]) == berlin.span(span[1] - 1.0) == span
+    assert berlin.span(span[0] - 1.0) is None and berlin.span(span[1]) is None
+    assert berlin.edge_s(span[0] - 60.0) == span[0]
+    assert berlin.edge_s(span[0]) == span[1]
+
+
 windows = st.lists(
     st.builds(
         lambda day, begin, end: f"{day} {begin // 60:02d}:{begin % 60:02d}-{end // 60:02d}:{end % 60:02d}",
