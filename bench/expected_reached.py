@@ -1,0 +1,93 @@
+"""A job on simulated printers, by the daemon's own figures: the time that was expected against that reached.
+
+A farm of its own is started in a folder of its own, with the real daemon, agents, CuraEngine and emulators. A
+run in which the emulators waited for this machine for more than 1 % of the time is not valid: take a lower
+--time-scale.
+
+Usage: python -m bench.expected_reached [--printers N] [--time-scale S] [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import trimesh
+
+FARM = Path(sys.executable).with_name("farm")
+MODEL = "ultimaker2_plus"
+LENGTH_MM, WIDTH_MM, HEIGHT_MM = 40.0, 18.0, 12.0  # for each printer about half an hour
+VALID = 0.01  # of the time
+PATIENCE_S = 3600.0
+
+
+def farm(state: Path, *words: str) -> str:
+    """Run a farm command on that state folder."""
+    command = [str(FARM), *words, "--state", str(state)]
+    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
+    if done.returncode:
+        sys.exit(f"farm {words[0]}: {done.stderr.strip()}")
+    return done.stdout
+
+
+def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
+    """Print a bar that takes all printers, and say what became of it."""
+    state, fleet, model = folder / "state", folder / "fleet.yaml", folder / "bar.stl"
+    rows = "".join(f"  - {{name: sim-{i}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for i in range(printers))
+    fleet.write_text(f"fleet: {{time_scale: {time_scale:g}}}\nprinters:\n{rows}")
+    trimesh.creation.box((LENGTH_MM * printers, WIDTH_MM, HEIGHT_MM)).export(model)
+    farm(state, "up", "--fleet", str(fleet))
+    try:
+        submitted = farm(state, "submit", str(model), "--printers", str(printers), "--wait", "--json")
+        job = json.loads(submitted)["job"]
+        prints = json.loads(farm(state, "history", "--json"))["prints"]
+        fleet_now = json.loads(farm(state, "status", "--json"))["printers"]
+    finally:
+        farm(state, "down", "--now")
+    return {
+        "expected_s": job["estimated_s"],
+        "reached_s": job["elapsed_s"],
+        "off": job["elapsed_s"] / job["estimated_s"] - 1,
+        "starved_share": job["starved_share"],
+        "valid": job["starved_share"] <= VALID,
+        "wasted_s": job["wasted_s"],
+        "prints": [
+            {
+                "printer": one["printer"],
+                "expected_s": one["expected_s"],
+                "reached_s": one["took_s"],
+                "off": one["took_s"] / one["expected_s"] - 1,
+            }
+            for one in prints
+        ],
+        "time_factors": {one["name"]: one["time_factor"] for one in fleet_now},
+    }
+
+
+def main() -> None:
+    """Run it, and print the figures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--printers", type=int, default=3)
+    parser.add_argument("--time-scale", type=float, default=60.0)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        found = run(Path(folder), arguments.printers, arguments.time_scale)
+    if arguments.json:
+        print(json.dumps(found, indent=2))
+        return
+    print(f"expected {found['expected_s']:.0f} s, reached {found['reached_s']:.0f} s: {found['off']:+.1%}")
+    for one in found["prints"]:
+        print(f"  {one['printer']}: {one['expected_s']:.0f} s, {one['reached_s']:.0f} s: {one['off']:+.1%}")
+    print(
+        f"emulators waited {found['starved_share']:.2%} of the time: {'' if found['valid'] else 'not '}valid"
+    )
+
+
+if __name__ == "__main__":
+    main()
