@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from datetime import datetime
 from pathlib import Path
@@ -16,7 +17,7 @@ from farm.cli import complete
 from farm.cli.board import mass
 from farm.cli.client import Client
 from farm.cli.options import Job, Json, placed
-from farm.cli.words import moment, off_plan
+from farm.cli.words import moment, off_plan, say
 from farm.errors import FarmError
 from farm.paths import Places
 from farm.words import span
@@ -76,13 +77,16 @@ def report(
     now = datetime.fromisoformat(client.status().fleet.now)
     pictures = {part.id: png for part in view.parts if (png := part_picture(Path(part.file))) is not None}
     whole = Path(view.folder) / "assembly.png" if view.folder else None
-    assembly = whole.read_bytes() if whole is not None and whole.is_file() and len(view.parts) > 1 else None
+    seen = whole is not None and os.access(whole, os.R_OK)
+    assembly = whole.read_bytes() if whole is not None and seen and len(view.parts) > 1 else None
     target = out or Path(f"job-{job}.html")
     text = page(view, client.history(None, None, _ALL).prints, now, facts(view), pictures, assembly)
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:
         raise FarmError(f"{target} cannot be written ({error}); name another file with --out") from error
+    if view.parts and not pictures and not seen:
+        say(f"{view.folder} is not yours to read: the page has no pictures")
     print(target)
 
 

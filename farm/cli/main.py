@@ -62,6 +62,8 @@ def up(places: Places) -> None:
         here = printer.enabled and printer.host is None and printer.port.startswith("/")
         if here and not Path(printer.port).exists():
             say(f"{printer.name}: port {printer.port} is not there; is it plugged in? The others go on")
+    if checked.fleet.notify and places.fleet.stat().st_mode & 0o004:
+        say(f"{places.fleet} may hold passwords under `notify`, and everybody may read it: `chmod o-r` it")
     client = Client(places.socket)
     try:
         running = client.status()

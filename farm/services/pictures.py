@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,8 +17,8 @@ LONGEST_PX = 220
 
 
 def part_picture(stl: Path) -> bytes | None:
-    """A PNG of a part in its printing pose; None where the file is no STL or is not there."""
-    if stl.suffix != ".stl" or not stl.is_file():
+    """A PNG of a part in its printing pose; None where the file is no STL that can be read."""
+    if stl.suffix != ".stl" or not os.access(stl, os.R_OK):
         return None
     mesh = trimesh.load_mesh(stl)
     part = Part("", Solid.from_arrays(mesh.vertices, mesh.faces), np.eye(4), 0.0, "")
