@@ -89,6 +89,7 @@ class HoldCode(StrEnum):
     PRINTER_BUSY = "printer_busy"
     ALL_ITS_PRINTERS_BUSY = "all_its_printers_busy"
     BED_NOT_CLEAR = "bed_not_clear"
+    REEL_DOUBTED = "reel_doubted"  # nobody knows what the restored books do not tell
     FILAMENT_UNKNOWN = "filament_unknown"
     NEEDS_A_LOOK = "needs_a_look"
     PRINTER_ABSENT = "printer_absent"
@@ -267,6 +268,7 @@ class Print(Entity):
     reason: str | None = None
     extruded: bool = False
     cancel_asked: str | None = None
+    restored: bool = False  # from a copy of the books: it may have begun or ended since, and is never begun
     fail_asked: str | None = None  # a person saw it go wrong: what they said of it
     charged: bool = True  # its failure counts as an attempt
     verdict: Verdict | None = None  # once it is done
@@ -284,6 +286,7 @@ class Reel(Entity):
     colour: str | None = None
     grams: float | None = None  # left; None: nobody said
     nozzle_mm: float
+    doubted: bool = False  # `grams` are of a copy of the books: prints may have taken of them since
 
 
 class Printer(Entity):
@@ -345,4 +348,5 @@ class AgentSnapshot(Entity):
     bed_clear: bool | None = None  # an emulator's own word
     doubt: str | None = None  # why bed and filament are not known, until a person has cleared the bed
     reset_verified: bool = True  # its board can be stopped by a reset; else it prints only while attended
+    heard_cancel: str | None = None  # a print that it had been told to end when it said this
     print: AgentPrint | None = None

@@ -33,12 +33,14 @@ class Ahead:
         self._idle(printer)
         section = self._core.fleet.printer(printer)
         other = request.material is not None or request.colour is not None
-        grams = entry.reel.grams if entry.reel is not None and not other else None
+        same = entry.reel if not other else None
+        grams = same.grams if same is not None else None
         reel = Reel(
             material=request.material or section.material,
             colour=request.colour if other else section.colour,
             grams=request.grams if request.grams is not None else grams,
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
+            doubted=same is not None and same.doubted and request.grams is None,
         )
         mistake = await asyncio.to_thread(mistake_in, loaded(section, reel))
         if mistake is not None:

@@ -179,6 +179,7 @@ class AgentLink:
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
+        self._cancelled: set[str] = set()  # prints that must not be begun any more
         self._tasks: set[asyncio.Task[Any]] = set()
         self._ahead_s = 0.0  # our clock of the agent's
         self._stopping = False
@@ -285,6 +286,8 @@ class AgentLink:
     def tell(self, request: m.Request) -> None:
         """Send a request; its refusal or loss is logged, and the next snapshot shows what is still owed."""
         key = (request.do, getattr(request, "print_id", ""))
+        if isinstance(request, m.CancelPrint):
+            self._cancelled.add(request.print_id)
         if key not in self._asked:
             self._asked.add(key)
             self._spawn_task(self._tell(key, request))
@@ -293,6 +296,8 @@ class AgentLink:
         try:
             if self._remote and isinstance(request, m.StartPrint) and request.gcode:
                 await self._upload(request.print_id, Path(request.gcode))
+                if request.print_id in self._cancelled:
+                    return  # while it was sent
                 request = request.model_copy(update={"gcode": None})
             latest_s = self._clock.now() + _START_S * self._clock.scale
             reply = await self._client.request(on_its_clock(request, self._ahead_s, latest_s))
@@ -300,6 +305,9 @@ class AgentLink:
                 log.warning("%s: %s refused: %s", self._name, request.do, reply.error)
                 if isinstance(request, m.StartPrint):
                     self._ears.refused(request.print_id, reply.error, reply.late)
+            elif isinstance(request, m.CancelPrint) and reply.snapshot is not None:
+                said = self._up_to_date(translate(reply.snapshot, self._clock))
+                self._hear(said.model_copy(update={"heard_cancel": request.print_id}))
         except (DriverError, FarmError) as error:
             log.warning("%s: %s", self._name, error)
         finally:

@@ -33,6 +33,7 @@ _WAITS = (
     HoldCode.PRINTER_ABSENT,
     HoldCode.MAINTENANCE,
     HoldCode.REEL_TOO_SHORT,
+    HoldCode.REEL_DOUBTED,
     HoldCode.UNATTENDED,
     HoldCode.NO_SUCH_PRINTER,
 )

@@ -11,7 +11,13 @@ from farm.scheduling.snapshot import PlateView, PrinterView
 
 CLEARING_S = 900.0
 """A person takes a part off and says so, once somebody is there."""
-_COMING = (None, HoldCode.PRINTER_BUSY, HoldCode.BED_NOT_CLEAR, HoldCode.FILAMENT_UNKNOWN)
+_COMING = (
+    None,
+    HoldCode.PRINTER_BUSY,
+    HoldCode.BED_NOT_CLEAR,
+    HoldCode.FILAMENT_UNKNOWN,
+    HoldCode.REEL_DOUBTED,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +104,7 @@ def idle(printer: PrinterView) -> PrinterView:
         booked=False,
         look=None,
         maintenance=None,
+        reel_doubted=False,
     )
 
 

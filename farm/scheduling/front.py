@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from farm.model import Hold, HoldCode, Link
 from farm.scheduling.snapshot import Need, PrinterView
 
-_PASSING = (HoldCode.PRINTER_BUSY, HoldCode.BED_NOT_CLEAR, HoldCode.FILAMENT_UNKNOWN)
+_PASSING = (
+    HoldCode.PRINTER_BUSY,
+    HoldCode.BED_NOT_CLEAR,
+    HoldCode.FILAMENT_UNKNOWN,
+    HoldCode.REEL_DOUBTED,
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,7 @@ class PrinterView:
     heating: bool = False
     free_s: float | None = None  # when its print should end, as expected when it began
     grams: float | None = None  # on its reel; None: nobody said
+    reel_doubted: bool = False  # there may be less on it
     time_factor: float = 1.0  # as learned
     unattended: bool = True  # it may print while nobody is there
     why_attended: str = ""  # why it may not
@@ -84,6 +85,12 @@ class PrinterView:
                 code=HoldCode.FILAMENT_UNKNOWN,
                 text=f"where the filament of {self.name} is is not known: "
                 f"`farm cleared {self.name} --filament parked` (or at_nozzle) says it",
+            )
+        if self.reel_doubted:
+            return Hold(
+                code=HoldCode.REEL_DOUBTED,
+                text=f"how much is on the reel of {self.name} is not known since the books were restored: "
+                f"weigh it, then `farm load {self.name} --grams G`",
             )
         return None
 

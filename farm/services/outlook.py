@@ -53,6 +53,7 @@ def _printer_view(
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
         free_s=None if attempt is None else _expected_end_s(books, attempt, entry.time_factor),
         grams=entry.reel.grams if entry.reel is not None else None,
+        reel_doubted=entry.reel is not None and entry.reel.doubted,
         time_factor=entry.time_factor,
         unattended=section.unattended and verified,
         why_attended="fleet.yaml says so" if verified else "its board was not seen to reset",

@@ -8,7 +8,7 @@ from farm.tracking.books import Books
 
 
 def asks(books: Books) -> list[api.Todo]:
-    """Plans to be approved, and reels that are too short for what waits; each reel once."""
+    """Plans to be approved, reels that are too short for what waits, and reels to be weighed; each once."""
     found = []
     for job in books.jobs.values():
         if job.state is JobState.HELD and not job.options.dry_run:
@@ -21,4 +21,9 @@ def asks(books: Books) -> list[api.Todo]:
     found += [
         api.Todo(code="reel", printers=[], text=text, brief=text.partition(":")[0]) for text in sorted(short)
     ]
+    doubtful = [name for name, printer in books.printers.items() if printer.reel and printer.reel.doubted]
+    if doubtful:
+        names = " ".join(doubtful)
+        text = f"weigh the reels of {names} (the books are a copy), then `farm load PRINTER --grams G`"
+        found.append(api.Todo(code="reel", printers=doubtful, text=text, brief=f"weigh {names}"))
     return found

@@ -124,6 +124,13 @@ class PauseAsked(Event):
     by: str = A_PERSON
 
 
+class PrintTakenBack(Event):
+    """A printer cannot begin what it was given: when its agent has heard of that, it goes elsewhere."""
+
+    print_id: str
+    reason: str
+
+
 class PrintEnded(Event):
     print_id: str
     state: PrintState
@@ -249,6 +256,7 @@ AnyEvent = (
     | PlateReplaced
     | PrintProgressed
     | PauseAsked
+    | PrintTakenBack
     | PrintEnded
     | PrintFailAsked
     | PlateCancelled

@@ -29,16 +29,21 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
         if snapshot.link is Link.STARTING:
             return
         begun = attempt.state is not PrintState.ASSIGNED
-        able = snapshot.link not in (Link.FAULT, Link.ABSENT)
-        if not begun and able and attempt.cancel_asked is None:
-            return  # it has not been told yet: `owed` tells it again
         reason = attempt.cancel_asked or snapshot.reason or f"its printer is {snapshot.link}"
+        # What it was told may be on its way: it is done with the print when it has heard of the end too.
+        if not begun and not (_over(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
+            if attempt.cancel_asked is None and snapshot.link in (Link.FAULT, Link.ABSENT):
+                yield ev.PrintTakenBack(at_s=now_s, print_id=attempt.id, reason=reason)
+            return
+        unknown = "its agent has no record of this print"
+        if attempt.restored:
+            unknown += " any more, and the books are a copy: look what became of it"
         yield ev.PrintEnded(
             at_s=now_s,
             print_id=attempt.id,
             state=PrintState.FAILED if begun else PrintState.CANCELLED,
             fault=OwnFault.PRINT_LOST if begun else None,
-            reason="its agent has no record of this print" if begun else f"never begun: {reason}",
+            reason=unknown if begun or attempt.restored else f"never begun: {reason}",
             started_s=None,
             ended_s=now_s,
             extruded=False,
@@ -58,7 +63,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
             starved_s=said.starved_s,
             printed_share=said.progress_s / said.print_time_s if said.print_time_s else None,
         )
-    elif said.state is not attempt.state or said.extruded != attempt.extruded:
+    elif said.state is not attempt.state or said.extruded != attempt.extruded or attempt.restored:
         yield ev.PrintProgressed(
             at_s=now_s,
             print_id=attempt.id,
@@ -68,6 +73,11 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
         )
 
 
+def _over(snapshot: AgentSnapshot) -> bool:
+    """Whether there is no agent any more that could begin anything."""
+    return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
+
+
 def owed(
     attempt: Print, snapshot: AgentSnapshot, ends_by_s: float | None = None
 ) -> Iterator[ev.AnyInstruction]:
@@ -75,19 +85,20 @@ def owed(
 
     `ends_by_s` is when the print has to be ended; None where it takes what it takes.
     """
-    said = snapshot.print
-    if said is not None and said.print_id == attempt.id:
-        if not said.state.ended and not _same(said.ends_by_s, ends_by_s):
-            yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
-        if attempt.cancel_asked is not None and not said.state.ended:
+    said = snapshot.print if snapshot.print is not None and snapshot.print.print_id == attempt.id else None
+    if snapshot.link is Link.STARTING:
+        return  # nobody hears it
+    if said is not None and not said.state.ended and not _same(said.ends_by_s, ends_by_s):
+        yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
+    if attempt.cancel_asked is not None:
+        if said is None or not said.state.ended:
             reason = attempt.cancel_asked
             yield ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
-        elif said.state is (PrintState.PRINTING if attempt.pause_asked else PrintState.PAUSED):
+    elif said is not None:
+        if said.state is (PrintState.PRINTING if attempt.pause_asked else PrintState.PAUSED):
             wanted = attempt.pause_asked
             yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
-    elif (
-        attempt.state is PrintState.ASSIGNED and attempt.cancel_asked is None and snapshot.link is Link.READY
-    ):
+    elif attempt.state is PrintState.ASSIGNED and not attempt.restored and snapshot.link is Link.READY:
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
 
 

@@ -30,6 +30,13 @@ def less(reel: Reel | None, grams: float) -> Reel | None:
     return reel.model_copy(update={"grams": max(0.0, reel.grams - grams)})
 
 
+def doubted(reel: Reel | None) -> Reel | None:
+    """The reel where prints may have taken of it that nobody knows of."""
+    if reel is None or reel.grams is None:
+        return reel
+    return reel.model_copy(update={"doubted": True})
+
+
 def loaded(section: PrinterSection, reel: Reel | None) -> PrinterSection:
     """A printer of `fleet.yaml` with what a person has put on it since."""
     if reel is None:

@@ -33,9 +33,7 @@ from farm.tracking.consequences import (
 from farm.tracking.factor import learned
 from farm.tracking.faults import LOSSES, UNCHARGED, OwnFault
 from farm.tracking.outcome import Standing, printed
-from farm.tracking.reels import less, used_grams
-
-BY_THE_DAMAGE = "the books were restored"
+from farm.tracking.reels import doubted, less, used_grams
 
 _APPROVAL = Hold(code=HoldCode.APPROVAL, text="its plan is frozen until `farm approve` releases it")
 
@@ -193,9 +191,20 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
     started_s = attempt.started_s if attempt.started_s is not None else event.started_s
     extruded = attempt.extruded or event.extruded
     paused = attempt.paused or event.state is PrintState.PAUSED
-    attempt = edited(attempt, state=event.state, started_s=started_s, extruded=extruded, paused=paused)
+    attempt = edited(
+        attempt, state=event.state, started_s=started_s, extruded=extruded, paused=paused, restored=False
+    )
     books = put(books, attempt)
     return (soil(books, attempt.printer) if extruded else books), ()
+
+
+@apply.register
+def _(event: ev.PrintTakenBack, books: Books) -> Result:
+    attempt = books.prints[event.print_id]
+    if attempt.state is not PrintState.ASSIGNED or attempt.cancel_asked is not None:
+        return books, ()
+    stopped, stop = stop_print(attempt, event.reason)
+    return put(books, stopped), (stop,)
 
 
 @apply.register
@@ -215,6 +224,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         return books, (forget,)
     state = event.state
     fault, reason = event.fault, event.reason
+    unknown = attempt.restored and fault == OwnFault.PRINT_LOST  # it may well have been done
     begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_asked is not None:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_asked
@@ -227,7 +237,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         state=state,
         fault=fault,
         reason=reason,
-        charged=attempt.cancel_asked is None and fault not in UNCHARGED,
+        charged=not unknown and attempt.cancel_asked is None and fault not in UNCHARGED,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=attempt.extruded or event.extruded,
@@ -249,7 +259,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     if attempt.extruded or state is PrintState.FAILED:
         books = soil(books, attempt.printer)
     books = settle(books, attempt.job, event.at_s)
-    if state is PrintState.FAILED and fault in LOSSES:
+    if state is PrintState.FAILED and fault in LOSSES and not unknown:
         books = lose(books, attempt.printer, event.ended_s, event.at_s)
     return books, (forget,)
 
@@ -327,17 +337,15 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.BooksRestored, books: Books) -> Result:
-    """No bed is known to be clear, and no job goes on before a person has looked what is printed of it."""
-    beds = [
-        edited(printer, bed=Bed.NOT_CLEAR, filament=FilamentState.UNKNOWN)
+    """No bed is known to be clear, and no job goes on before a person has looked what is printed of it.
+
+    What the agents still print, or have just printed, is taken over by their word.
+    """
+    printers = [
+        edited(printer, bed=Bed.NOT_CLEAR, filament=FilamentState.UNKNOWN, reel=doubted(printer.reel))
         for printer in books.printers.values()
     ]
-    # One that was only assigned may be over by now: it is not begun again.
-    prints = [
-        edited(attempt, cancel_asked=BY_THE_DAMAGE)
-        for attempt in books.open_prints()
-        if attempt.state is PrintState.ASSIGNED
-    ]
+    prints = [edited(attempt, restored=True) for attempt in books.open_prints()]
     planned, others = [], []
     for job in books.jobs.values():
         if job.state in (JobState.PRINTING, JobState.HELD):  # it may have been approved since
@@ -345,7 +353,7 @@ def _(event: ev.BooksRestored, books: Books) -> Result:
         elif job.state in (JobState.QUEUED, JobState.PLANNING):
             options = job.options.model_copy(update={"hold": True})
             others.append(edited(job, options=options, restored=True))
-    return put(books, *beds, *prints, *planned, *others), ()
+    return put(books, *printers, *prints, *planned, *others), ()
 
 
 @apply.register

@@ -22,7 +22,7 @@ from farm.services.planning import Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.view import job_view, printer_view, todo
 from make_books import plan as planned
-from one_core import MODEL, Farm
+from one_core import MODEL, PLUS, Farm
 
 STATE = StateFolder(Path("/state"))
 
@@ -46,6 +46,21 @@ def test_a_job_waits_for_its_printers_then_takes_all_that_are_idle_and_clear(far
     farm.ready("b")
     assert farm.hands.plans == [(1, ["a", "b"], 1)]
     assert farm.core.books.jobs[1].state is JobState.PLANNING
+
+
+def test_a_plate_goes_elsewhere_only_when_its_agent_has_heard_that_it_must_not_begin(tmp_path):
+    farm = Farm(tmp_path, [PLUS] * 3)
+    farm.ready("a", "b", "c")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 1)
+    farm.core.planned(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+    first = farm.core.books.open_print_on("a")
+    stale = AgentSnapshot(printer="a", link=Link.ABSENT, agent_pid=9, reason="unplugged")
+    farm.core.heard(stale)
+    assert farm.hands.told[-1] == ev.SendCancel(print_id=first.id, printer="a", reason="unplugged")
+    assert [p.printer for p in farm.core.books.open_prints()] == ["a"]
+    farm.core.heard(stale.model_copy(update={"heard_cancel": first.id}))
+    assert [p.printer for p in farm.core.books.open_prints()] == ["b"]
 
 
 def test_a_job_that_no_printer_matches_any_more_lets_the_next_one_pass(farm):

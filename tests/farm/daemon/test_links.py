@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch
 from farm.config import Fleet
-from farm.daemon.links import Links
+from farm.daemon.links import AgentLink, Links
 from farm.daemon.translate import on_its_clock, translate
 from farm.daemon.translate import shift_s as shift_s_of
 from farm.model import AgentSnapshot, Link
@@ -160,3 +160,62 @@ def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent
     finally:
         kill(state.agent("old"))
         control(tmp_path / "emulator", "power_off")
+
+
+class FakeClient:
+    """An agent that answers every request with its snapshot; an upload only when it is let."""
+
+    def __init__(self) -> None:
+        self.sent: list[m.Request] = []
+        self.let = asyncio.Event()
+
+    async def request(self, request: m.Request) -> m.Reply:
+        self.sent.append(request)
+        if isinstance(request, m.Upload):
+            await self.let.wait()
+        said = m.Snapshot(printer="a", agent_pid=7, link=m.LinkState.ABSENT)
+        return m.Reply(id=request.id, snapshot=said)
+
+
+def told(tmp_path: Path, story) -> tuple[FakeClient, Ears]:  # type: ignore[no-untyped-def]
+    """What a link sends and hears while it is told a story."""
+    ears = Ears()
+
+    async def main() -> FakeClient:
+        link = AgentLink("a", None, StateFolder(tmp_path), Clock(), ears)
+        client = FakeClient()
+        link._client = client  # type: ignore[assignment]
+        await story(link, client)
+        await asyncio.gather(*link._tasks)
+        return client
+
+    return asyncio.run(main()), ears
+
+
+def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path):
+    async def story(link, client):  # type: ignore[no-untyped-def]
+        link.tell(m.CancelPrint(id=0, print_id="x"))
+
+    _, ears = told(tmp_path, story)
+    assert ears.last is not None
+    assert (ears.last.link, ears.last.agent_pid, ears.last.heard_cancel) == (Link.ABSENT, 7, "x")
+
+
+def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path: Path):
+    gcode = tmp_path / "x.gcode"
+    gcode.write_text("G28\n")
+    start = m.StartPrint(
+        id=0, print_id="x", gcode=str(gcode), sha256="0", print_time_s=1.0, filament=m.Filament.PARKED
+    )
+
+    async def story(link, client):  # type: ignore[no-untyped-def]
+        link._remote = True
+        link.tell(start)
+        while not client.sent:
+            await asyncio.sleep(0)
+        link.tell(m.CancelPrint(id=0, print_id="x"))
+        await asyncio.sleep(0)
+        client.let.set()
+
+    client, _ = told(tmp_path, story)
+    assert {type(one) for one in client.sent} == {m.Upload, m.CancelPrint}

@@ -2,10 +2,11 @@
 
 import pytest
 
-from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, Link, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, Link, PrintState
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.faults import OwnFault
+from farm.tracking.outcome import Standing
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from make_books import fleet, printing, run
 
@@ -73,37 +74,106 @@ def test_reconciling_follows_an_agent_and_is_quiet_when_nothing_is_new():
 
 def test_an_agent_that_was_not_told_is_told_again_and_one_that_forgot_has_lost_the_print():
     books = assigned()
-    empty = AgentSnapshot(printer="a", link=Link.READY)
-    assert list(reconcile(books.prints["x"], empty, 3.0)) == []
-    assert list(owed(books.prints["x"], empty)) == [ev.SendStart(print_id="x", printer="a")]
+    assert list(reconcile(books.prints["x"], empty(), 3.0)) == []
+    assert list(owed(books.prints["x"], empty())) == [ev.SendStart(print_id="x", printer="a")]
     books, _ = run(books, *reconcile(books.prints["x"], word(), 3.0))
-    assert list(owed(books.prints["x"], empty)) == []
-    books, _ = run(books, *reconcile(books.prints["x"], empty, 9.0))
+    assert list(owed(books.prints["x"], empty())) == []
+    books, _ = run(books, *reconcile(books.prints["x"], empty(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
     assert books.prints["x"].fault == OwnFault.PRINT_LOST
 
 
-def test_a_print_that_was_cancelled_before_its_agent_heard_of_it_never_starts():
+def empty(link=Link.READY, pid=9, **changes):
+    """The word of an agent that has no print."""
+    return AgentSnapshot(printer="a", link=link, agent_pid=pid, **changes)
+
+
+def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
+    """Until then the start may be on its way beside an older word of the agent's."""
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
-    empty = AgentSnapshot(printer="a", link=Link.READY)
-    assert list(owed(books.prints["x"], empty)) == []
-    books, _ = run(books, *reconcile(books.prints["x"], empty, 4.0))
+    stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_asked)
+    assert list(reconcile(books.prints["x"], empty(), 4.0)) == []
+    assert list(owed(books.prints["x"], empty())) == [stop]
+    assert list(owed(books.prints["x"], empty(Link.STARTING))) == []  # nobody would hear it
+    assert list(reconcile(books.prints["x"], empty(heard_cancel="another"), 4.0)) == []
+    books, _ = run(books, *reconcile(books.prints["x"], empty(heard_cancel="x"), 4.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
 
 
 @pytest.mark.parametrize("link", [Link.FAULT, Link.ABSENT])
-def test_a_print_that_cannot_begin_gives_its_printer_back_and_soils_nothing(link):
+def test_what_a_printer_cannot_begin_goes_elsewhere_only_when_its_agent_has_heard_of_it(link):
     books = assigned()
-    books, _ = run(books, *reconcile(books.prints["x"], AgentSnapshot(printer="a", link=link), 3.0))
+    stale = empty(link, reason="unplugged")
+    books, sent = run(books, *reconcile(books.prints["x"], stale, 3.0))
+    assert sent == [ev.SendCancel(print_id="x", printer="a", reason="unplugged")]
+    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+    assert list(reconcile(books.prints["x"], stale, 4.0)) == []
+    # It began all the same, and is ended: its plate is free then, and nobody is to blame.
+    began, _ = run(books, *reconcile(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0))
+    assert [type(one) for one in owed(began.prints["x"], word(state=PrintState.HEATING))] == [ev.SendCancel]
+    last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
+    began, _ = run(began, *reconcile(began.prints["x"], last, 9.0))
+    assert began.prints["x"].state is PrintState.CANCELLED
+    # Or it never did.
+    books, _ = run(books, *reconcile(books.prints["x"], empty(link, heard_cancel="x"), 5.0))
     assert books.prints["x"].state is PrintState.CANCELLED
     assert books.printers["a"].bed is Bed.CLEAR
-    assert [plate.id for plate in books.waiting_plates()] == ["1/01", "1/02"]
+    for each in (books, began):
+        assert [plate.id for plate in each.waiting_plates()] == ["1/01", "1/02"]
+
+
+def test_where_no_agent_is_left_nothing_can_begin():
+    books = assigned()
+    books, _ = run(books, *reconcile(books.prints["x"], empty(Link.ABSENT, None), 3.0))
+    assert books.prints["x"].state is PrintState.CANCELLED
+
+
+def restored(*states):
+    """The books of a copy, in which plates were in these states on a, b, ..."""
+    books = printing()
+    for name, state in zip("ab", states, strict=False):
+        plate = {"a": "1/01", "b": "1/02"}[name]
+        books, _ = run(books, ev.PlateAssigned(at_s=2.0, plate=plate, printer=name, print_id=name))
+        if state is not PrintState.ASSIGNED:
+            event = ev.PrintProgressed(at_s=3.0, print_id=name, state=state, started_s=2.0, extruded=True)
+            books, _ = run(books, event)
+    return run(books, ev.BooksRestored(at_s=50.0, copied_s=10.0))[0]
+
+
+@pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
+def test_what_an_agent_prints_is_taken_over_by_books_that_are_a_copy(state):
+    books = restored(state)
+    assert list(owed(books.prints["a"], empty())) == []  # it is not begun (again)
+    said = word("a")
+    books, sent = run(books, *reconcile(books.prints["a"], said, 51.0))
+    assert (sent, list(owed(books.prints["a"], said))) == ([], [])
+    assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
+    assert list(reconcile(books.prints["a"], said, 52.0)) == []
+    last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
+    books, _ = run(books, *reconcile(books.prints["a"], last, 100.0))
+    assert books.standing(books.plates["1/01"]) is Standing.PRINTED
+    assert books.jobs[1].state is JobState.HELD
+    books, _ = run(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
+    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+
+
+def test_what_no_agent_knows_any_more_is_no_outage_and_costs_no_attempt():
+    books = restored(PrintState.PRINTING, PrintState.PRINTING)
+    for name in "ab":
+        said = empty().model_copy(update={"printer": name})
+        books, _ = run(books, *reconcile(books.prints[name], said, 51.0))
+    assert books.outage is None
+    assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
+    assert "look what became of it" in books.printers["a"].look
+    fresh = restored(PrintState.ASSIGNED)
+    fresh, _ = run(fresh, *reconcile(fresh.prints["a"], empty(), 51.0))
+    assert fresh.prints["a"].state is PrintState.CANCELLED
 
 
 def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
     books = assigned()
-    books, _ = run(books, *reconcile(books.prints["x"], AgentSnapshot(printer="a", link=Link.FAULT), 3.0))
+    books, _ = run(books, *reconcile(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     heating = word(state=PrintState.HEATING, extruded=False)
     told = list(unexpected(books.printers["a"], books.prints["x"], heating, 4.0))
     assert [type(one) for one in told] == [ev.SendCancel]

@@ -5,10 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.config import Fleet
-from farm.model import Printer, PrintState, Reel
+from farm.model import HoldCode, Printer, PrintState, Reel
 from farm.tracking import events as ev
+from farm.tracking.asks import asks
 from farm.tracking.reels import used_grams, with_reels
 from make_books import ended, printing, run
+from make_views import printer
 
 WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 
@@ -53,3 +55,14 @@ def test_the_fleet_has_what_was_loaded():
     now = with_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
     has = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
     assert has == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
+
+
+def test_reels_of_restored_books_are_weighed_before_anything_is_printed_from_them():
+    load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
+    books, _ = run(printing(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
+    assert [one.reel and one.reel.doubted for one in books.printers.values()] == [True, None, None]
+    (item,) = [item for item in asks(books) if item.code == "reel"]
+    assert item.printers == ["a"]
+    books, _ = run(books, load)
+    assert not [item for item in asks(books) if item.code == "reel"]
+    assert printer("a", reel_doubted=True).obstacle().code is HoldCode.REEL_DOUBTED
