@@ -27,6 +27,9 @@ def decompose(
 ) -> Decomposition:
     """Cut a model for the first of the printers, so many that printing and handling take least together.
 
+    The number is chosen as if all had the room that they share, and their mean speed; where that room takes
+    too many parts, all printers are taken.
+
     Parameters
     ----------
     printers
@@ -43,10 +46,18 @@ def decompose(
     """
     checked(model, tuple(printers), options)
     problem = Problem(model, tuple(printers), cost, options, executor)
-    points = curve(problem.boxes(problem.grid(model)), len(printers), executor)
+    points = [
+        replace(point, makespan_s=point.makespan_s * _mean_factor(printers[: point.printers]))
+        for point in curve(problem.boxes(problem.grid(model)), len(printers), executor)
+    ]
     wanted = len(printers)
     if points:
         best = knee(points, clear_s, assemble_s) if within_s is None else in_time(points, within_s)
         wanted = best.printers
     result = partition.decompose(model, printers[:wanted], options, cost, executor)
-    return replace(result, curve=points)
+    return replace(result, curve=tuple(points))
+
+
+def _mean_factor(printers: Sequence[PrinterRoom]) -> float:
+    """Of what these printers can do together: parts that end together are as long as each is quick."""
+    return len(printers) / sum(1.0 / printer.time_factor for printer in printers)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,6 +26,25 @@ def test_dear_handling_takes_fewer_printers(lump: Solid, fleet: list[PrinterRoom
     assert len(most.parts) > 1
     assert [p.printers for p in most.curve] == list(range(1, len(fleet) + 1))
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(most.curve))
+
+
+def test_the_curve_knows_how_quick_the_printers_are(
+    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    model = Model(lump, (), 1.0)
+    printers = [replace(fleet[0], name=name, time_factor=f) for name, f in (("slow", 2.0), ("slower", 4.0))]
+    equal, slow = (auto.decompose(model, own, COARSE, cost).curve for own in (fleet[:2], printers))
+    assert [b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True)] == [
+        pytest.approx(2.0),
+        pytest.approx(8.0 / 3.0),
+    ]
+
+
+def test_where_the_room_of_all_takes_too_many_parts_all_printers_are_taken(cost: CostModel) -> None:
+    printers = [PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))]
+    model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
+    result = auto.decompose(model, printers, replace(COARSE, granularity=6), cost)
+    assert {part.printer for part in result.parts} == {"low", "high"}
 
 
 def test_the_curve_is_in_the_report(

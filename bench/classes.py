@@ -1,0 +1,122 @@
+"""What it gains to cut each part for its own printer's room and speed, and not for those of all.
+
+Usage: python -m bench.classes MODEL... [--plus 16] [--extended 4] [--wide 0] [--spread 0.1] [--side 450]
+       [--cells auto] [--json]
+
+Makespans by the cost model, each part on the printer that it goes to. "Shared" is a cut for printers that all
+have the smallest room and one speed, its parts then given out so that the last one ends soonest. `--spread`:
+printers take from so much less to so much more than the slicer says, evenly, in an order that is drawn.
+`--wide`: so many of the 2+ have a nozzle with which a part takes 0.45 of the time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from bench.print_time_parts import recipe_of
+from decompose import exact, unequal
+from decompose.assignment import printers_for
+from decompose.cost import CostModel, PrinterRoom
+from decompose.errors import NoFit
+from decompose.mesh import load_model
+from decompose.problem import Found, Problem
+from decompose.report import Engine, Options
+from drivers.profiles import PROFILES, part_room
+
+WIDE = 0.45
+
+
+def fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) -> tuple[PrinterRoom, ...]:
+    """So many of each, the first few 2+ with a wide nozzle."""
+    factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus + extended)
+    np.random.default_rng(0).shuffle(factors)
+    factors[:wide] *= WIDE
+    models = ["ultimaker2_plus"] * plus + ["ultimaker2_extended_plus"] * extended
+    rooms = {name: tuple(b.size_mm for b in part_room(PROFILES[name], brim_mm)) for name in set(models)}
+    return tuple(
+        PrinterRoom(f"{name}-{i}", rooms[name], float(factor))
+        for i, (name, factor) in enumerate(zip(models, factors, strict=True))
+    )
+
+
+def makespan_s(problem: Problem, found: Found) -> float:
+    """When the last part ends on the printers of a problem."""
+    poses = [pose for pose in problem.poses(list(found.pieces)) if pose is not None]
+    takers = printers_for(poses, problem.printers)
+    assert len(poses) == len(found.pieces)
+    assert takers is not None
+    return max(pose.seconds * taker.time_factor for pose, taker in zip(poses, takers, strict=True))
+
+
+def shared(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
+    """The same printers, were all as low as the lowest, and equally quick."""
+    least = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
+    return tuple(replace(printer, boxes=least, time_factor=1.0) for printer in printers)
+
+
+def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
+    """One model on one fleet: both makespans, inf where it does not fit, and seconds of the processors."""
+    row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
+    for name, printers, search in (
+        ("shared", shared(problem.printers), exact.search),
+        ("unequal", problem.printers, unequal.search),
+    ):
+        began = process_time()
+        row |= {f"{name}_s": math.inf, f"{name}_parts": 0}
+        with suppress(NoFit):
+            found = search(replace(problem, printers=printers))
+            row |= {f"{name}_s": makespan_s(problem, found), f"{name}_parts": len(found.pieces)}
+        row[f"{name}_cpu_s"] = process_time() - began
+    return row
+
+
+def main() -> None:
+    """Compare, and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("models", type=Path, nargs="+")
+    parser.add_argument("--plus", type=int, default=16)
+    parser.add_argument("--extended", type=int, default=4)
+    parser.add_argument("--wide", type=int, default=0)
+    parser.add_argument("--spread", type=float, default=0.1)
+    parser.add_argument("--side", type=float, default=450.0)
+    parser.add_argument("--cells", default="auto", help="as farm decompose --granularity")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    recipe = recipe_of("paper")
+    cost = CostModel.from_recipe(recipe)
+    printers = fleet(asked.plus, asked.extended, asked.wide, asked.spread, recipe.brim_mm)
+    options = Options(Engine.GUILLOTINE, granularity=asked.cells, prove=False)
+    rows = []
+    with ThreadPoolExecutor(os.cpu_count()) as executor:
+        for path in asked.models:
+            model = load_model(path, longest_side_mm=asked.side)
+            rows.append(compare(path, asked.side, Problem(model, printers, cost, options, executor)))
+    if asked.json:
+        given = {name: getattr(asked, name) for name in ("plus", "extended", "wide", "spread", "cells")}
+        print(json.dumps({**given, "rows": rows}))
+        return
+    for row in rows:
+        print(
+            f"{row['model']:>20}: {row['shared_s'] / 3600.0:6.2f} h shared, "
+            f"{row['unequal_s'] / 3600.0:6.2f} h unequal ({row['unequal_s'] / row['shared_s']:.3f}), "
+            f"{row['shared_parts']} and {row['unequal_parts']} parts, "
+            f"{row['shared_cpu_s']:.0f} and {row['unequal_cpu_s']:.0f} s of the processors"
+        )
+
+
+if __name__ == "__main__":
+    main()
