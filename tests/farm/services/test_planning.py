@@ -235,3 +235,23 @@ def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, 
     first, fine, wide, worn = (room.time_factor for room in seen)
     assert (first, worn) == (1.0, 1.1)
     assert wide < 0.8 and fine > 1.5
+
+
+def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_path):
+    """As high as a 2+ and a 2+ Extended together: on what both have room for it is three parts."""
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((80.0, 80.0, 480.0)).export(path)
+    tower = inspect_model(path, "tower.stl", JobOptions(), files)
+    low = fleet(1).printers[0]
+    extended = "ultimaker2_extended_plus"
+    changes = {"name": "high", "model": extended, "port": f"sim://{extended}", "nozzle_mm": 0.6}
+    high = low.model_copy(update=changes)
+    work = replace(task(tower, files, tmp_path), printers=(low, high), options=JobOptions(printers=2))
+    cut = decompose_job(work)
+    assert {part.printer for part in cut.parts} == {"p0", "high"}
+    for one, part in zip(slice_tasks(work, cut, None), cut.parts, strict=True):
+        height = np.ptp(trimesh.load_mesh(one.stl).bounds[:, 2])
+        assert height > 205.0 if part.printer == "high" else height <= 205.0
+        section = {"p0": low, "high": high}[part.printer]
+        assert one.request == settings_request(section, "glue")
+        assert max(box.height_mm for box in one.room) == (305.0 if part.printer == "high" else 205.0)
