@@ -53,7 +53,8 @@ class Options:
     score: Score = Score.BOTH  # of parallelobox
     faithful: bool = False  # parallelobox with the paper's own prices and settings
     fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
-    budget_s: float = 20.0  # of `best`: an engine is not begun, and a search not gone on with, after it
+    # Of `best`, in seconds of the processor: after it no engine is begun, and no search gone on with.
+    budget_s: float = 20.0
     prove: bool = True  # the bound by linear programming: some seconds; without it the gap is wide
 
 

@@ -67,6 +67,13 @@ def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: Cost
     assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
 
 
+def test_planes_move_however_late_it_is(cone: Solid, cost: CostModel) -> None:
+    asked = replace(problem(cone, cost, 2, cells=2), expired=lambda: True)
+    nx, ny, nz = asked.grid(asked.model).shape
+    before, after = run(asked, [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)])
+    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+
+
 def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
     asked = problem(cone, cost, 2, cells=2)
     slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
