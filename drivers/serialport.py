@@ -238,11 +238,9 @@ class Distant:
             raise PortError(f"{self._url}: went away ({error}); look at its host and the network") from error
 
     def write_now(self, data: bytes) -> None:
-        """Send this instead of what waits on the other host; raises PortError."""
-        try:
+        """Send this instead of what waits on the other host, if that can be told so; raises PortError."""
+        with suppress(serial.SerialException, OSError, ValueError):
             self._port.reset_output_buffer()
-        except (serial.SerialException, OSError) as error:
-            raise PortError(f"{self._url}: went away ({error}); look at its host and the network") from error
         self.write(data)
 
     def set_dtr(self, *, up: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
 PULSES = 2
+LAST_WORDS, LAST_WORD_S = 3, 0.1
 UNWATCHED = "nobody watched it before its agent was started"
 NOT_IDLE = "its port is opened when somebody has said that it does not print: opening it may reset it"
 NO_RESET = "its board does not start again at a pulse of DTR: it prints only while somebody is there"
@@ -206,11 +208,15 @@ class Board:
 
     def cut(self) -> None:
         """Switch everything off by a reset, where heat of ours may be on: the agent is about to end."""
-        if (self.session is not None or self.hot) and self._port is not None:
-            with suppress(PortError):
-                if self.refuted:
+        if self._port is None or not (self.session is not None or self.hot):
+            return
+        if self.refuted:
+            for _ in range(LAST_WORDS):  # a line that was cut off is refused, with all that came behind it
+                with suppress(PortError):
                     self._port.write_now(_OFF)
-                self._port.reset()
+                time.sleep(LAST_WORD_S)
+        with suppress(PortError):
+            self._port.reset()
 
     def close(self) -> None:
         """Give the port up."""

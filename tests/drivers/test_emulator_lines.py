@@ -62,6 +62,15 @@ def test_m110_without_checksum_is_an_error(host: Host) -> None:
     assert host.put("M110 N100")[1] == "Resend: 1"
 
 
+def test_what_comes_behind_a_line_that_was_cut_off_is_lost_and_heard_the_next_time(host: Host) -> None:
+    host.say("M104 S210")
+    off = "\nM104 S0\nM140 S0"
+    host.put(f"N1 G1 X5 Y{off}")
+    assert host.board.nozzle.target_c == 210.0
+    host.put(off)
+    assert host.board.nozzle.target_c == 0.0
+
+
 def test_unnumbered_lines_may_be_mixed_in(host: Host) -> None:
     assert host.number("G4 P0") == ["ok"]
     assert host.say("M105")[0].startswith("ok T:")

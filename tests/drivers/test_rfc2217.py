@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from one_printer import settled
 
 from drivers import estop
 from drivers import messages as m
@@ -92,6 +93,8 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
         else:
             raise AssertionError("no report")
         assert read_status(tmp_path / "emulator").resets == resets + 1
+        port.write_now(b"\nM104 S150\n")
+        assert settled(tmp_path / "emulator", lambda status: status.nozzle_target_c == 150.0)
     finally:
         port.close()
     assert estop.stop(estop.Target("a", url, tmp_path / "a")).seen_off
