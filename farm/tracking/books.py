@@ -80,7 +80,7 @@ class Books:
         return (p for p in self._open.values() if job in (None, p.job))
 
     def open_print_on(self, printer: str) -> Print | None:
-        return next((p for p in self.open_prints() if p.printer == printer), None)
+        return next((p for p in self._open.values() if p.printer == printer), None)
 
     def to_judge(self, printer: str) -> Print | None:
         """The last print that was done on a printer, where nobody has said yet how it is."""
@@ -93,9 +93,9 @@ class Books:
 
     def waiting_plates(self) -> Iterator[Plate]:
         """Plates of printing jobs to be printed that are not being printed, in order of submission."""
-        for job in sorted(self.jobs.values(), key=lambda j: j.id):
-            if job.state is JobState.PRINTING:
-                yield from (p for p in self.plates_of(job) if self.standing(p) is Standing.WAITING)
+        printing = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
+        for job in sorted(printing, key=lambda j: j.id):
+            yield from (p for p in self.plates_of(job) if self.standing(p) is Standing.WAITING)
 
     def queue(self) -> list[Job]:
         """The jobs that are being planned, and those that are to be, by priority and order of submission."""
