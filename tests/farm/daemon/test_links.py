@@ -23,6 +23,8 @@ from farm.paths import StateFolder
 from farm.services.outlook import Span
 from farm.tracking import events as ev
 from farm.tracking.books import Books
+from make_books import printing
+from make_books import run as booked
 
 MODEL = "ultimaker2_plus"
 DEADLINE_S = 40.0
@@ -96,6 +98,28 @@ def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: 
     assert heard is not None
     assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
     assert shift_s_of(said, clock) == pytest.approx(shift_s, abs=30.0)
+
+
+class Told:
+    """A link that only keeps what it is to tell."""
+
+    def __init__(self) -> None:
+        self.requests: list[m.Request] = []
+
+    def tell(self, request: m.Request) -> None:
+        self.requests.append(request)
+
+
+def test_a_start_goes_out_with_its_hours_and_so_do_hours_that_have_changed(tmp_path: Path):
+    books, _ = booked(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p"))
+    links = Links(Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), Ears())
+    told = Told()
+    links._links["a"] = told  # type: ignore[assignment]
+    links.perform(ev.SendStart(print_id="p", printer="a"), books, tmp_path, lambda _: Span(500.0, 900.0))
+    links.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path, no_span)
+    begin, end = told.requests
+    assert isinstance(begin, m.StartPrint) and (begin.not_after_s, begin.ends_by_s) == (500.0, 900.0)
+    assert end == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
 
 
 def start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
