@@ -45,7 +45,7 @@ def search(problem: Problem) -> Found:
     Raises
     ------
     NoFit
-        No attempt covers the model.
+        No attempt covers the model; not faithful also, none that was looked at is good to glue.
     """
     grounds = _grounds(problem)
     tried: list[_Tried] = []
@@ -59,6 +59,11 @@ def search(problem: Problem) -> Found:
             f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
         )
     best = min(tried, key=_Tried.rank)
+    if best.fault and not problem.options.faithful:
+        raise NoFit(
+            f"in every attempt of parallelobox that was looked at a part is bad to glue; in the best it "
+            f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
+        )
     figures = problem.figures(best.ground.grid, best.ground.boxes, list(best.cut))
     problem.lap("bound")
     aligned = best.ground.aligned
@@ -86,16 +91,16 @@ class _Ground:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
-    """A partition that was cut, when its last piece ends, and whether one of them is bad to glue."""
+    """A partition that was cut, when its last piece ends, and why one of them is bad to glue, if one is."""
 
     ground: _Ground
     cut: dict[Box, list[Piece]]
     ends_s: float
-    faulty: bool
+    fault: str
 
     def rank(self) -> tuple[bool, float]:
         """Less is better."""
-        return self.faulty, self.ends_s
+        return bool(self.fault), self.ends_s
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
@@ -202,7 +207,7 @@ def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
     """The one of these that ends soonest; it is looked for until no other promises more."""
     best: list[_Tried] = []
     for promised_s, boxes in ranked[:MOST_CUT]:
-        if best and (problem.expired() or (not best[0].faulty and promised_s >= best[0].ends_s)):
+        if best and (problem.expired() or (not best[0].fault and promised_s >= best[0].ends_s)):
             break
         tried = _tried(boxes, ground, problem)
         if tried is not None and tried.ends_s < math.inf:
@@ -217,4 +222,5 @@ def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None
     if len(pieces) > len(problem.printers):
         return None
     ends_s = max(math.inf if pose is None else pose.seconds for pose in problem.poses(pieces))
-    return _Tried(ground, cut, ends_s, bool(faults(pieces, problem.options.min_glue_mm2)))
+    found = faults(pieces, problem.options.min_glue_mm2)
+    return _Tried(ground, cut, ends_s, found[0].what if found else "")

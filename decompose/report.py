@@ -169,8 +169,8 @@ class Decomposition:
     joints
         Where two parts touch, by their places in `parts`.
     faults
-        Slivers, and parts that joints of enough glue do not hold. The guillotine engine gives up what has
-        any; of the others they are told.
+        Slivers, and parts that joints of enough glue do not hold. What has any is given up; of the
+        two rivals and of what is `--faithful` they are told.
     curve
         Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
     attempts

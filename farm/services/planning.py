@@ -5,17 +5,19 @@ The order is decompose, then slice every part, then price every plate. A plan is
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from decompose import auto, partition
+from decompose import partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
 from decompose.files import ASSEMBLY, PICTURE, REPORT, write
 from decompose.mesh import Model
-from decompose.report import Decomposition, Engine, Options
+from decompose.report import Engine, Options
 from decompose.solid import Solid
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
@@ -28,6 +30,7 @@ from farm.services.booking import (
     printer_settings,
     slice_task,
 )
+from farm.services.cut import Cut
 from farm.services.estimate import quickest_first
 from farm.services.files import store_file
 from farm.services.models import read_inspected
@@ -38,9 +41,6 @@ from farm.services.trouble import in_farm_words
 from slicing.plate import PlateResult
 from slicing.qualities import OURS
 from slicing.resources import Resources, find_resources
-
-LATE = 1.1
-"""The margin of `--done-by`: planning itself takes its time, and so may a print."""
 
 
 class TooFewPrinters(FarmError):
@@ -154,12 +154,14 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     model = read_inspected(task.model)
     options = decomposition_options(task.options)
     try:
-        if task.within_s is not None:
-            found = _in_time(model, rooms, options, cost, task.within_s)
-        elif task.options.printers is None:
-            found = _whole(model, rooms, options, cost) or auto.decompose(model, rooms, options, cost)
-        else:
-            found = partition.decompose(model, rooms, options, cost)
+        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:  # they end with the worker
+            cut = Cut(model, rooms, options, cost, threads)
+            if task.within_s is not None:
+                found = cut.in_time(task.within_s)
+            elif task.options.printers is None:
+                found = cut.whole() or cut.worth_it()
+            else:
+                found = cut.for_all()
         written = write(found, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
@@ -207,31 +209,6 @@ def decomposition_options(options: JobOptions) -> Options:
     quality = OURS.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
     return Options(Engine(options.engine), fit_first_layer=fits, prove=False)  # a person waits: no proof
-
-
-def _whole(model: Model, rooms: list[PrinterRoom], options: Options, cost: CostModel) -> Decomposition | None:
-    """A model that one printer can hold stays in one part: who wants it sooner says how many printers."""
-    x, y, z = map(float, model.extents_mm)
-    poses = ((x, y, z), (y, z, x), (z, x, y))
-    rooms = [room for room in rooms if any(room.fits(*pose) for pose in poses)]
-    options = replace(options, engine=Engine.GUILLOTINE)  # which finds one part wherever one will do
-    for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
-        try:
-            return partition.decompose(model, [room], options, cost)
-        except NoFit:
-            continue
-    return None
-
-
-def _in_time(
-    model: Model, rooms: list[PrinterRoom], options: Options, cost: CostModel, within_s: float
-) -> Decomposition:
-    """As few parts as are printed within that time, with a margin; where none are, the soonest."""
-    enough_s = within_s / LATE
-    whole = _whole(model, rooms, options, cost)
-    if whole is not None and whole.makespan_s <= enough_s:
-        return whole
-    return auto.decompose(model, rooms, options, cost, within_s=enough_s)
 
 
 def _for_the_quickest(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tuple[DecomposedPart, ...]:

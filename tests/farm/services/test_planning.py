@@ -16,9 +16,9 @@ from farm.daemon.core import Core
 from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, Job, JobOptions, JobState, Link
 from farm.services.booking import MAY_FALL, MOST_WARNINGS, printer_settings, settings_request
+from farm.services.cut import LATE
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
-    LATE,
     DecomposeTask,
     TooFewPrinters,
     decompose_job,
