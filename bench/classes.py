@@ -67,14 +67,14 @@ def shared(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
 
 
 def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
-    """One model on one fleet: both makespans, inf where it does not fit, and seconds of the processors."""
+    """One model on one fleet: both makespans, None where it does not fit, and seconds of the processors."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
         ("shared", shared(problem.printers), exact.search),
         ("unequal", problem.printers, unequal.search),
     ):
         began = process_time()
-        row |= {f"{name}_s": math.inf, f"{name}_parts": 0}
+        row |= {f"{name}_s": None, f"{name}_parts": 0}
         with suppress(NoFit):
             found = search(replace(problem, printers=printers))
             row |= {f"{name}_s": makespan_s(problem, found), f"{name}_parts": len(found.pieces)}
@@ -110,9 +110,9 @@ def main() -> None:
         print(json.dumps({**given, "rows": rows}))
         return
     for row in rows:
+        shared_h, unequal_h = ((row[f"{name}_s"] or math.inf) / 3600.0 for name in ("shared", "unequal"))
         print(
-            f"{row['model']:>20}: {row['shared_s'] / 3600.0:6.2f} h shared, "
-            f"{row['unequal_s'] / 3600.0:6.2f} h unequal ({row['unequal_s'] / row['shared_s']:.3f}), "
+            f"{row['model']:>20}: {shared_h:6.2f} h shared, {unequal_h:6.2f} h unequal, "
             f"{row['shared_parts']} and {row['unequal_parts']} parts, "
             f"{row['shared_cpu_s']:.0f} and {row['unequal_cpu_s']:.0f} s of the processors"
         )

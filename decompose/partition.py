@@ -49,7 +49,8 @@ def decompose(
         From `decompose.mesh.load_model`.
     printers
         Those that are free, one part each at most; a printer that may print in several rounds is there once
-        for each. All parts fit the smallest.
+        for each. The guillotine engine cuts a part for its own printer's room and speed; the parts of the
+        others fit all printers.
     options
         How to cut.
     cost

@@ -71,8 +71,9 @@ def search(problem: Problem) -> Found:
     best = min(cuts, key=lambda cut: _ends_s(problem, cut))
     pieces = tuple(evened(problem, grid, best))
     for cut in cuts:
-        other = pieces if cut is best else tuple(evened(problem, grid, cut))
-        pieces = min(pieces, other, key=lambda found: _longest_s(problem, found))
+        if cut is not best and not problem.expired():
+            other = tuple(evened(problem, grid, cut))
+            pieces = min(pieces, other, key=lambda found: _longest_s(problem, found))
     problem.lap("planes")
     figures = by_class.figures(grid, best, least_s)
     problem.lap("bound")
