@@ -206,12 +206,17 @@ class Core:
         for attempt in list(self.books.open_prints()):
             snapshot = self.snapshots.get(attempt.printer)
             if snapshot is not None:
-                view = self.view(attempt.printer)
-                ends_by_s = None if view is None else self.rules.ends_by_s(view, self.clock.now())
-                for instruction in owed(attempt, snapshot, ends_by_s):
+                for instruction in owed(attempt, snapshot, self._ends_by_s(snapshot)):
                     if isinstance(instruction, ev.SendStart) and not self._may_begin(attempt):
                         continue
                     self._hands.perform(instruction)
+
+    def _ends_by_s(self, snapshot: AgentSnapshot) -> float | None:
+        """When what is printed there has to be ended; as it was told, where it has left the fleet since."""
+        view, said = self.view(snapshot.printer), snapshot.print
+        if view is None:
+            return None if said is None else said.ends_by_s
+        return self.rules.ends_by_s(view, self.clock.now())
 
     def _may_begin(self, attempt: Print) -> bool:
         """Nothing heats in an outage that nobody has confirmed, nor out of hours."""

@@ -79,6 +79,11 @@ def test_hours_that_are_changed_in_a_print_are_told_to_its_agent(farm):
     word(farm, ends_by_s=None)
     assert farm.hands.told[-1].ends_by_s == STOP
     before = len(farm.hands.told)
+    [gone] = (p for p in farm.core.fleet.printers if p.name == "b")
+    fleet = farm.core.fleet
+    farm.core.fleet = fleet.model_copy(update={"printers": (gone,)})  # `a` was taken out of it
+    word(farm, ends_by_s=STOP - 3600.0)
+    farm.core.fleet = fleet
     word(farm, PrintState.ENDING)
     assert len(farm.hands.told) == before
 
