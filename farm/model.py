@@ -296,6 +296,7 @@ class Printer(Entity):
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
     look: str | None = None  # why a person has to look before it prints again
+    look_s: float | None = None  # since when
     maintenance: str | None = None  # why a person has taken it out of use
     lost_s: float | None = None  # when its board was last found to be gone
     reel: Reel | None = None  # None: as fleet.yaml says

@@ -34,7 +34,8 @@ def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
             at_s = _next(now, day, int(hour), int(minute)).timestamp()
     except ValueError as error:
         example = "write it like 22:00, fri 22:00 or 2026-11-21T22:00"
-        raise ValueError(f"{text!r} is no time ({error}); {example}") from error
+        why = f" ({error})" if found is not None else ""
+        raise ValueError(f"{text!r} is no time{why}; {example}") from error
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
     return at_s

@@ -253,7 +253,7 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         factor = learned(printer.time_factor, plate.print_time_s, reached_s, event.starved_s)
         printer = edited(printer, time_factor=factor)
     if state is PrintState.FAILED:
-        printer = edited(printer, look=reason or fault or "its print failed")
+        printer = edited(printer, look=reason or fault or "its print failed", look_s=event.ended_s)
     books = put(books, attempt, printer)
     # A print that failed may have extruded without anybody having seen it.
     if attempt.extruded or state is PrintState.FAILED:
@@ -372,5 +372,6 @@ def _(event: ev.PrinterSeen, books: Books) -> Result:
 @apply.register
 def _(event: ev.PrinterDoubted, books: Books) -> Result:
     printer = books.printer(event.printer)
-    doubted = edited(printer, bed=Bed.UNKNOWN, filament=FilamentState.UNKNOWN, look=event.reason)
+    unknown = edited(printer, bed=Bed.UNKNOWN, filament=FilamentState.UNKNOWN)
+    doubted = edited(unknown, look=event.reason, look_s=event.at_s)
     return put(books, doubted), ()

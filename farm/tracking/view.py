@@ -194,7 +194,7 @@ def todo(scene: Scene) -> list[api.Todo]:
             text = f"connect {what}{also}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
         elif why:
-            what = f"{section.name} {why}{_when(scene, section.name)}"
+            what = f"{section.name} {why}{_when(scene, entry)}"
             text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
             looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
         elif attempt is not None:
@@ -212,12 +212,11 @@ def todo(scene: Scene) -> list[api.Todo]:
     return [*own, *looks, *absent, *ending, *clear, *asks(scene.books)]
 
 
-def _when(scene: Scene, printer: str) -> str:
-    """When the print failed for which a printer has to be looked at."""
-    last = scene.books.last_on(printer)
-    if last is None or last.state is not PrintState.FAILED or last.ended_s is None:
+def _when(scene: Scene, printer: Printer) -> str:
+    """Since when a printer has to be looked at."""
+    if printer.look is None or printer.look_s is None:
         return ""
-    return datetime.fromtimestamp(last.ended_s, scene.fleet.zone).strftime(" %H:%M")
+    return datetime.fromtimestamp(printer.look_s, scene.fleet.zone).strftime(" %H:%M")
 
 
 def _snapshot(scene: Scene, name: str) -> AgentSnapshot:

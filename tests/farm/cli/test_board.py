@@ -30,6 +30,15 @@ def test_it_begins_with_what_a_person_has_to_do_now():
     assert [row[1] for row in table] == ["remove"] * 3 + ["look", "printing"]
 
 
+def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
+    doubt = ev.PrinterDoubted(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
+    books, _ = run(night_books(), doubt)
+    lines = shown(status_of(books))
+    assert lines[1].startswith(
+        "DO NOW   take off 2: um2-01..02     look at: um2-03 used at its LCD 06:30, um2-04"
+    )
+
+
 def test_what_has_been_looked_at_is_good_or_bad():
     verdicts = zip(PRINTERS[:3], (Verdict.GOOD, Verdict.BAD, Verdict.GOOD), strict=True)
     books, _ = run(
