@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.faults import Dice, Faults, parse_faults, parse_url
@@ -49,6 +49,7 @@ def test_a_wrong_url_says_what_and_what_to_use(url: str, says: str) -> None:
 
 
 @given(st.binary(min_size=1, max_size=95), st.integers(0, 1000))
+@settings(deadline=None)
 def test_a_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
     disturbed = Dice(Faults(checksum=1.0), random.Random(seed)).disturb(line)
     assert len(disturbed) == len(line)

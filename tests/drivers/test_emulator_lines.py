@@ -133,6 +133,7 @@ def test_lost_oks_are_lost_and_nothing_else() -> None:
 
 
 @given(st.binary(max_size=96))
+@settings(deadline=None)
 def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes) -> None:
     assert checksum(line) == reduce(xor, line, 0)
 
