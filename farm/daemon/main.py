@@ -27,7 +27,7 @@ from farm.daemon.remaker import Remaker
 from farm.daemon.server import make_app
 from farm.daemon.timers import Timers
 from farm.daemon.workers import Workers
-from farm.errors import Refused
+from farm.errors import FarmError, Refused
 from farm.model import Job, Plate
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.services.again import AgainTask
@@ -192,19 +192,27 @@ def run(fleet: Fleet, places: Places) -> None:
     ------
     Refused
         Where another daemon has this state folder.
+    FarmError
+        Where that cannot be read or written.
     """
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("httpx").setLevel(logging.WARNING)
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
     check_operators(fleet.fleet.operators)
     places.state.make()
-    with _only_one(places.state):
-        shutil.rmtree(places.state.work, ignore_errors=True)
-        places.state.make()
-        for partial in places.state.slices.glob(".*"):  # of a worker that was killed while it wrote
-            partial.unlink()
-        trim_cache(places.state.slices)
-        asyncio.run(Daemon(fleet, places).run())
+    try:
+        with _only_one(places.state):
+            shutil.rmtree(places.state.work, ignore_errors=True)
+            places.state.make()
+            for partial in places.state.slices.glob(".*"):  # of a worker that was killed while it wrote
+                partial.unlink()
+            trim_cache(places.state.slices)
+            asyncio.run(Daemon(fleet, places).run())
+    except OSError as error:
+        raise FarmError(
+            f"the state folder {places.state.root} cannot be used ({error}): has its disk room, and may it "
+            "be written?"
+        ) from error
 
 
 @contextlib.contextmanager

@@ -179,6 +179,11 @@ def make_app(
             raise Refused(f"printing: {' '.join(busy)}; use --wait, or --now to end everything safely")
         await down(request.now)
 
+    @app.exception_handler(OSError)
+    async def no_room(request: Request, error: OSError) -> Response:
+        said = f"the state folder {state.root} cannot be used ({error.strerror or error}): has its disk room?"
+        return await refused(request, FarmError(said))
+
     @app.exception_handler(Exception)
     async def broken(_: Request, error: Exception) -> Response:
         problem = api.Problem(
