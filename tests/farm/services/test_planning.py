@@ -246,7 +246,8 @@ def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_
     extended = "ultimaker2_extended_plus"
     changes = {"name": "high", "model": extended, "port": f"sim://{extended}", "nozzle_mm": 0.6}
     high = low.model_copy(update=changes)
-    work = replace(task(tower, files, tmp_path), printers=(low, high), options=JobOptions(printers=2))
+    options = JobOptions(printers=2, engine="guillotine")
+    work = replace(task(tower, files, tmp_path), printers=(low, high), options=options)
     cut = decompose_job(work)
     assert {part.printer for part in cut.parts} == {"p0", "high"}
     for one, part in zip(slice_tasks(work, cut, None), cut.parts, strict=True):
