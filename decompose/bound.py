@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.boxes import Boxes, interval
-from decompose.covering import covering_weights
+from decompose.covering import fewest
 from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
@@ -118,7 +118,7 @@ def makespan_bound(boxes: Boxes, needed: npt.NDArray[np.bool_], printers: int, m
             break
         if limit <= low.seconds:
             limit = (low.seconds + high) / 2.0
-        weights = covering_weights(boxes, needed, limit, printers, weights)
+        weights = fewest(boxes, needed, limit, printers, weights).weights
         proof = _proof(boxes, weights, printers, makespan_s)
         low = max(low, proof, key=lambda bound: bound.seconds)
         if proof.seconds <= limit:

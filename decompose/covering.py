@@ -8,6 +8,8 @@ as in PDLP, Applegate et al. 2021).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -20,6 +22,26 @@ Bools = npt.NDArray[np.bool_]
 
 RESTARTS, STEPS = 60, 100  # so many times, so many steps
 SURE = 1e-4  # share by which the fewest boxes are more than the printers, so that nobody looks further
+
+
+@dataclass(frozen=True, slots=True)
+class Covering:
+    """What was found of the fewest boxes.
+
+    Attributes
+    ----------
+    weights
+        (nx, ny, nz) of needed cells, at least 0. No box within the time holds more than its pieces of them
+        (but for rounding), so that their sum is a lower bound on the pieces of any covering.
+    boxes
+        (k, 6) the boxes that no larger one within the time contains.
+    shares
+        (k,) how much of each the covering takes, near the least sum.
+    """
+
+    weights: Floats
+    boxes: npt.NDArray[np.int16]
+    shares: Floats
 
 
 @jit
@@ -117,8 +139,10 @@ def _covered(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> N
 
 
 @jit
-def _solve(needed: Bools, corners: Ints, pieces: Floats, printers: int, weights: Floats) -> Floats:
-    """The best weights that were found, scaled so that no box holds more than its pieces."""
+def _solve(
+    needed: Bools, corners: Ints, pieces: Floats, printers: int, weights: Floats
+) -> tuple[Floats, Floats]:
+    """The best weights and shares that were found, scaled so that both keep their rules."""
     shape = (needed.shape[0] + 1, needed.shape[1] + 1, needed.shape[2] + 1)
     sums, steps, covered = np.zeros(shape), np.zeros(shape), np.zeros(needed.shape)
     held, content, crowd = np.zeros(len(pieces)), np.zeros(len(pieces)), np.zeros(needed.shape)
@@ -128,8 +152,8 @@ def _solve(needed: Bools, corners: Ints, pieces: Floats, printers: int, weights:
     _covered(np.ones(len(pieces)), corners, steps, crowd)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
     ahead = np.zeros(len(pieces))
-    best = weights.copy()
-    most, least = 0.0, np.inf  # the bounds on the fewest pieces
+    best_weights, best_shares = weights.copy(), shares.copy()
+    most, least = 0.0, np.inf  # sums of these: the bounds on the fewest boxes
     balance = 0.05 * len(pieces) / needed.sum()  # of the steps in shares to those in weights
     for _ in range(RESTARTS):
         old_shares, old_weights = shares.copy(), weights.copy()
@@ -164,8 +188,9 @@ def _solve(needed: Bools, corners: Ints, pieces: Floats, printers: int, weights:
                             open_ = min(open_, covered[x, y, z])
             low, high = w.sum() / over, (s * pieces).sum() / max(open_, 1e-12)
             if low > most:
-                most, best = low, w / over
-            least = min(least, high)
+                most, best_weights = low, w / over
+            if high < least:
+                least, best_shares = high, s / max(open_, 1e-12)
             if high - low < closest:
                 closest, next_shares, next_weights = high - low, s, w
         if most > printers * (1.0 + SURE) or least <= printers or least - most < SURE * most:
@@ -175,11 +200,11 @@ def _solve(needed: Bools, corners: Ints, pieces: Floats, printers: int, weights:
         if by_shares > 0.0 and by_weights > 0.0:
             balance = np.sqrt(balance * np.sqrt(by_shares / by_weights))
         shares[:], weights[:] = next_shares, next_weights
-    return best
+    return best_weights, best_shares
 
 
-def covering_weights(boxes: Boxes, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Floats:
-    """Weights that say how few boxes within a time cover the needed cells: the dual solution, or near it.
+def fewest(boxes: Boxes, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
+    """The fewest boxes within a time that cover the needed cells, or as near as it takes to tell.
 
     Parameters
     ----------
@@ -192,24 +217,22 @@ def covering_weights(boxes: Boxes, needed: Bools, limit_s: float, printers: int,
 
     Returns
     -------
-    Floats
-        (nx, ny, nz) at least 0, and 0 where a cell is not needed. No box within the time holds more than its
-        pieces (but for rounding), so that their sum is a lower bound on the pieces of any covering. Where a
-        cell is in no such box, it alone has a weight.
+    Covering
+        Where a cell is in no box within the time, nothing covers it: all weight is on that cell.
     """
     found = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    found = found[: _largest(*tables, limit_s, *boxes.shape, found)]
+    found = found[: _largest(*tables, limit_s, *boxes.shape, found)].copy()
     corners = _corners(found.astype(np.int64), boxes.shape)
     crowd = np.zeros(needed.shape)
     _covered(np.ones(len(found)), corners, np.zeros([n + 1 for n in boxes.shape]), crowd)
-    alone = np.argwhere(needed & (crowd < 0.5))
-    if len(alone):
-        weights = np.zeros(needed.shape)
-        weights[tuple(alone[0])] = 1.0
-        return weights
+    alone = needed & (crowd < 0.5)
+    if alone.any():
+        return Covering((alone.cumsum().reshape(alone.shape) == 1) * alone * 1.0, found, np.zeros(len(found)))
     at = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in found.tolist()]
-    return _solve(needed, corners, boxes.pieces[at].astype(np.float64), printers, weights.copy())
+    pieces = boxes.pieces[at].astype(np.float64)
+    best, shares = _solve(needed, corners, pieces, printers, weights.copy())
+    return Covering(best, found, shares)
 
 
 def _corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
