@@ -75,8 +75,8 @@ class Otherwise:
             if key in self._seen or not _failed(books, plate) or not _may_be_remade(books, plate):
                 continue
             self._seen.add(key)
-            making_s = again.CUTTING_S * self._clock.scale
-            wish = again.to_cut(view, waiting, printers, self._rules, self._clock.now(), making_s)
+            now_s, scale = self._clock.now(), self._clock.scale
+            wish = again.to_cut(view, waiting, printers, self._rules, now_s, scale)
             if wish is not None:
                 self._start(plate, wish.printers, cut=True)
 
@@ -116,8 +116,7 @@ class Otherwise:
                 if (plate.id, len(plate.prints), p.kind.kin, p.kind.nozzle_mm) not in self._tried
                 and (p.name not in kept or takes_spare(view, fleet))
             ]
-            making_s = again.SLICING_S * self._clock.scale
-            wish = again.to_slice(view, waiting, printers, mine, self._rules, now_s, making_s)
+            wish = again.to_slice(view, waiting, printers, mine, self._rules, now_s, self._clock.scale)
             if wish is not None:
                 self._start(plate, (wish.printer,), cut=False)
                 free = [p for p in free if p.name != wish.printer]
@@ -154,10 +153,13 @@ class Otherwise:
         ]
         views = list(plate_views(new, books))
         instead = [*(other for other in waiting if other.id != name), *views]
-        whole_s = again.ends_s(view, waiting, printers, self._rules, now_s)
+        if making.cut:
+            before_s = again.whole_s(view, waiting, printers, self._rules, now_s, self._clock.scale)
+        else:
+            before_s = again.ends_s(view, waiting, printers, self._rules, now_s)
         there_s = max(again.ends_s(one, instead, printers, self._rules, now_s) for one in views)
         there_s += again.JOIN_S * len(views) if making.cut else 0.0
-        if not again.sooner(whole_s, there_s, now_s):
+        if not again.sooner(before_s, there_s, now_s):
             log.info("plate %s stays as it is: made otherwise it would not be there sooner", name)
             return None
         return ev.PlateReplaced(

@@ -56,9 +56,9 @@ class Cut:
     printers: tuple[str, ...]
 
 
-def sooner(whole_s: float, otherwise_s: float, now_s: float) -> bool:
-    """Whether a part that is there at `otherwise_s` is there sooner than at `whole_s`, by the margin."""
-    return otherwise_s + max(LEAST_GAIN_S, MARGIN * (whole_s - now_s)) <= whole_s
+def sooner(before_s: float, otherwise_s: float, now_s: float) -> bool:
+    """Whether a part that is there at `otherwise_s` is there sooner than at `before_s`, by the margin."""
+    return otherwise_s + max(LEAST_GAIN_S, MARGIN * (before_s - now_s)) <= before_s
 
 
 def ends_s(
@@ -78,6 +78,22 @@ def ends_s(
     return next((slot.ends_s for slot in seen.slots if slot.plate == plate.id), float("inf"))
 
 
+def whole_s(
+    plate: PlateView,
+    waiting: Sequence[PlateView],
+    printers: Sequence[PrinterView],
+    rules: Rules,
+    now_s: float,
+    scale: float = 1.0,
+) -> float:
+    """When a waiting plate's part should be there in one piece, sliced again where that is sooner."""
+    other = _best_other(plate, [p for p in printers if p.obstacle() is None], rules, now_s)
+    ends = ends_s(plate, waiting, printers, rules, now_s)
+    if other is None:
+        return ends
+    return min(ends, now_s + SLICING_S * scale + _seconds_sliced_for(plate, other))
+
+
 def to_slice(
     plate: PlateView,
     waiting: Sequence[PlateView],
@@ -85,7 +101,7 @@ def to_slice(
     free: Sequence[PrinterView],
     rules: Rules,
     now_s: float,
-    making_s: float = SLICING_S,
+    scale: float = 1.0,
 ) -> Slice | None:
     """The printer of another kind on which a waiting plate would end sooner by the margin, if there is one.
 
@@ -95,15 +111,13 @@ def to_slice(
         A plate that no printer takes now, and all that wait, this one among them.
     printers, free
         The fleet, and those of it that nothing else will take now.
-    making_s
-        Farm seconds until it is sliced.
+    scale
+        Farm seconds in a wall second, in which it is sliced.
     """
-    others = [p for p in free if _other_kind(plate, p) and p.name not in plate.failed_on]
-    ready = [p for p in others if _could_start(plate, p, rules, now_s)]
-    if plate.places == 0 or not ready:
+    best = _best_other(plate, free, rules, now_s)
+    if best is None:
         return None
-    best = min(ready, key=lambda p: (_seconds_sliced_for(plate, p), p.name))
-    there_s = now_s + making_s + _seconds_sliced_for(plate, best)
+    there_s = now_s + SLICING_S * scale + _seconds_sliced_for(plate, best)
     if not sooner(ends_s(plate, waiting, printers, rules, now_s), there_s, now_s):
         return None
     return Slice(plate.id, best.name)
@@ -115,7 +129,7 @@ def to_cut(
     printers: Sequence[PrinterView],
     rules: Rules,
     now_s: float,
-    making_s: float = CUTTING_S,
+    scale: float = 1.0,
 ) -> Cut | None:
     """The printers over which a failed plate's part would be there sooner by the margin, if there are some.
 
@@ -128,8 +142,8 @@ def to_cut(
         A plate that failed, and all that wait, this one among them.
     printers
         The fleet.
-    making_s
-        Farm seconds until its pieces are cut and sliced.
+    scale
+        Farm seconds in a wall second, in which its pieces are cut and sliced.
     """
     others = [other for other in waiting if other.id != plate.id]
     taken = {given.printer for given in assign(others, printers, rules, now_s)[0]}
@@ -150,10 +164,11 @@ def to_cut(
 
     def there_s(count: int) -> float:
         slowest = max(p.time_factor for p in free[:count]) / plate.time_factor
-        return now_s + making_s + plate.heating_s + layers_s * _MORE * slowest / count + JOIN_S * count
+        begins_s = now_s + CUTTING_S * scale
+        return begins_s + plate.heating_s + layers_s * _MORE * slowest / count + JOIN_S * count
 
     count = min(range(2, most + 1), key=there_s)
-    if not sooner(ends_s(plate, waiting, printers, rules, now_s), there_s(count), now_s):
+    if not sooner(whole_s(plate, waiting, printers, rules, now_s, scale), there_s(count), now_s):
         return None
     return Cut(plate.id, tuple(p.name for p in free[:count]))
 
@@ -172,6 +187,20 @@ def _other_kind(plate: PlateView, printer: PrinterView) -> bool:
     """Whether only the kind of printer that it was sliced for keeps it from this one."""
     need = replace(plate.need, kin=None, nozzle_mm=None)
     return need.matches(printer.kind) and not plate.need.matches(printer.kind)
+
+
+def _best_other(
+    plate: PlateView, free: Sequence[PrinterView], rules: Rules, now_s: float
+) -> PrinterView | None:
+    """Of the free printers of another kind, the one on which it ends soonest; None where there is none."""
+    ready = [
+        p
+        for p in free
+        if _other_kind(plate, p) and p.name not in plate.failed_on and _could_start(plate, p, rules, now_s)
+    ]
+    if plate.places == 0 or not ready:
+        return None
+    return min(ready, key=lambda p: (_seconds_sliced_for(plate, p), p.name))
 
 
 def _could_start(plate: PlateView, printer: PrinterView, rules: Rules, now_s: float) -> bool:

@@ -98,6 +98,15 @@ def test_a_failed_part_is_cut_for_the_printers_that_others_leave():
     assert again.to_cut(failed, [failed], fleet[:1], NIGHT, NOW_S) is None
 
 
+def test_a_part_whose_kind_of_printer_is_gone_is_cut_only_where_a_new_slice_is_not_as_good():
+    fleet = [kin(name, PLAIN) for name in "bc"]
+    short, long = part(hours=1.0), part(hours=10.0)
+    assert again.ends_s(short, [short], fleet, NIGHT, NOW_S) == float("inf")
+    assert again.to_cut(short, [short], fleet, NIGHT, NOW_S) is None
+    assert again.to_slice(short, [short], fleet, fleet, NIGHT, NOW_S) == again.Slice("1/01", "b")
+    assert again.to_cut(long, [long], fleet, NIGHT, NOW_S) == again.Cut("1/01", ("b", "c"))
+
+
 def test_pieces_may_end_before_quiet_hours_that_the_whole_would_run_into():
     house = rules(quiet=["06:00-22:00"])
     now_s = NOW_S + 3 * HOUR  # 23:00
