@@ -27,6 +27,7 @@ class Client:
 
         self._socket = socket
         self._lost: type[Exception] = httpx.TransportError
+        self._late: type[Exception] = httpx.ReadTimeout
         self._http = httpx.Client(
             transport=httpx.HTTPTransport(uds=str(socket)),
             base_url="http://farm",
@@ -96,6 +97,11 @@ class Client:
             if json is not None:
                 more["json"] = json
             answer = self._http.request(method, path, **more)
+        except self._late as error:
+            raise DaemonUnreachable(
+                f"the daemon has not answered for {_PATIENCE_S / 60:.0f} minutes; what was asked may still "
+                "be done: look at `farm status`"
+            ) from error
         except self._lost as error:
             raise DaemonUnreachable(
                 f"no daemon answers on {self._socket} ({error}); `farm up` starts one"
