@@ -231,7 +231,8 @@ def test_a_file_goes_by_the_name_a_person_gave_it(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(ModelUnreadable, match=r"^My Ball\.STL: its header promises"):
         load_model(path, name="My Ball.STL")
-    with pytest.raises(ModelUnreadable, match=r"^ball\.obj: "):
+    # Where a package that guesses encodings is installed, these bytes are a text without triangles.
+    with pytest.raises((ModelUnreadable, ModelEmpty), match=r"^ball\.obj: "):
         load_model(path, name="ball.obj")
     with pytest.raises(ModelUnreadable, match=r"^notes\.txt: not a known kind"):
         load_model(path, name="notes.txt")

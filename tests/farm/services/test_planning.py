@@ -217,7 +217,7 @@ def test_parts_get_their_supports_in_every_quality(quality):
 def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, monkeypatch):
     seen = []
 
-    def caught(model, rooms, options, cost):
+    def caught(model, rooms, options, cost, executor):
         seen.extend(rooms)
         raise NoFit("seen enough")
 
