@@ -10,7 +10,7 @@ SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-.PHONY: install demo test test-waiting test-rest interop peers check lock clean engine
+.PHONY: install demo test test-system test-waiting test-rest interop peers check lock clean engine
 .DELETE_ON_ERROR:
 
 install: engine $(VENV)/.installed
@@ -35,16 +35,19 @@ $(VENV)/.installed-dev: requirements-dev.lock $(VENV)/.installed
 demo: install
 	$(BIN)/python examples/demo.py
 
-# Half of the time tests wait for real processes: those run beside the others, and each half is told when it is over.
-WAITING := tests/system tests/interop tests/farm/daemon tests/drivers
+# Most of the time tests wait for real processes: those run beside the others, and each lot is told when it is over.
+WAITING := tests/interop tests/farm/daemon tests/drivers
 test: install $(VENV)/.installed-dev peers
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target test-waiting test-rest
+	@$(MAKE) --no-print-directory --jobs=3 --output-sync=target test-system test-waiting test-rest
+
+test-system:
+	$(BIN)/python -m pytest tests/system
 
 test-waiting:
 	FARM_INTEROP=$(INTEROP)/bin/python $(BIN)/python -m pytest $(WAITING)
 
 test-rest:
-	$(BIN)/python -m pytest tests $(addprefix --ignore=,$(WAITING))
+	$(BIN)/python -m pytest tests $(addprefix --ignore=,tests/system $(WAITING))
 
 # Only against software that we did not write.
 interop: $(VENV)/.installed-dev peers
