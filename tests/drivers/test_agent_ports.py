@@ -12,7 +12,7 @@ import pytest
 from one_printer import MODEL, Printer, everything, gcode, printer, run
 
 from drivers import messages as m
-from drivers.agent.board import LAST_WORDS, Board
+from drivers.agent.board import Board
 from drivers.agent.journal import JOURNAL
 from drivers.client import alive
 from drivers.emulator.launch import alive as emulator_alive
@@ -225,7 +225,8 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
         while not port.unwritten:
             port.write(b"G1 X1 Y1\n" * 100)
         board.cut()
-        assert everything(master).endswith(b"\nM104 S0\nM140 S0\n" * LAST_WORDS)
+        # What the board has not taken yet goes for the next word: how many it hears is up to its own pace.
+        assert everything(master).endswith(b"\nM104 S0\nM140 S0\n")
     finally:
         board.close()
         os.close(master)
