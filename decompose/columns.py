@@ -34,7 +34,8 @@ class Columns:
     support_mm3
         Volume below faces that lean out too far, down to the bed or to the part.
     support_side_mm2
-        Upright sides of this support, counted along the columns' grid.
+        Upright sides of this support, counted along the columns' grid, and of the strips under edges that
+        begin in mid-air, whose faces need no support.
     towers_mm
         Height of all towers under tips in mid-air, whose sides need no support.
     islands_mm
@@ -81,7 +82,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = 
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    touched, levels, propped, supports, towers_mm, islands_mm = _sweep(
+    touched, levels, propped, supports, towers_mm, edges_mm2, islands_mm = _sweep(
         triangles,
         marked.astype(np.float64),
         origin,
@@ -94,7 +95,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = 
     area = step**2
     return Columns(
         support_mm3=float(supports.sum() * area),
-        support_side_mm2=_side_mm2(supports, step),
+        support_side_mm2=_side_mm2(supports, step) + edges_mm2,
         towers_mm=towers_mm,
         islands_mm=islands_mm,
         propped_mm2=float(propped.sum() * area),
@@ -129,9 +130,9 @@ def _sweep(
     ny: int,
     height: float,
     overhang_cos: float,
-) -> tuple[float, Floats, Bools, Floats, float, float]:
+) -> tuple[float, Floats, Bools, Floats, float, float, float]:
     """Touched columns; (LEVELS, 4) moments and mass; which are propped, what of each is support; towers,
-    islands.
+    sides of strips, islands.
     """
     normals = _normals(triangles)
     start, where, which = _crossings(triangles, normals, origin, step, nx, ny)
@@ -181,8 +182,10 @@ def _sweep(
     for level in range(LEVELS):
         for above in range(level, LEVELS):
             passing[above] += ending[level]
-    towers_mm = _towers_mm(start, counts, runs, supports)
-    return touched, passing, propped, supports, towers_mm, _islands_mm(start, counts, runs, nx, ny, height)
+    carried = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
+    towers_mm, edges_mm2 = _towers(start, counts, runs, supports, carried, step)
+    islands_mm = _islands_mm(start, counts, runs, nx, ny, height)
+    return touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm
 
 
 @jit
@@ -290,11 +293,22 @@ def _crossings(
 
 
 @jit
-def _towers_mm(
-    start: npt.NDArray[np.int64], counts: npt.NDArray[np.int64], runs: Floats, supports: Floats
-) -> float:
-    """Height of air under runs of solid that neither a run nor a support beside them carries."""
-    total = 0.0
+def _towers(
+    start: npt.NDArray[np.int64],
+    counts: npt.NDArray[np.int64],
+    runs: Floats,
+    supports: Floats,
+    carried: float,
+    step: float,
+) -> tuple[float, float]:
+    """Height of air under runs of solid that neither a run nor a support beside them carries.
+
+    Where runs begin beside each other on about one level, in an edge, the first of them counts, and of the
+    others both sides of the strip of support below them, in mm2.
+
+    carried: how much lower a run beside has to begin to carry it.
+    """
+    total, sides = 0.0, 0.0
     nx, ny = supports.shape
     for column in range(nx * ny):
         for k in range(start[column], start[column] + counts[column]):
@@ -303,22 +317,27 @@ def _towers_mm(
             reached = bottom - runs[k, 4]
             if air <= LEAST_GAP_MM:
                 continue
-            begins = True
+            begins, edge = True, False
             for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):
                 for j in range(max(0, column % ny - 1), min(ny, column % ny + 2)):
                     beside = i * ny + j
                     if supports[i, j] > 0.0:
                         begins = False
                     for m in range(start[beside], start[beside] + counts[beside]):
-                        lower = runs[m, 0] - bottom
-                        # Of those that begin together, one counts.
-                        if runs[m, 1] >= reached and (
-                            lower < -LEVEL_MM or (lower < LEVEL_MM and beside < column)
-                        ):
+                        if runs[m, 1] < reached:
+                            continue
+                        far = abs(i - column // ny) + abs(j - column % ny) == 2
+                        lower = bottom - runs[m, 0]
+                        least = carried * (1.4142135623730951 if far else 1.0)
+                        if lower > least:
                             begins = False
-            if begins:
+                        elif lower > LEVEL_MM or (lower > -LEVEL_MM and beside < column):
+                            edge = True
+            if begins and edge:
+                sides += 2.0 * step * air
+            elif begins:
                 total += air
-    return total
+    return total, sides
 
 
 @jit

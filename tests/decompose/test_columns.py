@@ -108,4 +108,16 @@ def test_a_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
     wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(35.0), (1.0, 0.0, 0.0)))
     wall.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0.0, 0.0, 1.0)))
     wall.apply_translation((0.0, 0.0, -wall.bounds[0, 2]))
-    assert seen(Solid.from_arrays(wall.vertices, wall.faces)).towers_mm < 10.0
+    found = seen(Solid.from_arrays(wall.vertices, wall.faces))
+    assert found.towers_mm < 10.0
+    assert found.support_side_mm2 < 1000.0
+
+
+def test_an_edge_in_mid_air_gets_a_strip() -> None:
+    """A wedge that grows out of a wall's end, 30 mm above the bed, too steep for support: its edge hangs."""
+    corners = [(x, y, z) for y in (-1, 60) for x, z in ((0, 30), (-6, 40), (0, 40))]
+    hull = trimesh.convex.convex_hull(np.array(corners, float))
+    wall = Solid.box((-20, -20, 0), (0, 0, 40))
+    found = seen(Solid.union([Solid.from_arrays(hull.vertices, hull.faces), wall]))
+    assert found.support_side_mm2 == pytest.approx(2 * 60 * 30, rel=0.1)
+    assert found.towers_mm == 0.0
