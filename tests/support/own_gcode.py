@@ -1,0 +1,70 @@
+"""A person's own G-code, accepted: what is printed of it, by a reading of its own."""
+
+import re
+
+import pytest
+
+from drivers.filament import retracted_mm
+from drivers.gcode import HeaterName, strip
+from make_gcode import FILAMENT_MM2, Summed
+from slicing.errors import GcodeRefused
+from slicing.foreign.accept import accept
+from slicing.startcode import end_code, start_code
+
+ON_THE_LIST = re.compile(
+    rb"(G0|G1|G4|G28|G90|G91|G92|G21|M82|M84|M104|M106|M107|M109|M140|M190|M220 S100|M221 S100)( |\Z)"
+)
+
+
+def take(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
+    return accept(
+        [line if isinstance(line, bytes) else line.encode() + end for line in lines],
+        stopwatch=stopwatch or Summed(),
+        filament_mm2=FILAMENT_MM2,
+        nozzle_mm=nozzle_mm,
+        nozzle_c=210.0,
+        bed_c=65.0,
+    )
+
+
+def body(accepted):
+    """What stands between the farm's own start and end."""
+    start = start_code(accepted.nozzle_c, accepted.bed_c, FILAMENT_MM2)
+    text = accepted.gcode.decode().removeprefix(f";FLAVOR:Marlin\n{start}\n")
+    assert text.endswith(f"{end_code(0.0)}\n")
+    return text.removesuffix(f"{end_code(0.0)}\n").splitlines()
+
+
+def followed(lines):
+    """Every move of a body as (x, y, z, fed mm), by a reading of its own."""
+    at, moves = {"X": 5.0, "Y": 50.0, "Z": 20.0, "E": 0.0}, []
+    for line in lines:
+        words = {w[0]: float(w[1:]) for w in line.split()[1:] if not line.startswith((";", "M"))}
+        if line.startswith("G92"):
+            at["E"] = 0.0
+        elif line.startswith("G"):
+            new = {**at, **{k: v for k, v in words.items() if k != "F"}}
+            moves.append((new["X"], new["Y"], new["Z"], new["E"] - at["E"]))
+            at = new
+    return moves
+
+
+def fed(moves):
+    return [m for m in moves if m[3] > 1e-6]
+
+
+def safe(accepted):
+    """What every program of the farm's keeps."""
+    program = strip(accepted.gcode.splitlines())
+    assert all(ON_THE_LIST.match(line) for line in program.lines(0, program.count))
+    for heater in HeaterName:
+        assert program.target_c(heater, program.count) == 0
+    assert retracted_mm(program, program.count) == pytest.approx(20.0, abs=1e-3)
+    assert program.homes < program.extrudes < program.count
+    assert program.time_s == pytest.approx(accepted.print_time_s, abs=1e-3)
+    return program
+
+
+def refused(lines, said):
+    with pytest.raises(GcodeRefused, match=said):
+        take(lines)
