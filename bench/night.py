@@ -1,11 +1,12 @@
 """A whole night on the accelerated clock: real daemon, agents and emulators, a script for the operator.
 
     python -m bench.night --json
+    python -m bench.night --seed 3 --keep DIR
 
 One job of many equal plates of slow moves. The operator clears beds in attended hours and is away for a
 night; a seeded list resets some boards in mid-print, one printer is unplugged for good, and the daemon is
 killed twice. The lower bound is that of the printers that are left, without the hours in which nobody was
-there to clear a bed (`away_s`).
+there to clear a bed (`away_s`). With `--keep` the farm's folder (books, logs, journals) stays, in a new DIR.
 """
 
 from __future__ import annotations
@@ -311,7 +312,12 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="leave the farm's files there")
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        metavar="DIR",
+        help="a new folder: the farm's books, logs and journals stay there",
+    )
     parser.add_argument("--json", action="store_true")
     return parser.parse_args(words)
 
