@@ -19,6 +19,7 @@ class _View(BaseModel):
 class PrintView(_View):
     """One attempt at the plate that a part is on."""
 
+    part: str  # as it was called then: a piece has the prints of its whole before it was cut
     printer: str
     state: PrintState
     fault: str | None
@@ -36,6 +37,11 @@ class PartView(_View):
     plate: str
     file: str
     prints: list[PrintView]
+
+    @property
+    def own_prints(self) -> list[PrintView]:
+        """Without those of the part that it is a piece of."""
+        return [one for one in self.prints if one.part == self.id]
 
 
 class PlateStatus(_View):
@@ -91,6 +97,12 @@ class JobView(_View):
     starved_share: float | None  # simulated printers that could not keep up; over 1 % the run is not valid
     folder: str | None  # its files by name: parts (STL), plates (G-code), the picture
     waits_for_person: bool
+
+    @property
+    def prints(self) -> list[PrintView]:
+        """Each once: the pieces of a part share those of the whole."""
+        each = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
+        return list(each.values())
 
 
 class Targets(_View):
@@ -178,7 +190,6 @@ class HistoryRow(PrintView):
     job: int
     name: str  # the job's
     submitted_by: str | None
-    part: str
     took_s: float
     expected_s: float
     grams: float

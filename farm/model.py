@@ -6,6 +6,7 @@ seconds, lengths millimetres, temperatures degrees Celsius.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -174,6 +175,7 @@ class Job(Entity):
     picture: str | None = None  # of the assembly, and the two below, in the file store
     assembly: str | None = None  # as a GLB
     decomposition: str | None = None  # the report on it, as JSON
+    cuts: Mapping[str, str] = Field(default_factory=dict)  # and those on parts that were cut again, by part
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: none of its plates starts

@@ -14,7 +14,7 @@ from farm import api
 from farm.cli.client import Client
 from farm.cli.words import filament, from_cache, planning
 from farm.errors import DaemonUnreachable
-from farm.model import JobState, PlanStep
+from farm.model import JobState, PlanStep, PrintState
 from farm.words import span
 
 T = TypeVar("T")
@@ -84,13 +84,11 @@ class Lines:
             cached = sum(plate.cached for plate in view.plates)
             sliced = f"; {from_cache(cached)}" if cached else ""
             self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}{sliced}")
-        done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
-        if done:
-            self._say(f"printed {done} of {len(view.parts)} parts")
-        for part in view.parts:
-            for attempt in part.prints:
-                if attempt.state == "failed":
-                    self._say(f"{part.id} failed on {attempt.printer}: {attempt.reason}")
+        if view.printed:
+            self._say(f"printed {view.printed} of {len(view.plates)} parts")
+        for attempt in view.prints:
+            if attempt.state == PrintState.FAILED:
+                self._say(f"{attempt.part} failed on {attempt.printer}: {attempt.reason}")
 
     def _say(self, line: str, loud: bool = False) -> None:
         if line not in self._said and (loud or not self._quiet):
@@ -103,6 +101,5 @@ def _progress(view: api.JobView) -> tuple[float, str]:
         return view.progress.done / (view.progress.of or 1), planning(view.progress)
     if view.state != JobState.PRINTING or not view.estimated_s:
         return (1.0 if view.state in (JobState.PRINTED, JobState.DONE) else 0.0), str(view.state)
-    done = sum(1 for part in view.parts if any(p.state == "done" for p in part.prints))
     share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)
-    return share, f"{done}/{len(view.parts)} parts, ends {view.eta or '?'}"
+    return share, f"{view.printed}/{len(view.plates)} parts, ends {view.eta or '?'}"

@@ -28,7 +28,7 @@ def place_of(target: str) -> str:
     """Where the daemon has what a person names: a job (3), a part (3/p01 or 3/01) or a printer."""
     if target.isdigit():
         return f"/jobs/{target}"
-    if re.fullmatch(r"\d+/p?\d+", target):
+    if re.fullmatch(r"\d+/p?\d+[a-z]*", target):
         job, _, part = target.partition("/")
         return f"/jobs/{job}/parts/{part}"
     return f"/printers/{target}"

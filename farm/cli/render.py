@@ -135,7 +135,7 @@ def _job(view: api.JobView) -> RenderableType:
         plates = {plate.id: plate for plate in view.plates}
         for part in view.parts:
             plate = plates[part.plate]
-            last = part.prints[-1] if part.prints else None
+            last = part.own_prints[-1] if part.own_prints else None
             parts.add_row(
                 part.id,
                 plate.printer,
@@ -148,21 +148,22 @@ def _job(view: api.JobView) -> RenderableType:
         rows.append(parts)
     if view.folder:
         rows.append(Text(f"parts (STL), plates (G-code), a picture and a GLB of them: {view.folder}"))
-    failed = [(part.id, one) for part in view.parts for one in part.prints if one.fault or one.why]
-    for name, one in failed:
-        why = one.reason or one.why or one.fault
-        rows.append(Text(f"part {name} on {one.printer}, {moment(one.ended)}: {why}", style="red"))
+    for one in view.prints:
+        if one.fault or one.why:
+            why = one.reason or one.why or one.fault
+            rows.append(Text(f"part {one.part} on {one.printer}, {moment(one.ended)}: {why}", style="red"))
     rows += _waits(view)
     return Group(*rows)
 
 
 def _outcome(part: api.PartView) -> str:
     """Where a part is, with a person's word on it."""
-    if not part.prints:
+    prints = part.own_prints
+    if not prints:
         return "waits"
-    last = part.prints[-1]
+    last = prints[-1]
     state = str(part.verdict) if part.verdict and last.state == PrintState.DONE else str(last.state)
-    tries = f", print {len(part.prints)}" if len(part.prints) > 1 else ""
+    tries = f", print {len(prints)}" if len(prints) > 1 else ""
     return state + tries
 
 

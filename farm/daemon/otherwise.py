@@ -169,6 +169,7 @@ class Otherwise:
             plates=result.plates,
             picture=result.picture,
             assembly=result.assembly,
+            decomposition=result.decomposition,
         )
 
     def _start(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> None:

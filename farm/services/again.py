@@ -17,10 +17,10 @@ import trimesh
 from decompose import auto
 from decompose.assembly import draw_assembly
 from decompose.errors import NoFit
-from decompose.files import write
+from decompose.files import REPORT, write
 from decompose.glb import write_glb
 from decompose.mesh import Model
-from decompose.report import Interior
+from decompose.report import Decomposition, Interior
 from decompose.report import Part as Drawn
 from decompose.solid import Solid
 from farm.config import PrinterSection
@@ -57,11 +57,12 @@ class AgainTask:
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """What a part was cut into, in its job's model frame; and the picture and the GLB of the whole job."""
+    """What a part was cut into, in its job's model frame, with the report; picture and GLB of the job."""
 
     parts: tuple[DecomposedPart, ...]
     picture: Path
     assembly: Path
+    decomposition: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,7 @@ class Remade:
     plates: tuple[Plate, ...]
     picture: str | None = None
     assembly: str | None = None
+    decomposition: str | None = None
 
 
 def as_it_was(task: AgainTask) -> DecomposedPart:
@@ -111,7 +113,7 @@ def cut_part(task: AgainTask) -> Pieces:
         found = auto.decompose(whole, rooms, options, cost)
         if len(found.parts) < 2:
             raise FarmError(f"part {task.part.id} is printed sooner in one piece", ErrorCode.NO_FIT)
-        written = write(found, task.folder)
+        written = write(_named(found, task.part), task.folder)
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:
@@ -119,17 +121,12 @@ def cut_part(task: AgainTask) -> Pieces:
     except Exception:
         with in_farm_words():
             raise
-    to_model = np.reshape(task.part.to_model, (4, 4))
-    pieces, drawn = [], [_drawn(task.files, other) for other in task.others]
-    for letter, part in zip(string.ascii_lowercase, written.parts, strict=False):
-        name = f"{Path(task.part.id).name}{letter}"
-        placed = replace(part, id=name, solid=_moved(part.solid, to_model), to_model=to_model @ part.to_model)
-        drawn.append(placed)
-        pieces.append(DecomposedPart.of(placed, task.folder))
+    pieces = tuple(DecomposedPart.of(part, task.folder) for part in written.parts)
+    drawn = [*(_drawn(task.files, other) for other in task.others), *written.parts]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(drawn, picture)
     write_glb(drawn, assembly)
-    return Pieces(tuple(pieces), picture, assembly)
+    return Pieces(pieces, picture, assembly, task.folder / REPORT)
 
 
 def slices_again(task: AgainTask, parts: Sequence[DecomposedPart], cache: Path) -> list[SliceTask]:
@@ -174,7 +171,8 @@ def cut_again(
         factor = task.factors.get(section.name, 1.0)
         parts.append(booked_part(names, piece, task.files, cut_from=task.part.id))
         plates.append(booked_plate(names, section, work.settings, sliced, factor, task.files, piece.stands))
-    stored = (store_file(task.files, path) for path in (pieces.picture, pieces.assembly))
+    of_all = (pieces.picture, pieces.assembly, pieces.decomposition)
+    stored = (store_file(task.files, path) for path in of_all)
     return Remade(tuple(parts), tuple(plates), *stored)
 
 
@@ -182,6 +180,23 @@ def next_name(plate: str) -> str:
     """What the next plate with the same part is called: 3/07, 3/07-2, 3/07-3."""
     found = re.fullmatch(r"(.*)-(\d+)", plate)
     return f"{found[1]}-{int(found[2]) + 1}" if found else f"{plate}-2"
+
+
+def _named(found: Decomposition, whole: Part) -> Decomposition:
+    """The pieces by their part's name and a letter, in the frame of its job's model."""
+    to_model = np.reshape(whole.to_model, (4, 4))
+    name = Path(whole.id).name
+    pieces = (
+        replace(
+            piece,
+            id=f"{name}{letter}",
+            solid=_moved(piece.solid, to_model),
+            to_model=to_model @ piece.to_model,
+            planes=_moved_planes(piece.planes, to_model),
+        )
+        for letter, piece in zip(string.ascii_lowercase, found.parts, strict=False)
+    )
+    return replace(found, parts=tuple(pieces))
 
 
 def _solid(stl: Path) -> Solid:
@@ -192,6 +207,12 @@ def _solid(stl: Path) -> Solid:
 def _moved(solid: Solid, transform: np.ndarray) -> Solid:
     vertices, faces = solid.arrays()
     return Solid.from_arrays(vertices @ transform[:3, :3].T + transform[:3, 3], faces)
+
+
+def _moved_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
+    """Rows nx, ny, nz, d."""
+    normals = planes[:, :3] @ transform[:3, :3].T
+    return np.column_stack((normals, planes[:, 3] + normals @ transform[:3, 3]))
 
 
 def _drawn(files: Path, part: Part) -> Drawn:

@@ -15,12 +15,14 @@ def sha256_of(path: Path) -> str:
 
 
 def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
-    """Fill a folder with links into the store: name -> stored name. Made again, it is the same."""
+    """Let a folder have these links into the store, name -> stored name, and none besides."""
     folder.mkdir(parents=True, exist_ok=True)
+    way = Path(os.path.relpath(store, folder))
+    for link in folder.iterdir():
+        if link.name in names or (link.is_symlink() and link.readlink().parent == way):
+            link.unlink()
     for name, stored in names.items():
-        link = folder / name
-        link.unlink(missing_ok=True)
-        link.symlink_to(os.path.relpath(store / stored, folder))
+        (folder / name).symlink_to(way / stored)
 
 
 def store_file(folder: Path, source: Path) -> str:

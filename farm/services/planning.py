@@ -273,7 +273,11 @@ def file_names(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> dict
     names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
     names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
     of_all = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}
-    return names | {name: stored for name, stored in of_all.items() if stored}
+    names |= {name: stored for name, stored in of_all.items() if stored}
+    report = Path(REPORT)
+    return names | {
+        f"{report.stem}-{Path(part).name}{report.suffix}": stored for part, stored in job.cuts.items()
+    }
 
 
 def _serial_s(decomposed: Decomposed, slices: Sequence[PlateResult], prelude_s: float) -> float:

@@ -63,17 +63,16 @@ class Bar:
 def bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
     """Every print of a job, and those of other jobs on its printers meanwhile."""
     own = []
-    for part in job.parts:
-        for attempt in part.prints:
-            if attempt.started is None:
-                continue
-            end = datetime.fromisoformat(attempt.ended) if attempt.ended else now
-            kind = kind_of(attempt.state, attempt.verdict)
-            why = attempt.reason or attempt.why
-            text = f"{part.id} on {attempt.printer}: {kind}" + (f", {why}" if why else "")
-            number = part.id.rpartition("/")[2].removeprefix("p")
-            start = datetime.fromisoformat(attempt.started)
-            own.append(Bar(attempt.printer, start, max(start, end), kind, number, text))
+    for attempt in job.prints:
+        if attempt.started is None:
+            continue
+        end = datetime.fromisoformat(attempt.ended) if attempt.ended else now
+        kind = kind_of(attempt.state, attempt.verdict)
+        why = attempt.reason or attempt.why
+        text = f"{attempt.part} on {attempt.printer}: {kind}" + (f", {why}" if why else "")
+        number = attempt.part.rpartition("/")[2].removeprefix("p")
+        start = datetime.fromisoformat(attempt.started)
+        own.append(Bar(attempt.printer, start, max(start, end), kind, number, text))
     if not own:
         return []
     first, last = min(bar.start for bar in own), max(bar.end for bar in own)
@@ -190,14 +189,13 @@ def page(
 def _wrong(job: api.JobView) -> str:
     rows = [
         (
-            part.id,
+            attempt.part,
             attempt.printer,
             attempt.ended or "",
             kind,
             attempt.reason or attempt.why or attempt.fault or "",
         )
-        for part in job.parts
-        for attempt in part.prints
+        for attempt in job.prints
         if (kind := kind_of(attempt.state, attempt.verdict)) in ("failed", "bad", "cancelled")
     ]
     if not rows:
@@ -211,9 +209,9 @@ def _wrong(job: api.JobView) -> str:
 
 def _figure(part: api.PartView, job: api.JobView, picture: bytes | None) -> str:
     plate = next(plate for plate in job.plates if plate.id == part.plate)
-    last = part.prints[-1] if part.prints else None
-    state = kind_of(last.state, last.verdict) if last else "waits"
-    tries = f", {len(part.prints)} prints" if len(part.prints) > 1 else ""
+    prints = part.own_prints
+    state = kind_of(prints[-1].state, prints[-1].verdict) if prints else "waits"
+    tries = f", {len(prints)} prints" if len(prints) > 1 else ""
     image = f'<img alt="{escape(part.id)}" src="{_data(picture)}">' if picture else ""
     caption = f"<b>{escape(part.id)}</b> {state}{tries}<br>{escape(plate.printer)}, {plate.grams:.0f} g"
     if part.cut_from:

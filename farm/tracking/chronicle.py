@@ -63,7 +63,6 @@ def _history_row(scene: Scene, attempt: Print) -> api.HistoryRow:
         job=attempt.job,
         name=scene.books.jobs[attempt.job].name,
         submitted_by=scene.books.jobs[attempt.job].submitted_by,
-        part=plate.parts[0],
         took_s=took_s(attempt),
         expected_s=plate.estimated_s,
         grams=attempt.grams,

@@ -105,6 +105,7 @@ class PlateReplaced(Event):
     plates: tuple[Plate, ...]
     picture: str | None = None  # of the whole job, where parts are new; and the GLB
     assembly: str | None = None
+    decomposition: str | None = None  # the report on the cut
 
 
 class PrintProgressed(Event):

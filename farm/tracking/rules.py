@@ -172,6 +172,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
         parts=_instead(job.parts, plate.parts, tuple(part.id for part in event.parts)),
         picture=event.picture or job.picture,
         assembly=event.assembly or job.assembly,
+        cuts={**job.cuts, plate.parts[0]: event.decomposition} if event.decomposition else job.cuts,
     )
     return put(books, old, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
 

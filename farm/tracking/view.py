@@ -241,7 +241,7 @@ def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
         return plate.estimated_s
     attempt = _last(scene.books, plate)
     if attempt.state is PrintState.DONE:
-        return 0.0
+        return plate.estimated_s if attempt.verdict is Verdict.BAD else 0.0
     if attempt.state.ended or attempt.started_s is None:
         return plate.estimated_s
     return _print_remaining_s(scene, attempt, plate)
@@ -317,6 +317,7 @@ def _part_view(scene: Scene, name: str) -> api.PartView:
 def print_view(scene: Scene, attempt: Print) -> api.PrintView:
     """One attempt, its moments in the fleet's zone."""
     return api.PrintView(
+        part=scene.books.plates[attempt.plate].parts[0],
         printer=attempt.printer,
         state=attempt.state,
         fault=attempt.fault,
@@ -335,10 +336,11 @@ def _verdict(books: Books, plate: Plate) -> Verdict | None:
 
 
 def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
+    own = [p for p in scene.books.prints_of(plate) if p.plate == plate.id]  # not of what it was made of
     return api.PlateStatus(
         id=plate.id,
         parts=list(plate.parts),
-        printer=_last(scene.books, plate).printer if plate.prints else plate.printer,
+        printer=own[-1].printer if own else plate.printer,
         gcode=str(scene.state.files / plate.gcode),
         estimated_s=plate.estimated_s,
         grams=plate.grams,

@@ -1,6 +1,9 @@
-"""What failed on the only printer of its kind, on real processes: it is sliced for another kind."""
+"""What failed is made otherwise, on real processes: sliced for another kind of printer, or cut for more."""
 
 from __future__ import annotations
+
+import json
+from pathlib import Path
 
 import pytest
 import trimesh
@@ -25,5 +28,43 @@ def test_a_part_that_failed_is_sliced_for_another_kind_of_printer_and_printed_th
     (plate,) = job["plates"]
     assert (part["id"], plate["id"], plate["printer"]) == ("1/p01", "1/01-2", "two")
     assert farm.emulator_status("two").bed_clear is False
+    farm.ok("cleared", "all")
+    assert farm.job()["state"] == "done"
+
+
+def test_a_part_that_failed_is_cut_for_the_free_printers_and_printed_there(make_farm, tmp_path):
+    port = "sim://ultimaker2_plus"
+    farm = make_farm(dict.fromkeys(("large", "left", "right"), ("ultimaker2_plus", port)))
+    small = "volume_mm: [110, 110, 100]"
+    rows = farm.fleet.read_text().replace(f"{port!r}}}", f"{port!r}, {small}}}")
+    farm.fleet.write_text(rows.replace(f", {small}}}", "}", 1))
+    farm.up()
+    path = tmp_path / "strip.stl"
+    trimesh.creation.box((150.0, 20.0, 3.0)).export(path)
+    farm.ok("submit", path)
+    wait_for("it to print", lambda: farm.printer("large")["state"] == "printing")
+    farm.ok("fail", "large", "--why", "a blob")
+    job = wait_for("it to be printed", lambda: (job := farm.job())["state"] == "printed" and job)
+    names = ["1/p01a", "1/p01b"]
+    assert [part["id"] for part in job["parts"]] == names
+    for part in job["parts"]:
+        first, last = part["prints"]
+        assert (first["part"], first["printer"], first["state"]) == ("1/p01", "large", "failed")
+        assert (last["part"], last["state"], part["cut_from"]) == (part["id"], "done", "1/p01")
+    assert {part["prints"][1]["printer"] for part in job["parts"]} == {"left", "right"}
+    assert all(farm.emulator_status(name).bed_clear is False for name in ("left", "right"))
+
+    folder = Path(job["folder"])
+    found = {path.name for path in folder.iterdir()}
+    assert {"p01a.stl", "p01b.stl", "plate-01a.gcode", "plate-01b.gcode"} < found
+    assert found.isdisjoint({"p01.stl", "plate-01.gcode"})
+    report = json.loads((folder / "decomposition-p01.json").read_text())
+    assert [f"1/{part['id']}" for part in report["parts"]] == names
+    assert sum(part["volume_mm3"] for part in report["parts"]) == pytest.approx(150 * 20 * 3, rel=1e-4)
+    page = tmp_path / "job.html"
+    farm.ok("report", "1", "--out", page)
+    text = page.read_text()
+    assert text.count("1/p01 on large: failed") == 1
+    assert all(f"<b>{name}</b> printed" in text for name in names)
     farm.ok("cleared", "all")
     assert farm.job()["state"] == "done"

@@ -13,6 +13,7 @@ from farm.model import Hold, HoldCode
         ("3", "/jobs/3"),
         ("3/p01", "/jobs/3/parts/p01"),
         ("3/1", "/jobs/3/parts/1"),
+        ("3/p01a", "/jobs/3/parts/p01a"),
         ("um2-03", "/printers/um2-03"),
     ],
 )

@@ -1,6 +1,7 @@
 """A part sliced again for another printer, and cut again: the real decomposition and CuraEngine."""
 
 import asyncio
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -106,6 +107,13 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     assert len({plate.printer for plate in result.plates}) == len(result.plates)
     kins = {"a": PLUS, "b": PLUS, "c": PLAIN}
     assert all(plate.kin == kins[plate.printer] for plate in result.plates)
+    report = json.loads((state.files / result.decomposition).read_text())
+    assert [(one["id"], one["file"]) for one in report["parts"]] == [
+        (f"p01{letter}", f"p01{letter}.stl") for letter in letters
+    ]
+    for one, part in zip(report["parts"], result.parts, strict=True):
+        assert np.allclose(np.ravel(one["to_model"]), part.to_model)
+    assert {one["a"] for one in report["joints"]} <= {one["id"] for one in report["parts"]}
     for name in (
         result.picture,
         result.assembly,

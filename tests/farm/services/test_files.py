@@ -28,11 +28,15 @@ def test_the_same_bytes_are_stored_once(tmp_path):
     assert not (tmp_path / "b.stl").exists()
 
 
-def test_stored_files_are_found_by_name_and_naming_them_again_changes_nothing(tmp_path):
-    store = tmp_path / "files"
+def test_stored_files_are_found_by_the_names_that_they_have_now_beside_a_persons_own(tmp_path):
+    store, folder = tmp_path / "files", tmp_path / "jobs" / "1"
     store.mkdir()
     (tmp_path / "a.stl").write_bytes(b"solid")
     name = store_file(store, tmp_path / "a.stl")
     for _ in range(2):
-        name_files(tmp_path / "jobs" / "1", store, {"p01.stl": name})
-    assert (tmp_path / "jobs" / "1" / "p01.stl").read_bytes() == b"solid"
+        name_files(folder, store, {"p01.stl": name})
+    assert (folder / "p01.stl").read_bytes() == b"solid"
+    (folder / "notes.txt").write_text("mine")
+    (folder / "mine.stl").symlink_to(tmp_path / "elsewhere.stl")
+    name_files(folder, store, {"p01a.stl": name})
+    assert {path.name for path in folder.iterdir()} == {"p01a.stl", "notes.txt", "mine.stl"}

@@ -5,10 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, Hold, HoldCode, JobState, PrintState, Verdict
+from farm.services.planning import file_names
 from farm.tracking import events as ev
 from farm.tracking.account import job_account
 from farm.tracking.outcome import ATTEMPTS, Standing
+from farm.tracking.view import job_view
 from make_books import ended, printing, run
+from morning import scene_of
 
 
 def replaced(books, plate, names=("a", "b")):
@@ -26,7 +29,8 @@ def replaced(books, plate, names=("a", "b")):
         parts.append(part.model_copy(update=own))
         own = {"id": f"{plate}{name}", "parts": (f"{part.id}{name}",), "prints": ()}
         plates.append(old.model_copy(update=own))
-    return ev.PlateReplaced(at_s=9.0, plate=plate, parts=tuple(parts), plates=tuple(plates), picture="n.png")
+    new = {"parts": tuple(parts), "plates": tuple(plates)}
+    return ev.PlateReplaced(at_s=9.0, plate=plate, **new, picture="n.png", decomposition="c.json")
 
 
 def begun(plate, printer, print_id):
@@ -48,6 +52,7 @@ def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
     assert (job.picture, told) == ("n.png", [ev.NameFiles(job=1)])
+    assert file_names(job, (), ())["decomposition-p02.json"] == "c.json"
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
     assert {plate.id for plate in books.waiting_plates()} == set(job.plates)
@@ -145,3 +150,19 @@ def test_a_hold_goes_with_the_plate_that_was_replaced():
     books, _ = run(books, ev.PlatesHeld(at_s=5.0, holds={"1/02": hold}))
     books, _ = run(books, replaced(books, "1/02"))
     assert books.plates["1/02"].hold is None
+
+
+def test_a_piece_shows_what_its_whole_came_to_once_and_waits_itself():
+    books = failed_once()
+    books, _ = run(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
+    view = job_view(scene_of(books), books.jobs[1])
+    shown = {part.id: [one.part for one in part.prints] for part in view.parts}
+    assert shown == {
+        "1/p01": [],
+        "1/p02a": ["1/p02", "1/p02a"],
+        "1/p02b": ["1/p02"],
+        "1/p03": [],
+    }
+    assert [len(part.own_prints) for part in view.parts] == [0, 1, 0, 0]
+    assert [(one.part, one.printer) for one in view.prints] == [("1/p02", "b"), ("1/p02a", "a")]
+    assert {plate.id: plate.printer for plate in view.plates}["1/02b"] == "b"  # as it was planned

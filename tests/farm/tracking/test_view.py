@@ -9,12 +9,12 @@ from rich.console import Console
 
 from farm.cli import render
 from farm.config import Fleet
-from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState, Verdict
 from farm.paths import StateFolder
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.view import Scene, job_view, printer_view
-from make_books import fleet, job, plan, printing, run
+from make_books import ended, fleet, job, plan, printing, run
 
 FLEET = Fleet.model_validate(
     {
@@ -112,3 +112,11 @@ def test_what_is_left_of_a_print_is_by_its_printers_own_factor(progress_s, remai
     assert view.print.remaining_s == pytest.approx(remaining_s)
     assert (view.print.layer, view.print.layers) == (3, 10)
     assert (view.print.z_mm, view.print.feature) == (0.67, "FILL")
+
+
+def test_what_was_bad_takes_its_time_again():
+    begun = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    bad = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
+    books, _ = run(printing(1), begun, ended("x", at_s=102.0), bad)
+    seen = view(books)
+    assert seen.current_s == pytest.approx(seen.elapsed_s + seen.estimated_s)
