@@ -3,10 +3,10 @@
 Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines best,parallelobox-faithful]
        [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
 
-Engines other than `best` run at the first number of printers alone; where a rival answers k parts, `best` is
-run for k printers too, so that they can be compared part for part. Each run is a file in --results and is
-not made again; slices are kept by content. A model as it stands is sliced whole, once, on a bed without
-limits (--no-whole: its time is the cost's estimate).
+Engines other than `best` run at the first number of printers alone; where one that knows of no number answers
+k parts, `best` is run for k printers too, so that they can be compared part for part. Each run is a file in
+--results and is not made again; slices are kept by content. A model as it stands is sliced whole, once, on a
+bed without limits (--no-whole: its time is the cost's estimate).
 """
 
 from __future__ import annotations
@@ -48,6 +48,7 @@ MODELS = (
 )  # fmt: skip
 PRINTER = "ultimaker2_plus"
 FAITHFUL = "-faithful"  # after an engine's name
+BY_PARTS = ("symmetry", "cube-skeleton")  # rivals that do not know of a number of printers
 WHOLE_TIMEOUT_S = 3600.0
 
 
@@ -224,7 +225,7 @@ def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     for engine in args.engines:
         for printers in args.printers if engine == "best" else args.printers[:1]:
             row = one(printers, engine)
-            if engine not in ("best", "guillotine") and row.get("parts", printers) < printers:
+            if engine.startswith(BY_PARTS) and row.get("parts", printers) < printers:
                 one(row["parts"], "best")
     return found
 
@@ -269,7 +270,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
             (best[r["model"], n]["parallel_s"] / r["parallel_s"])
             for r in theirs
             if "refused" not in r
-            for n in [r["printers"] if engine.startswith("parallelobox") else min(r["parts"], r["printers"])]
+            for n in [min(r["parts"], r["printers"]) if engine.startswith(BY_PARTS) else r["printers"]]
             if (r["model"], n) in best
         ]
         refused = sum("refused" in r for r in theirs)
