@@ -46,7 +46,7 @@ from farm.tracking.faults import OwnFault
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
-from farm.tracking.store import Store
+from farm.tracking.store import Store, StoreError
 from farm.tracking.view import Scene
 
 log = logging.getLogger(__name__)
@@ -85,6 +85,7 @@ class Core:
         self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
         self._warning: str | None = None  # what is wrong with the farm itself, for a person
+        self._unbooked: dict[str, str] = {}  # by printer: why its agent's last word is not in the books
         self._store = store
         self._room = rooms
         self.rules = Rules.of(fleet.fleet)
@@ -131,12 +132,25 @@ class Core:
 
     def heard(self, snapshot: AgentSnapshot) -> None:
         """An agent said how things are."""
+        before = self.snapshots.get(snapshot.printer)
+        try:
+            self._book(snapshot, before)
+            self.snapshots[snapshot.printer] = snapshot
+            self.settle()
+        except StoreError as error:
+            self._unbooked[snapshot.printer] = str(error)
+            if before is not None:  # a person sees how hot it is; all else is news when said again
+                self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": before.link})
+            raise
+        self._unbooked.pop(snapshot.printer, None)
+
+    def _book(self, snapshot: AgentSnapshot, before: AgentSnapshot | None) -> None:
+        """Bring the books in line with an agent's word."""
         now_s = self.clock.now()
         attempt = self.books.open_print_on(snapshot.printer)
         if attempt is not None:
             self.happened(*reconcile(attempt, snapshot, now_s))
         else:
-            before = self.snapshots.get(snapshot.printer)
             if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:
                 self.happened(ev.PrinterLost(at_s=now_s, printer=snapshot.printer))
             self.happened(*observe(self.books.printer(snapshot.printer), snapshot, now_s))
@@ -149,9 +163,6 @@ class Core:
                     self.happened(follows)
                 else:
                     self._hands.perform(follows)
-        # Only now: where the books could not be written, the same word is news again.
-        self.snapshots[snapshot.printer] = snapshot
-        self.settle()
 
     # -- decisions --------------------------------------------------------------------------------------
 
@@ -352,6 +363,9 @@ class Core:
 
     def scene(self, state: StateFolder) -> Scene:
         """All that a view is drawn from."""
+        unbooked = next(iter(self._unbooked.values()), None)
+        if unbooked is not None:
+            unbooked += f"; nothing is booked until there is room in {state.root}"
         return Scene(
             self.fleet,
             self.books,
@@ -360,7 +374,7 @@ class Core:
             self.clock.now(),
             settled=not self.arriving(),
             progress=self.progress,
-            warning=self._warning,
+            warning=unbooked or self._warning,
         )
 
     def arriving(self) -> bool:

@@ -101,7 +101,9 @@ class Store:
         except (sqlite3.Error, UnicodeDecodeError) as error:  # its very complaint may not be text
             outer = getattr(error, "sqlite_errorcode", 0) & 0xFF in _OUTER
             said = f"the books {path} cannot be opened: {error}"
-            raise (StoreError if outer else DamagedBooks)(said) from error
+            if outer:
+                raise StoreError(f"{said}; has their disk room, and may it be written?") from error
+            raise DamagedBooks(said) from error
         except OSError as error:
             raise StoreError(f"the books {path} cannot be opened: {error}") from error
 

@@ -5,6 +5,7 @@ import http.client
 import itertools
 import json
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -39,9 +40,12 @@ class Connection(http.client.HTTPConnection):
 
 
 class KilledFarm(RealFarm):
-    """Two simulated printers, jobs of one plate each, and a person who clears beds."""
+    """Two simulated printers, jobs of one plate each, and a person who clears beds.
 
-    def __init__(self, folder):
+    With a `disk` (`SmallDisk`) its state folder is on that: only the daemon and what it starts have it there.
+    """
+
+    def __init__(self, folder, disk=None):
         super().__init__(folder, dict.fromkeys(("one", "two"), (MODEL, f"sim://{MODEL}")))
         self.fleet.write_text(self.fleet.read_text().replace("time_scale: 150", "time_scale: 300"))
         self.gcode = folder / "plate.gcode"
@@ -50,15 +54,24 @@ class KilledFarm(RealFarm):
         self.fed_mm = sum(move[3] for layer in tower for move in layer)
         self.keeper = None
         self.submitted = 0
+        self.disk, self.told = disk, self.state
+        self.socket, self.log_file = folder / "farm.sock", folder / "daemon.log"
+        if disk is not None:
+            self.state = disk.seen
 
     def keep(self, fates):
         """Have daemons live and die by these fates; the last of them lives on."""
         self.stop_keeping()
         self.state.mkdir(exist_ok=True)
-        words = ["daemon", "--state", self.state, "--socket", self.state / "farm.sock", "--fleet", self.fleet]
-        command = [sys.executable, "-P", KEPT, json.dumps(fates), *words]
-        with (self.state / "daemon.log").open("ab") as log:
+        command = [sys.executable, "-P", KEPT, json.dumps(fates), *self.daemon()]
+        if self.disk is not None:
+            command = self.disk.command(command)
+        with self.log_file.open("ab") as log:
             self.keeper = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+
+    def daemon(self):
+        """The words of `farm` for its daemon."""
+        return ["daemon", "--state", self.told, "--socket", self.socket, "--fleet", self.fleet]
 
     def stop_keeping(self):
         """Kill the daemon, for good."""
@@ -68,12 +81,15 @@ class KilledFarm(RealFarm):
 
     def deaths(self):
         """What daemons died at, in order."""
-        return re.findall(r"^dies (.*)$", (self.state / "daemon.log").read_text(), re.MULTILINE)
+        return re.findall(r"^dies (.*)$", self.log_file.read_text(), re.MULTILINE)
+
+    def log(self):
+        return self.log_file.read_text()[-4000:]
 
     def ask(self, method, path, body=None):
         """One daemon's answer and its status; None where it died before it answered, or is not there."""
         assert self.keeper.poll() is None, self.log()
-        with contextlib.closing(Connection(self.state / "farm.sock")) as connection:
+        with contextlib.closing(Connection(self.socket)) as connection:
             try:
                 connection.request(method, path, body, {"Content-Type": "application/json"})
                 answer = connection.getresponse()
@@ -83,17 +99,27 @@ class KilledFarm(RealFarm):
 
     def insist(self, method, path, body=None):
         """The answer of the first daemon that lives to give it."""
-        status, answer = wait_for("an answer", lambda: self.ask(method, path, body))
+        status, answer = self.answer(method, path, body)
         assert status == 200, answer
         return answer
 
-    def print_jobs(self, count, failing=()):
-        """Print so many jobs, and find them good; `failing` are those of all prints begun that fail."""
-        text = self.gcode.read_bytes()
+    def answer(self, method, path, body=None):
+        """Its status and itself, whatever it is."""
+        return wait_for("an answer", lambda: self.ask(method, path, body))
+
+    def submit(self, count):
+        """Submit so many jobs."""
         for number in range(self.submitted, self.submitted + count):
-            words = f"request_id=request-{number}&name=plate.gcode&size={len(text)}"
-            self.insist("POST", f"/jobs?{words}", text)
+            self.insist("POST", *self.submission(number))
         self.submitted += count
+
+    def submission(self, number):
+        """Where a job is submitted, and what."""
+        text = self.gcode.read_bytes()
+        return f"/jobs?request_id=request-{number}&name=plate.gcode&size={len(text)}", text
+
+    def find_good(self, failing=()):
+        """Find all jobs good as they are printed; `failing` are those of all prints begun that fail."""
         begun = []
         give_up = time.monotonic() + PATIENCE_S
         while True:
@@ -129,11 +155,19 @@ class KilledFarm(RealFarm):
                     found[said["print_id"]] = (name, said)
         return found
 
+    def books(self):
+        """As a killed daemon left them; copied, as SQLite looks for them outside of a disk of its own."""
+        copy = self.folder / "books"
+        copy.mkdir()
+        for end in ("", "-wal"):
+            shutil.copy(self.state / f"farm.db{end}", copy)
+        with Store(copy / "farm.db") as store:
+            return store.load()
+
     def check(self):
         """No plate lost, none printed twice or on two printers, all times as the agents had them."""
         self.stop_keeping()
-        with Store(self.state / "farm.db") as store:
-            books = store.load()
+        books = self.books()
         assert len(books.jobs) == self.submitted
         begun = [p for p in books.prints.values() if p.started_s is not None]
         booked = {p.id: (p.printer, p.state, p.started_s, p.ended_s) for p in begun}

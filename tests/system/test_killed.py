@@ -39,8 +39,10 @@ def test_no_plate_is_lost_or_printed_twice_wherever_the_daemon_is_killed(killed_
         for fate in ((MOMENTS[(place + turn) % 3], event), (LATER, rng.uniform(0.3, 2.0)))[: 1 + place % 2]
     ]
     killed_farm.keep(fates)
-    killed_farm.print_jobs(3 * rounds, failing=[1])
+    killed_farm.submit(3 * rounds)
+    killed_farm.find_good(failing=[1])
     while len(killed_farm.deaths()) < len(fates):  # a quick machine was through before all had come
-        killed_farm.print_jobs(1)
+        killed_farm.submit(1)
+        killed_farm.find_good()
     killed_farm.check()
     assert killed_farm.deaths() == [moment if moment == LATER else f"{moment} {of}" for moment, of in fates]

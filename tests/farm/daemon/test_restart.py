@@ -8,8 +8,10 @@ from hypothesis import strategies as st
 
 from farm.errors import FarmError
 from farm.model import JobOptions, PrintState, Verdict
-from farm.tracking.store import Store
-from one_core import MODEL
+from farm.paths import StateFolder
+from farm.tracking.store import Store, StoreError
+from farm.tracking.view import todo
+from one_core import MODEL, Farm
 from small_world import World
 
 PLATES = 3
@@ -99,3 +101,21 @@ def test_a_full_disk_is_said_and_starts_nothing(tmp_path):
         for number in range(200):
             world.core.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
     assert all(agent.print_id is None for agent in world.agents.values())
+
+
+def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
+    farm, state = Farm(tmp_path), StateFolder(tmp_path)
+    farm.ready("a", "b")
+    farm.store._db.execute("PRAGMA query_only = 1")
+    for _ in range(2):
+        with pytest.raises(StoreError):
+            farm.ready("a", nozzle_c=205.0, doubt="its board was reset, and not by the farm")
+    farm.ready("b")  # nothing new: nothing to be booked
+    (first, *_) = todo(farm.core.scene(state))
+    assert first.code == "farm"
+    assert "nothing is booked until there is room" in first.text
+    assert farm.core.snapshots["a"].nozzle_c == 205.0
+    assert farm.core.books.printers["a"].look is None
+    farm.store._db.execute("PRAGMA query_only = 0")
+    farm.ready("a", doubt="its board was reset, and not by the farm")
+    assert [item.code for item in todo(farm.core.scene(state))] == ["look"]

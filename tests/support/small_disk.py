@@ -1,0 +1,52 @@
+"""A disk of some megabytes that a test fills: a tmpfs that only the disk's own processes see."""
+
+import contextlib
+import subprocess
+from pathlib import Path
+
+
+class SmallDisk:
+    """Mounted on a folder, in namespaces of its own: where the kernel grants those, no rights are needed.
+
+    Attributes
+    ----------
+    there
+        Whether it could be mounted.
+    seen
+        The folder, as processes outside see it.
+    """
+
+    def __init__(self, folder, megabytes):
+        folder.mkdir()
+        mount = f"mount -t tmpfs -o size={megabytes}m none '{folder}' && echo ready && exec sleep infinity"
+        self._holder = subprocess.Popen(
+            ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", mount],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        self.there = self._holder.stdout.readline() == b"ready\n"
+        self.seen = Path(f"/proc/{self._holder.pid}/root{folder}")
+        self._folder = folder
+
+    def command(self, command, read_only=False):
+        """A command that has the disk there; `read_only`: it cannot write on it."""
+        entered = ["nsenter", "--preserve-credentials", "--user", "--mount", f"--target={self._holder.pid}"]
+        if read_only:
+            at = f"'{self._folder}'"
+            bind = f'mount --bind {at} {at} && mount -o remount,bind,ro {at} && exec "$@"'
+            entered += ["unshare", "--mount", "sh", "-c", bind, "sh"]
+        return [*entered, *map(str, command)]
+
+    def fill(self):
+        """Leave not a byte."""
+        with (self.seen / "ballast").open("ab", buffering=0) as file, contextlib.suppress(OSError):
+            while True:
+                file.write(bytes(4096))
+
+    def free(self):
+        (self.seen / "ballast").unlink(missing_ok=True)
+
+    def end(self):
+        self._holder.kill()
+        self._holder.wait()
+        self._holder.stdout.close()

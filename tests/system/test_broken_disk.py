@@ -1,0 +1,108 @@
+"""A full disk, one that cannot be written, and damaged books: real ones, while prints go on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+
+from farm.daemon.backups import back_up
+from farm.paths import StateFolder
+from killed_farm import KilledFarm
+from real_farm import wait_for
+from small_disk import SmallDisk
+
+pytestmark = pytest.mark.system
+
+
+@pytest.fixture
+def disk_farm(tmp_path):
+    """A farm whose state folder is on a small disk."""
+    disk = SmallDisk(tmp_path / "state", 8)
+    if not disk.there:
+        disk.end()
+        pytest.skip("this kernel lets nobody here mount a disk")
+    farm = KilledFarm(tmp_path, disk)
+    yield farm
+    disk.free()
+    farm.end()
+    disk.end()
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = KilledFarm(tmp_path)
+    yield farm
+    farm.end()
+
+
+def both_print(farm):
+    printers = farm.insist("GET", "/status")["printers"]
+    return all(printer["print"] and printer["print"]["layer"] for printer in printers)
+
+
+def both_are_off(farm):
+    """By the boards' own words, which no disk keeps."""
+    targets = [printer["targets"] for printer in farm.insist("GET", "/status")["printers"]]
+    return all((target["nozzle_c"], target["bed_c"]) == (0.0, 0.0) for target in targets)
+
+
+def cannot_start(farm, read_only=False):
+    """The one line in which a daemon says why."""
+    command = [sys.executable, "-P", "-m", "farm.cli.main", *farm.daemon()]
+    tried = subprocess.run(farm.disk.command(command, read_only), check=False, capture_output=True, text=True)
+    assert tried.returncode == 1, tried.stderr
+    (line,) = (line for line in tried.stderr.splitlines() if line.startswith("farm: "))
+    assert str(farm.told) in line
+    assert "Traceback" not in tried.stderr, tried.stderr
+    return line
+
+
+def test_a_disk_that_takes_nothing_stops_no_print_and_loses_none(disk_farm):
+    farm = disk_farm
+    farm.keep([])
+    farm.submit(2)
+    wait_for("both to print", lambda: both_print(farm))
+    farm.disk.fill()
+    status, said = farm.answer("POST", *farm.submission(9))
+    assert status == 500
+    assert "No space left" in said["error"]
+    assert "has its disk room?" in said["error"]
+    assert len(farm.insist("GET", "/status")["jobs"]) == 2
+    wait_for("both to end, and nobody can write that down", lambda: both_are_off(farm))
+    (first, *_) = farm.insist("GET", "/status")["todo"]
+    assert first["code"] == "farm"
+    assert "disk is full" in first["text"]
+    assert "nothing is booked until there is room" in first["text"]
+    farm.stop_keeping()
+    assert "disk is full; has their disk room" in cannot_start(farm)
+    farm.disk.free()
+    assert "Read-only file system" in cannot_start(farm, read_only=True)
+    farm.keep([])
+    farm.find_good()
+    farm.check()
+
+
+def test_damaged_books_are_put_back_and_what_prints_goes_on(farm):
+    farm.keep([])
+    farm.submit(2)
+    wait_for("both to print", lambda: both_print(farm))
+    back_up(StateFolder(farm.state), time.time() + 1e6)  # newer than the one of its start
+    farm.stop_keeping()
+    for name in ("farm.db", "farm.db-wal"):
+        path = farm.state / name
+        data = path.read_bytes()
+        path.write_bytes(data[:4096] + b"\xa5" * (len(data) - 4096))
+    farm.keep([])
+    view = farm.insist("GET", "/status")
+    assert {job["state"] for job in view["jobs"]} == {"held"}
+    assert all("restored from a copy" in job["hold"]["text"] for job in view["jobs"])
+    assert {printer["bed"] for printer in view["printers"]} == {"not_clear"}
+    assert "were restored from" in farm.log()
+    for job in view["jobs"]:
+        farm.insist("POST", f"/jobs/{job['id']}/approve", json.dumps({"plan": job["plan"]}))
+    farm.find_good()
+    farm.check()
