@@ -119,9 +119,17 @@ class Engine(StrEnum):
     PARALLELOBOX = "parallelobox"  # the paper's
 
 
+class ShortReel(Entity):
+    """A printer that would take a plate if it had more filament, and how much it has and needs."""
+
+    printer: str
+    text: str
+
+
 class Hold(Entity):
     code: HoldCode
     text: str
+    reel: ShortReel | None = None
 
 
 class JobOptions(Entity):

@@ -1,4 +1,4 @@
-"""Spans as a person reads them. Pure."""
+"""Spans and amounts as a person reads them. Pure."""
 
 from __future__ import annotations
 
@@ -12,3 +12,13 @@ def span(seconds: float | None) -> str:
         return f"{whole} s"
     hours, minutes = divmod(round(seconds / 60), 60)
     return f"{hours}h{minutes:02d}" if hours else f"{minutes} min"
+
+
+def mass(grams: float) -> str:
+    """Grams, or kilograms where it is much."""
+    return f"{grams / 1000:.2f} kg" if grams >= 1000 else f"{grams:.0f} g"
+
+
+def count(number: int, what: str) -> str:
+    """1 part, 2 parts."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

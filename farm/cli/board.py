@@ -13,7 +13,7 @@ from rich.text import Text
 from farm import api
 from farm.cli.words import moment, off_plan, planning
 from farm.model import Bed, HoldCode, JobState, PrintState
-from farm.words import span
+from farm.words import mass, span
 
 _INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
 _APART = "     "  # between two things to do on one line
@@ -34,11 +34,6 @@ def names(printers: Iterable[str]) -> str:
         else:
             runs.append((stem, digits, digits))
     return " ".join(stem + first + (f"..{last}" if last != first else "") for stem, first, last in runs)
-
-
-def mass(grams: float) -> str:
-    """Grams, or kilograms where it is much."""
-    return f"{grams / 1000:.2f} kg" if grams >= 1000 else f"{grams:.0f} g"
 
 
 def board(view: api.Status, width: int) -> RenderableType:
@@ -115,14 +110,14 @@ def _course(job: api.JobView) -> list[str]:
     if not job.parts:
         return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
     of = len(job.plates)
-    parts = [f"printed {job.printed}/{of}, good {job.good}/{job.printed}"]
+    parts = [f"printed {job.printed}/{of}" + (f", good {job.good}/{job.printed}" if job.printed else "")]
     if job.state not in (JobState.PRINTING, JobState.PRINTED):
         parts[0] = f"{job.state}, {parts[0]}"
     if job.paused:
         parts.append(f"paused, `farm resume {job.id}`")
-    ended = JobState(job.state).ended
-    reached = "reached" if ended else "now"
-    parts.append(f"expected {span(job.estimated_s)}, {reached} {span(job.current_s)}")
+    parts.append(f"expected {span(job.estimated_s)}")
+    if job.elapsed_s is not None and job.current_s is not None:
+        parts[-1] += f", {'reached' if JobState(job.state).ended else 'now'} {span(job.current_s)}"
     if job.state == JobState.PRINTING and job.eta:
         parts[-1] += f" (ends {moment(job.eta)})"
     if job.speedup and job.utilisation:
@@ -151,7 +146,7 @@ def _printers(printers: list[api.PrinterView], now: datetime) -> Table:
             part, end = last.plate, _ended(last.ended, now)
             off = off_plan(last.off) if last.off is not None else ""
             if state == "idle":
-                state = "remove" if last.state == PrintState.DONE else "clear"
+                state = "remove" if last.state == PrintState.DONE else "to clear"
         table.add_row(
             printer.name,
             state,
@@ -187,11 +182,12 @@ def _needs(printer: api.PrinterView) -> str:
         return "resume"
     if printer.print is not None or printer.hold is None:
         return ""
+    if printer.maintenance is not None:
+        return f"maintenance --done ({printer.maintenance})"
     words = {
         HoldCode.NEEDS_A_LOOK: "a look, cleared",
         HoldCode.BED_NOT_CLEAR: "cleared",
         HoldCode.FILAMENT_UNKNOWN: "cleared --filament",
-        HoldCode.MAINTENANCE: "maintenance --done",
         HoldCode.PRINTER_ABSENT: "connecting",
     }
     return words.get(printer.hold.code, "")

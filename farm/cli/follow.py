@@ -15,7 +15,7 @@ from farm.cli.client import Client
 from farm.cli.words import filament, from_cache, planning
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanStep, PrintState
-from farm.words import span
+from farm.words import count, span
 
 T = TypeVar("T")
 _PATIENCE_S = 60.0  # a daemon that is being restarted comes back within this
@@ -77,10 +77,10 @@ class Lines:
             self._say(f"waits: {view.hold.text}")
         if view.progress is not None:
             slicing = view.progress.step is PlanStep.SLICING
-            self._say(f"slicing {view.progress.of} plates" if slicing else planning(view.progress))
+            self._say(f"slicing {count(view.progress.of, 'plate')}" if slicing else planning(view.progress))
         if view.estimated_s is not None:
             amount = filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
-            parts = "1 part" if len(view.parts) == 1 else f"{len(view.parts)} parts"
+            parts = count(len(view.parts), "part")
             cached = sum(plate.cached for plate in view.plates)
             sliced = f"; {from_cache(cached)}" if cached else ""
             self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}{sliced}")

@@ -14,13 +14,12 @@ from rich.table import Table
 
 from farm import api
 from farm.cli import complete
-from farm.cli.board import mass
 from farm.cli.client import Client
 from farm.cli.options import Job, Json, placed
 from farm.cli.words import moment, off_plan, say
 from farm.errors import FarmError
 from farm.paths import Places
-from farm.words import span
+from farm.words import count, mass, span
 
 _ALL = 100_000
 
@@ -57,7 +56,7 @@ def history(
     console.print(table)
     lost = [row for row in past.prints if row.wasted]
     console.print(
-        f"{len(past.prints)} prints, {len(lost)} of them wasted: "
+        f"{count(len(past.prints), 'print')}, {len(lost)} of them wasted: "
         f"{span(sum(row.took_s for row in lost))}, {mass(sum(row.grams for row in lost))}"
     )
 
@@ -84,7 +83,8 @@ def report(
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise FarmError(f"{target} cannot be written ({error}); name another file with --out") from error
+        why = error.strerror or error
+        raise FarmError(f"{target} cannot be written ({why}); name another file with --out") from error
     if view.parts and not pictures and not seen:
         say(f"{view.folder} is not yours to read: the page has no pictures")
     print(target)

@@ -191,13 +191,22 @@ app.command()(stop.estop)
 def main() -> None:
     """The entry point: a person's mistake gets one line, never a traceback."""
     try:
-        app()
+        code = app(prog_name="farm", standalone_mode=False)
+        if code == ExitCode.INTERRUPTED:
+            say("interrupted")
+        sys.exit(code or 0)
     except FarmError as error:
         say(" ".join(str(error).split()))
         sys.exit(int(error.exit_code))
-    except KeyboardInterrupt:
-        say("interrupted")
-        sys.exit(int(ExitCode.INTERRUPTED))
+    except typer.TyperException as error:
+        message = " ".join(error.format_message().split()).rstrip(".")
+        if message:  # help, where nothing was asked, is shown by now
+            command = context.command_path if (context := getattr(error, "ctx", None)) else "farm"
+            say(f"{message}; `{command} --help` shows how it is written")
+        sys.exit(int(ExitCode.USAGE))
+    except typer.Abort:
+        say("given up")
+        sys.exit(int(ExitCode.FAILED))
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(int(ExitCode.FAILED))

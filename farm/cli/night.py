@@ -10,7 +10,7 @@ from rich.text import Text
 
 from farm import api
 from farm.cli.words import moment
-from farm.words import span
+from farm.words import count, span
 
 _WIDTH = 64  # characters of the line of time
 
@@ -41,7 +41,7 @@ def night(view: api.Night) -> RenderableType:
     rows.append(Text())
     rows.append(
         Text(
-            f"{len(view.slots)} plates, {span(view.makespan_s)} (no order of them takes less than "
+            f"{count(len(view.slots), 'plate')}, {span(view.makespan_s)} (no order of them takes less than "
             f"{span(view.lower_bound_s)}), {view.grams:.0f} g{price}"
         )
     )

@@ -11,12 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.board import board, mass
+from farm.cli.board import board
 from farm.cli.client import Client
 from farm.cli.follow import patiently
 from farm.cli.words import filament, from_cache, moment, planning
 from farm.model import JobState, PrintState
-from farm.words import span
+from farm.words import mass, span
 
 _REFRESH_S = 1.0
 
@@ -102,6 +102,8 @@ def _job(view: api.JobView) -> RenderableType:
         facts.add_row("submitted", f"{moment(view.submitted)} by {view.submitted_by}")
     if view.progress is not None:
         facts.add_row("planning", planning(view.progress))
+    if view.plan is not None and view.state == JobState.HELD:
+        facts.add_row("plan", view.plan)
     if cached := sum(plate.cached for plate in view.plates):
         facts.add_row("sliced before", from_cache(cached))
     if view.estimated_s is not None:

@@ -6,6 +6,7 @@ import sys
 from datetime import datetime
 
 from farm.model import PlanProgress, PlanStep
+from farm.words import count
 
 
 def say(line: str) -> None:
@@ -37,7 +38,7 @@ def planning(progress: PlanProgress) -> str:
 
 def from_cache(plates: int) -> str:
     """That the engine did not run for these plates."""
-    return f"{plates} {'plate' if plates == 1 else 'plates'} from the cache"
+    return f"{count(plates, 'plate')} from the cache"
 
 
 def _short(amount: float) -> str:

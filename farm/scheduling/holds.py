@@ -61,7 +61,7 @@ class Reasons:
             return Hold(code=HoldCode.NO_SUCH_PRINTER, text=f"no printer of the fleet matches: {asked}")
         needs = plate.need.words(lacking) if lacking else ""
         hold = self._among(plate, names)
-        return Hold(code=hold.code, text=f"needs {needs}: {hold.text}") if needs else hold
+        return hold.model_copy(update={"text": f"needs {needs}: {hold.text}"}) if needs else hold
 
     def _among(self, plate: PlateView, names: tuple[str, ...]) -> Hold:
         short: Hold | None = None
@@ -72,7 +72,7 @@ class Reasons:
             short = short or held
         busy = self._printing(names)
         if busy is not None:
-            return Hold(code=busy.code, text=f"{busy.text}; {short.text}") if short else busy
+            return Hold(code=busy.code, text=f"{busy.text}; {short.text}", reel=short.reel) if short else busy
         planned = self._obstacles.get(plate.planned) if plate.planned in names else None
         first = next((hold for n in names if (hold := self._obstacles[n]) is not None), None)
         return planned or short or first or _given_away()

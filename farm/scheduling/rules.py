@@ -8,7 +8,7 @@ from datetime import datetime, tzinfo
 from zoneinfo import ZoneInfo
 
 from farm.config import FleetSection
-from farm.model import Hold, HoldCode
+from farm.model import Hold, HoldCode, ShortReel
 from farm.scheduling.hours import Hours
 from farm.scheduling.snapshot import PlateView, PrinterView
 from farm.words import span
@@ -175,8 +175,9 @@ def short_of_filament(plate: PlateView, printer: PrinterView, grams: float | Non
     needed = max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
     if grams is None or grams >= needed:
         return None
+    has, needs = f"{printer.name} has {grams:.0f} g", f"needs {needed:.0f} g"
     return Hold(
         code=HoldCode.REEL_TOO_SHORT,
-        text=f"{printer.name} has {grams:.0f} g, it needs {needed:.0f} g: load a reel, then "
-        f"`farm load {printer.name}`",
+        text=f"{has}, it {needs}: load a reel, then `farm load {printer.name}`",
+        reel=ShortReel(printer=printer.name, text=f"{has}, {plate.id} {needs}"),
     )

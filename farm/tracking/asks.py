@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from farm import api
-from farm.model import HoldCode, JobState
+from farm.model import JobState
 from farm.tracking.books import Books
+from farm.words import count, mass
 
 
 def asks(books: Books) -> list[api.Todo]:
@@ -13,14 +14,16 @@ def asks(books: Books) -> list[api.Todo]:
     for job in books.jobs.values():
         if job.state is JobState.HELD and not job.options.dry_run:
             grams = sum(plate.grams for plate in books.plates_of(job))
-            what = f"job {job.id} ({len(job.parts)} parts, {grams / 1000:.2g} kg)"
+            what = f"job {job.id} ({count(len(job.parts), 'part')}, {mass(grams)})"
             text = f"approve {what}: `farm approve {job.id}`"
             found.append(api.Todo(code="approve", printers=[], text=text, brief=what))
-    holds = (plate.hold for plate in books.waiting_plates())
-    short = {hold.text for hold in holds if hold is not None and hold.code is HoldCode.REEL_TOO_SHORT}
-    found += [
-        api.Todo(code="reel", printers=[], text=text, brief=text.partition(":")[0]) for text in sorted(short)
-    ]
+    short: dict[str, str] = {}  # the next plate of each reel
+    for plate in books.waiting_plates():
+        if plate.hold is not None and plate.hold.reel is not None:
+            short.setdefault(plate.hold.reel.printer, plate.hold.reel.text)
+    for name, what in sorted(short.items()):
+        text = f"{what}: load a reel, then `farm load {name}`"
+        found.append(api.Todo(code="reel", printers=[name], text=text, brief=what))
     doubtful = [name for name, printer in books.printers.items() if printer.reel and printer.reel.doubted]
     if doubtful:
         names = " ".join(doubtful)

@@ -35,13 +35,16 @@ from farm.tracking.faults import LOSSES, UNCHARGED, OwnFault
 from farm.tracking.outcome import Standing, printed
 from farm.tracking.reels import doubted, less, used_grams
 
-_APPROVAL = Hold(code=HoldCode.APPROVAL, text="its plan is frozen until `farm approve` releases it")
-
 _RESTORED = Hold(
     code=HoldCode.APPROVAL,
     text="the books were damaged and restored from a copy: look what of it is printed, `farm cancel` those "
     "parts, then `farm approve` lets the rest be printed",
 )
+
+
+def _approval(job: int) -> Hold:
+    text = f"its plan is frozen until `farm approve {job}` releases it"
+    return Hold(code=HoldCode.APPROVAL, text=text)
 
 
 @singledispatch
@@ -106,7 +109,7 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         assembly=event.assembly,
         decomposition=event.decomposition,
         planned_s=event.at_s,
-        hold=(_RESTORED if job.restored else _APPROVAL) if event.held else None,
+        hold=(_RESTORED if job.restored else _approval(job.id)) if event.held else None,
     )
     return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 

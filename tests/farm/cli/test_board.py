@@ -10,7 +10,7 @@ from farm.model import Bed, JobOptions, Verdict
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.chronicle import history, shown_jobs
-from make_books import job, run
+from make_books import job, plan, run
 from morning import PRINTERS, night_books, scene_of, status_of
 
 
@@ -37,6 +37,25 @@ def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
     assert lines[1].startswith(
         "DO NOW   take off 2: um2-01..02     look at: um2-03 used at its LCD 06:30, um2-04"
     )
+
+
+def test_a_job_that_has_not_begun_says_only_what_is_known():
+    events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
+    printers = (ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS)
+    held = plan(1, 1).model_copy(update={"held": True, "plan": "abc"})
+    books, _ = run(Books(), *printers, *events, held)
+    lines = shown(status_of(books), width=160)
+    assert lines[1] == "DO NOW   approve: job 1 (1 part, 3 g)"
+    assert lines[2].startswith("JOB 1    bracket.stl: held, printed 0/1; expected 100 s; alone 8 min")
+    assert lines[2].endswith("its plan is frozen until `farm approve 1` releases it")
+    books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
+    assert shown(status_of(books))[2] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
+
+
+def test_a_printer_in_maintenance_says_why():
+    books, _ = run(night_books(), ev.MaintenanceBegun(at_s=300.0, printer="um2-01", why="belt", by="ann"))
+    (row,) = (line for line in shown(status_of(books)) if line.startswith("um2-01"))
+    assert row.endswith("maintenance --done (belt)")
 
 
 def test_what_has_been_looked_at_is_good_or_bad():

@@ -288,7 +288,7 @@ def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, stat
     farm.core.planned(second, plan_for(second, state, plates=1))
     scene = farm.core.scene(state)
     assert [(item.code, item.text) for item in todo(scene)] == [
-        ("approve", f"approve job {first} (2 parts, 0.006 kg): `farm approve {first}`"),
-        ("reel", "a has 4 g, it needs 8 g: load a reel, then `farm load a`"),
+        ("approve", f"approve job {first} (2 parts, 6 g): `farm approve {first}`"),
+        ("reel", f"a has 4 g, {second}/01 needs 8 g: load a reel, then `farm load a`"),
     ]
     assert [job_view(scene, farm.core.books.job(n)).waits_for_person for n in (first, second)] == [True] * 2

@@ -195,6 +195,18 @@ def test_a_hold_has_its_code_and_says_what_it_waits_for(what, where, house, code
     assert only(plate("1/01", "a"), printer("a")) == "a"
 
 
+def test_a_reel_that_is_too_short_is_named_also_where_another_printer_is_waited_for():
+    short = printer("b", grams=10.0)
+    busy = printer("a", booked=True, free_s=FRIDAY + HOUR)
+    hold = assign([plate("1/01", "a", grams=20.0)], [busy, short], rules(), FRIDAY)[1]["1/01"]
+    assert hold.code is HoldCode.PRINTER_BUSY
+    assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
+    colour = Need("generic_pla", "white", 0.4, box(100.0))
+    fleet = [printer("b", grams=10.0, colour="white"), printer("c", colour="black")]
+    hold = assign([plate("1/01", "b", grams=20.0, need=colour)], fleet, rules(), FRIDAY)[1]["1/01"]
+    assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
+
+
 def test_a_margin_is_kept_to_quiet_hours():
     house = rules(quiet=["22:00-06:00"])
     assert only(plate("1/01", "a", estimated_s=5 * HOUR / 1.05 - 1), printer("a"), house) == "a"

@@ -1,0 +1,33 @@
+"""What the `farm` command says of what is written wrongly: one line, and exit code 2."""
+
+import pytest
+
+from farm.cli.main import main
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["submit"], "Missing argument"),
+        (["submit", "x.stl", "--printers", "0"], "a number from 1, or auto; `farm submit --help`"),
+        (["submit", "x.stl", "--engine", "saw"], "'saw' is not one of"),
+        (["nonsense"], "No such command 'nonsense'"),
+        (["history", "--last", "0"], "greater than or equal to 1"),
+        (["load", "a", "--wrong"], "No such option: --wrong"),
+    ],
+)
+def test_what_is_written_wrongly_gets_one_line(words, said, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["farm", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    out, err = capsys.readouterr()
+    assert (ended.value.code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("farm: ") and said in err
+
+
+def test_without_words_the_commands_are_shown(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["farm"])
+    with pytest.raises(SystemExit):
+        main()
+    out, err = capsys.readouterr()
+    assert "submit" in out + err and "farm: " not in err
