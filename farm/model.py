@@ -246,6 +246,7 @@ class Plate(Entity):
     counted_from: int = 0  # a person asked for it again: only failures of these prints count
     replaced_by: tuple[str, ...] = ()  # the plates that are printed in its place
     cancelled: bool = False  # by a person: never tried again, unless a person asks
+    paused: bool = False  # by a person: it waits until it is resumed
     hold: Hold | None = None
 
     @property

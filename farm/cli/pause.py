@@ -24,12 +24,18 @@ Again = Annotated[
 
 @placed
 def pause(places: Places, targets: Targets) -> None:
-    """Let prints wait: filament parked, head aside, nozzle off, bed warm; at most two hours."""
+    """Let prints wait: filament parked, head aside, nozzle off, bed warm; at most two hours.
+
+    A part that waits for a printer, and what waits of a job, is kept from every printer.
+    """
     client = Client(places.socket)
     for target in targets:
-        client.tell(f"{place_of(target)}/pause")
-        more = ", and nothing more of it starts" if target.isdigit() else ""
-        print(f"{_named(target)}: pausing{more}; `farm resume {target}` lets it go on")
+        place = place_of(target)
+        printer = client.tell(f"{place}/pause")
+        what = "pausing, and nothing more of it starts" if target.isdigit() else "pausing"
+        if "/parts/" in place:
+            what = f"pausing on {printer}" if printer else "goes to no printer"
+        print(f"{_named(target)}: {what}; `farm resume {target}` lets it go on")
 
 
 @placed

@@ -115,22 +115,30 @@ class Desk:
         self._core.happened(ev.PauseAsked(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 
     def pause_part(self, job: int, part: str, wanted: bool, by: str) -> str:
-        """Have the printer of a part wait, or go on. Returns the printer."""
+        """Have a part wait where it is, on a printer or for one, or go on. Returns the printer, if any."""
         plate = self._plate(job, part)
+        name, stands = plate.parts[0], self._core.books.standing(plate)
         printer = self._printing(plate)
-        if printer is None:
-            raise Refused(
-                f"part {plate.parts[0]} is not being printed: `farm pause {job}` keeps what waits of its job"
-            )
-        self.pause_printer(printer, wanted, by)
-        return printer
+        if printer is not None:
+            self.pause_printer(printer, wanted, by)
+            return printer
+        if stands is not Standing.WAITING:
+            what = _UNWANTED.get(stands, f"failed too often: `farm reprint {job} {part}`")
+            raise Refused(f"part {name} {what}")
+        if plate.paused is wanted:
+            if not wanted and self._core.books.job(job).paused:
+                raise Refused(f"job {job} is paused: `farm resume {job}` lets its parts go on")
+            raise Refused(f"part {name} is {'paused already' if wanted else 'not paused'}")
+        self._happened(lambda at_s: ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=wanted, by=by))
+        return ""
 
     def pause_job(self, job: int, wanted: bool, by: str) -> None:
         """Have all that is printed of a job wait, and start nothing of it; or go on."""
         entry = self._core.books.job(job)
         if entry.state.ended:
             raise Refused(f"job {job} has ended already: it is {entry.state}")
-        if entry.paused is wanted:
+        parts = not wanted and any(plate.paused for plate in self._core.books.plates_of(entry))
+        if entry.paused is wanted and not parts:
             raise Refused(f"job {job} is {'paused already' if wanted else 'not paused'}")
         self._happened(lambda at_s: ev.JobPaused(at_s=at_s, job=job, wanted=wanted, by=by))
 

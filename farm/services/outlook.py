@@ -165,6 +165,9 @@ def _own_hold(books: Books, job: Job, plate: Plate, now_s: float) -> Hold | None
         return Hold(code=HoldCode.OUTAGE, text=text)
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
+    if plate.paused:
+        part = plate.parts[0]
+        return Hold(code=HoldCode.PAUSED, text=f"part {part} is paused: `farm resume {part}`")
     last = books.prints[plate.prints[-1]] if plate.prints else None
     if last is not None and last.fault in LOSSES and now_s - (last.ended_s or 0.0) <= WINDOW_S:
         text = f"{last.printer} was lost just now: others may be lost with it"

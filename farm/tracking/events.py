@@ -153,6 +153,14 @@ class PrintFailAsked(Event):
     by: str
 
 
+class PlatePaused(Event):
+    """A person keeps a plate that waits from every printer, or lets it go on."""
+
+    plate: str
+    wanted: bool
+    by: str
+
+
 class PlateCancelled(Event):
     """A person wants nothing more of a plate."""
 
@@ -260,6 +268,7 @@ AnyEvent = (
     | PrintTakenBack
     | PrintEnded
     | PrintFailAsked
+    | PlatePaused
     | PlateCancelled
     | ReprintAsked
     | JobPaused

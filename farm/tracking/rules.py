@@ -166,7 +166,8 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
     waits = plate.id in job.plates and books.standing(plate) is Standing.WAITING
     if job.state is not JobState.PRINTING or not waits:
         return books, ()
-    plates = [edited(new, prints=plate.prints, counted_from=plate.counted_from) for new in event.plates]
+    kept = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
+    plates = [edited(new, **kept) for new in event.plates]
     names = tuple(new.id for new in plates)
     old = edited(plate, replaced_by=names, hold=None)
     job = edited(
@@ -292,6 +293,14 @@ def _(event: ev.PrintFailAsked, books: Books) -> Result:
 
 
 @apply.register
+def _(event: ev.PlatePaused, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    if books.standing(plate) is not Standing.WAITING:
+        return books, ()
+    return put(books, edited(plate, paused=event.wanted)), ()
+
+
+@apply.register
 def _(event: ev.PlateCancelled, books: Books) -> Result:
     plate = books.plates[event.plate]
     books, stops = give_up(books, plate, f"cancelled by {event.by}")
@@ -304,13 +313,16 @@ def _(event: ev.ReprintAsked, books: Books) -> Result:
     done = printed(books.prints_of(plate))
     if done is not None:
         books = put(books, edited(done, verdict=Verdict.BAD, verdict_why=event.why))
-    books = put(books, edited(plate, cancelled=False, counted_from=len(plate.prints)))
+    books = put(books, edited(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))
     return settle(books, plate.job, event.at_s, again=True), ()
 
 
 @apply.register
 def _(event: ev.JobPaused, books: Books) -> Result:
-    books = put(books, edited(books.job(event.job), paused=event.wanted))
+    job = books.job(event.job)
+    books = put(books, edited(job, paused=event.wanted))
+    if not event.wanted:
+        books = put(books, *(edited(plate, paused=False) for plate in books.plates_of(job)))
     instructions: list[ev.AnyInstruction] = []
     for attempt in list(books.open_prints(event.job)):
         books, sends = apply(ev.PauseAsked(at_s=event.at_s, print_id=attempt.id, wanted=event.wanted), books)

@@ -108,8 +108,36 @@ def test_nothing_of_a_paused_job_starts(farm):
     desk.pause_job(1, False, "ann")
     assert farm.core.books.open_print_on("a").plate == "1/03"
     assert desk.pause_part(1, "p03", True, "ann") == "a"
-    with pytest.raises(Refused, match="not being printed"):
+    with pytest.raises(Refused, match="is printed already"):
         desk.pause_part(1, "p01", True, "ann")
+
+
+def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path):
+    desk = farm.desk
+    assert desk.pause_part(1, "p03", True, "ann") == ""
+    with pytest.raises(Refused, match="paused already"):
+        desk.pause_part(1, "3", True, "ann")
+    ends(farm, "a")
+    desk.cleared("a", "ann", None)
+    assert farm.core.books.open_print_on("a") is None
+    hold = farm.core.books.plates["1/03"].hold
+    assert (hold.code, hold.text) == (HoldCode.PAUSED, "part 1/p03 is paused: `farm resume 1/p03`")
+    farm.store.close()
+    farm = Farm(tmp_path)  # also over a restart
+    farm.ready("a")
+    assert farm.core.books.open_print_on("a") is None
+    farm.desk.pause_part(1, "p03", False, "ann")
+    assert farm.core.books.open_print_on("a").plate == "1/03"
+
+
+def test_a_job_that_is_resumed_takes_its_paused_parts_with_it(farm):
+    desk = farm.desk
+    desk.pause_part(1, "p03", True, "ann")
+    desk.pause_job(1, False, "ann")
+    assert farm.core.books.plates["1/03"].hold.code is not HoldCode.PAUSED
+    desk.pause_job(1, True, "ann")
+    with pytest.raises(Refused, match="job 1 is paused: `farm resume 1`"):
+        desk.pause_part(1, "p03", False, "ann")
 
 
 def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
