@@ -14,6 +14,7 @@ from typing import Protocol
 
 from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
+from farm.daemon.foresight import Foresight
 from farm.daemon.front import Front
 from farm.daemon.otherwise import Otherwise
 from farm.errors import FarmError
@@ -91,6 +92,7 @@ class Core:
         self.rules = Rules.of(fleet.fleet)
         self._hands = hands
         self._front = Front(self, hands.plan)
+        self._foresight = Foresight(self.rules)
         self._otherwise = Otherwise(self.rules, clock, self._remake)
         self._refusals: Counter[str] = Counter()
         self.books = store.load()
@@ -363,6 +365,7 @@ class Core:
 
     def scene(self, state: StateFolder) -> Scene:
         """All that a view is drawn from."""
+        now_s = self.clock.now()
         unbooked = next(iter(self._unbooked.values()), None)
         if unbooked is not None:
             unbooked += f"; nothing is booked until there is room in {state.root}"
@@ -371,7 +374,8 @@ class Core:
             self.books,
             self.snapshots,
             state,
-            self.clock.now(),
+            now_s,
+            ends_s=self._foresight.ends_s(self.books, self.printer_views, now_s),
             settled=not self.arriving(),
             progress=self.progress,
             warning=unbooked or self._warning,

@@ -47,6 +47,7 @@ class Scene:
     snapshots: Mapping[str, AgentSnapshot]
     state: StateFolder
     now_s: float
+    ends_s: Mapping[str, float] = field(default_factory=dict)  # of waiting plates, as far as it is foreseen
     settled: bool = True  # the farm has been up long enough for every printer to have connected
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warning: str | None = None  # what is wrong with the farm itself
@@ -232,17 +233,20 @@ def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
 
 
 def _remaining_s(scene: Scene, plates: list[Plate]) -> float:
-    """Until the last plate ends, if every waiting plate started now. At least 0."""
+    """Until the last plate ends; of what waits as it is foreseen, else as if it started now. At least 0."""
     return max((_plate_remaining_s(scene, plate) for plate in plates), default=0.0)
 
 
 def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
+    waits_s = max(0.0, scene.ends_s.get(plate.id, scene.now_s + plate.estimated_s) - scene.now_s)
     if not plate.prints:
-        return plate.estimated_s
+        return waits_s
     attempt = _last(scene.books, plate)
     if attempt.state is PrintState.DONE:
-        return plate.estimated_s if attempt.verdict is Verdict.BAD else 0.0
-    if attempt.state.ended or attempt.started_s is None:
+        return waits_s if attempt.verdict is Verdict.BAD else 0.0
+    if attempt.state.ended:
+        return waits_s
+    if attempt.started_s is None:
         return plate.estimated_s
     return _print_remaining_s(scene, attempt, plate)
 

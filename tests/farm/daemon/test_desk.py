@@ -20,9 +20,10 @@ from farm.model import (
     Verdict,
 )  # fmt: skip
 from farm.paths import StateFolder
+from farm.scheduling.forecast import CLEARING_S
 from farm.services.planning import Plan
 from farm.tracking import events as ev
-from farm.tracking.view import todo
+from farm.tracking.view import job_view, todo
 from make_books import plan as planned
 from one_core import MODEL, Farm
 
@@ -110,6 +111,16 @@ def test_nothing_of_a_paused_job_starts(farm):
     assert desk.pause_part(1, "p03", True, "ann") == "a"
     with pytest.raises(Refused, match="is printed already"):
         desk.pause_part(1, "p01", True, "ann")
+
+
+def test_what_waits_for_a_bed_is_counted_in(farm):
+    """Its printers print for a while yet, and then somebody has to clear one."""
+    view = job_view(farm.core.scene(STATE), farm.core.books.job(1))
+    assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
+    assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # ends are foreseen in whole minutes
+    assert view.utilisation < 1.0
+    farm.desk.cancel_part(1, "p03", "ann")
+    assert job_view(farm.core.scene(STATE), farm.core.books.job(1)).current_s < 110.0
 
 
 def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path):

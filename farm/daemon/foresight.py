@@ -1,0 +1,34 @@
+"""When what waits should end: foreseen when the books have changed, and kept for a while."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from farm.scheduling.forecast import forecast
+from farm.scheduling.rules import Rules
+from farm.scheduling.snapshot import PrinterView
+from farm.services.outlook import plate_views
+from farm.tracking.books import Books
+
+_KEPT_S = 60.0  # farm seconds in which nothing has happened
+
+
+class Foresight:
+    """The night ahead of all plates that wait, by the house's rules."""
+
+    def __init__(self, rules: Rules) -> None:
+        self._rules = rules
+        self._books: Books | None = None
+        self._at_s = 0.0
+        self._ends_s: Mapping[str, float] = {}
+
+    def ends_s(
+        self, books: Books, printers: Callable[[], Sequence[PrinterView]], now_s: float
+    ) -> Mapping[str, float]:
+        """When each waiting plate should end, since the epoch; none of what no printer can take."""
+        if books is not self._books or now_s - self._at_s > _KEPT_S:
+            waiting = list(plate_views(books.waiting_plates(), books))
+            slots = forecast(waiting, printers(), self._rules, now_s).slots if waiting else ()
+            self._books, self._at_s = books, now_s
+            self._ends_s = {slot.plate: slot.ends_s for slot in slots}
+        return self._ends_s
