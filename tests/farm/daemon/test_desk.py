@@ -115,6 +115,10 @@ def test_nothing_of_a_paused_job_starts(farm):
 
 def test_what_waits_for_a_bed_is_counted_in(farm):
     """Its printers print for a while yet, and then somebody has to clear one."""
+    now_s = farm.core.clock.now()
+    begun = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
+    for attempt in list(farm.core.books.open_prints()):
+        farm.core.happened(ev.PrintProgressed(print_id=attempt.id, **begun))
     view = job_view(farm.core.scene(STATE), farm.core.books.job(1))
     assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
     assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # ends are foreseen in whole minutes
