@@ -289,7 +289,7 @@ def main() -> int:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--quality", default="paper")
     parser.add_argument("--granularity", default="auto")
-    parser.add_argument("--budget", type=float, default=20.0, help="of best, s of the processor")
+    parser.add_argument("--budget", type=float, default=20.0, help="of best, about the s of one core")
     parser.add_argument("--results", type=Path, default=Path("bench-results"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--no-slices", action="store_true")

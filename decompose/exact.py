@@ -11,6 +11,7 @@ import sys
 import numpy as np
 
 from decompose.boxes import Box, Boxes, box_index
+from decompose.effort import Work
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
 from decompose.guillotine import UNREACHABLE, Partitioner
@@ -70,9 +71,9 @@ class Search:
         """The boxes of the solution that truly ends soonest, and their pieces."""
         best: list[Box] = []
         best_s = math.inf
-        rounds = 0
+        rounds, effort = 0, self.problem.effort
         while True:
-            makespan_s = self.solver.least_makespan(len(self.problem.printers), self.least_s)
+            makespan_s = self._solved(len(self.problem.printers))
             if makespan_s is None or len(self.mends) > MOST_MENDS:
                 if best:
                     break  # prices only ever grow: nothing is left that fits
@@ -87,16 +88,23 @@ class Search:
             longest_s = self._truly_s(chosen)
             if longest_s < best_s:
                 best, best_s = chosen, longest_s
-            if longest_s <= WORTH * makespan_s or rounds == MOST_ROUNDS or self.problem.expired():
+            if longest_s <= WORTH * makespan_s or rounds == MOST_ROUNDS or effort.is_spent():
                 break
         return {box: self.cut[box] for box in self._neighbour(best)}
+
+    def _solved(self, printers: int, *limits_s: float) -> float | None:
+        """The least makespan by the tables, see `Partitioner.least_makespan`; the work is booked."""
+        before = self.solver.sums
+        found = self.solver.least_makespan(printers, self.least_s, *limits_s)
+        self.problem.effort.did(Work.SUM, self.solver.sums - before)
+        return found
 
     def _neighbour(self, best: list[Box]) -> list[Box]:
         """The best partition near this one, truly priced; no longer bound to guillotine cuts."""
         for _ in range(MOST_ROUNDS):
-            if self.problem.expired() or len(self.mends) == MOST_MENDS:
+            if len(self.mends) == MOST_MENDS or self.problem.effort.is_spent():
                 break
-            chosen = improved(self.boxes, best, len(self.problem.printers), expired=self.problem.expired)
+            chosen = improved(self.boxes, best, len(self.problem.printers), effort=self.problem.effort)
             if chosen == best:
                 break
             if self._more_pieces(chosen) or self._mended(chosen):
@@ -111,6 +119,7 @@ class Search:
         more = False
         for box in chosen:
             if box not in self.cut:
+                self.problem.effort.did(Work.FACE_CUT, self.problem.model.solid.faces)
                 self.cut[box] = pieces_in_cells(self.problem.model.solid, self.grid, box)
             at = box_index(box, self.boxes.shape)
             more = more or len(self.cut[box]) > int(self.boxes.pieces[at])

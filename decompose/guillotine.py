@@ -179,6 +179,7 @@ class Partitioner:
         self._value: Table = np.zeros(0, np.int16)
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
+        self.sums = 0  # that all solves have made
 
     def parts(self, limit_s: float, ties: bool = False) -> int:
         """The fewest printers of the first class with which each part costs at most limit_s.
@@ -193,6 +194,7 @@ class Partitioner:
         for state in range(len(self._states)):
             self._fill(state, slice(0, size), self._value[state * size : (state + 1) * size])
         _solve(self._value, self._sums, *self.boxes.shape)
+        self.sums += len(self._sums) * sums_of(self.boxes.shape)
         return min(int(self.counts[box_index(self._root, self.boxes.shape)]), UNREACHABLE)
 
     def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
@@ -309,6 +311,13 @@ def states(counts: Sequence[int]) -> tuple[Ints, Ints]:
         for part in np.ndindex(*(w + 1 for w in whole))
     ]
     return np.array(each, dtype=np.int64).reshape(len(each), len(counts)), np.array(sums, dtype=np.int64)
+
+
+def sums_of(shape: tuple[int, int, int]) -> int:
+    """The cuts of all boxes of a grid, each of which is a sum."""
+    spans = [n * (n + 1) // 2 for n in shape]
+    cuts = [n * (n * n - 1) // 6 for n in shape]
+    return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))
 
 
 def _box(sides: list[int]) -> Box:

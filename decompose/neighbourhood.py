@@ -7,12 +7,13 @@ goes from one box to the next, two boxes merged and split elsewhere: all are suc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
 
 from decompose.boxes import Box, Boxes, box_index
+from decompose.effort import Effort, Work
 from decompose.window import Window
 
 MOST_WINDOWS = 200  # that are solved in one search
@@ -28,7 +29,7 @@ def improved(
     chosen: Sequence[Box],
     printers: int,
     most_windows: int = MOST_WINDOWS,
-    expired: Callable[[], bool] = lambda: False,
+    effort: Effort | None = None,
 ) -> list[Box]:
     """A partition whose times, the longest first, are less in the order of words, or the same partition.
 
@@ -40,19 +41,24 @@ def improved(
         A partition: trimmed boxes that do not overlap and cover every needed cell.
     printers
         The greatest number of pieces; at least as many as there are.
+    effort
+        Where the work is booked, and what may be done.
     """
+    effort = effort or Effort()
     parts = list(chosen)
     failed: set[frozenset[Box]] = set()
     groups = _groups(boxes, parts)
     for _ in range(most_windows):
         group = next((g for g in groups if g not in failed), None)
-        if group is None or expired():
+        if group is None or effort.is_spent():
             break
         spare = printers - _pieces(boxes, parts)
         others = [box for box in parts if box not in group]
         times = [_seconds(boxes, box) for box in group]
         window = Window(boxes, group, others)
         found = window.solved(_pieces(boxes, group) + spare, WORTH * max(times), 0.5 * float(np.mean(times)))
+        effort.did(Work.BOX_PRICED, window.boxes)
+        effort.did(Work.SUM, window.sums)
         if found is None:
             failed.add(group)
         else:

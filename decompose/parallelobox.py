@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from decompose.alignment import Aligned, align
 from decompose.boxes import Box, Boxes
+from decompose.effort import Work
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
 from decompose.growth import OVERHANG_TOLERANCE_DEG, Score, Terrain, terrain_in_seconds, terrain_of_the_paper
@@ -50,7 +51,7 @@ def search(problem: Problem) -> Found:
     grounds = _grounds(problem)
     tried: list[_Tried] = []
     for ground in grounds:
-        if not tried or not problem.expired():
+        if not tried or not problem.effort.is_spent():
             tried += _search(ground, problem)
     problem.lap("search")
     if not tried:
@@ -179,6 +180,10 @@ def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
     options = problem.options
     run = map if problem.executor is None else problem.executor.map
     drawn = draws(points, ground.grid, terrains[0].barred, printers, options.tries, options.seed, run)
+    clusters = options.tries * printers * (printers + 1) // 2
+    problem.effort.did(Work.POINT_CLUSTERED, len(points) * clusters)
+    grown = len(drawn) * len(terrains) * len(options.score.readings)
+    problem.effort.did(Work.CELL_GROWN, grown * ground.grid.needed.size)
     return {
         (number, reading): attempts(drawn, terrain, printers, reading, run)
         for number, terrain in enumerate(terrains)
@@ -207,7 +212,8 @@ def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
     """The one of these that ends soonest; it is looked for until no other promises more."""
     best: list[_Tried] = []
     for promised_s, boxes in ranked[:MOST_CUT]:
-        if best and (problem.expired() or (not best[0].fault and promised_s >= best[0].ends_s)):
+        enough = best and not best[0].fault and promised_s >= best[0].ends_s
+        if enough or (best and problem.effort.is_spent()):
             break
         tried = _tried(boxes, ground, problem)
         if tried is not None and tried.ends_s < math.inf:
@@ -217,6 +223,8 @@ def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
 
 def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None:
     """A partition cut and posed; None where it has more pieces than there are printers."""
+    new = sum(box not in ground.cut for box in boxes)
+    problem.effort.did(Work.FACE_CUT, new * ground.aligned.model.solid.faces)
     cut = {box: ground.pieces(box) for box in boxes}
     pieces = [piece for found in cut.values() for piece in found]
     if len(pieces) > len(problem.printers):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from time import perf_counter, process_time
+from time import perf_counter
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from decompose.assignment import printers_for
 from decompose.baselines import cube_skeleton, symmetry_based
 from decompose.check import check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
+from decompose.effort import Effort
 from decompose.errors import DecomposeError, GeometryError, NoFit
 from decompose.joints import faults, joints
 from decompose.mesh import Model
@@ -67,26 +68,30 @@ def decompose(
     """
     checked(model, tuple(printers), options)
     problem = Problem(model, tuple(printers), cost, options, executor)
-    if options.engine is not Engine.BEST:
-        return _by_one(problem)
-    start = process_time()  # what else runs on the machine does not change what is found
-    problem = replace(problem, expired=lambda: process_time() - start > options.budget_s)
+    return _best(problem) if options.engine is Engine.BEST else _by_one(problem)
+
+
+def _best(problem: Problem) -> Decomposition:
+    """The best result of all engines, as far as the budget goes; the first is always begun."""
+    options = problem.options
     results: list[Decomposition] = []
     attempts: list[Attempt] = []
     failure: DecomposeError | None = None
+    left_s = options.budget_s
     for engine in TRIED_BY_BEST:
-        if attempts and problem.expired():
-            attempts.append(Attempt(engine, None, 0.0, "not begun: the time was up"))
+        if attempts and left_s <= 0.0:
+            attempts.append(Attempt(engine, finished=False, reason="not begun: the budget was spent"))
             continue
-        began = perf_counter()
+        began_s, effort, makespan_s, reason = perf_counter(), Effort(left_s), None, ""
         of_one = replace(options, engine=engine, prove=options.prove and not attempts)
         try:
-            results.append(_by_one(replace(problem, options=of_one)))
+            results.append(_by_one(replace(problem, options=of_one, effort=effort)))
+            makespan_s = results[-1].makespan_s
         except (NoFit, GeometryError) as error:
-            failure = failure or error
-            attempts.append(Attempt(engine, None, perf_counter() - began, str(error)))
-        else:
-            attempts.append(Attempt(engine, results[-1].makespan_s, perf_counter() - began))
+            failure, reason = failure or error, str(error)
+        took_s = perf_counter() - began_s
+        attempts.append(Attempt(engine, makespan_s, took_s, effort.seconds, not effort.cut_short, reason))
+        left_s -= effort.seconds
     if not results:
         assert failure is not None  # the first engine is always tried
         raise failure

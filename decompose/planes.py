@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from decompose.boxes import Box
 from decompose.cost import PrinterRoom
+from decompose.effort import Work
 from decompose.grid import CLEAR_MM, Cell, Grid, flat_coordinates
 from decompose.interfaces import Cells, clear_of, directions, filled_out, moved, moving_together
 from decompose.joints import SLIVER_MM, faults
@@ -112,6 +113,7 @@ class _Evening:
         best = self._posed(self.start)
         if not (self.free.any() and math.isfinite(_longest_s(best))):
             return best
+        self._book([i for i in range(len(best)) for _ in range(6)])
         slopes = np.array([self._slopes(i, part) for i, part in enumerate(best)])
         for _ in range(ROUNDS):
             rough = self._moved(best, slopes)
@@ -125,9 +127,14 @@ class _Evening:
                 continue
             gain = 1.0 - _longest_s(new) / _longest_s(best)
             best = new
-            if gain < WORTH or self.problem.expired():
+            if gain < WORTH or self.problem.effort.is_spent():
                 break
         return best
+
+    def _book(self, parts: Sequence[int]) -> None:
+        """Book that these parts, by their places, are cut anew and priced in the poses that they have."""
+        self.problem.effort.did(Work.PIECE_MEASURED, len(parts))
+        self.problem.effort.did(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
 
     def _faulty(self, parts: Sequence[_Part]) -> bool:
         return bool(faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2))
@@ -143,6 +150,7 @@ class _Evening:
                 step_mm *= SHORTER
                 continue
             run = map if self.problem.executor is None else self.problem.executor.map
+            self._book([i for i, part in enumerate(parts) if (boxes[i] != part.box_mm).any()])
             new = list(run(self._again, range(len(parts)), parts, boxes))
             for i, (old, part) in enumerate(zip(parts, new, strict=True)):
                 _learn(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)

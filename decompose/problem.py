@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from decompose.bound import makespan_bound
 from decompose.boxes import Box, Boxes, all_boxes
 from decompose.cost import INSET_AT_MOST, CostModel, PrinterRoom
+from decompose.effort import Effort, Work
 from decompose.errors import DecomposeError, NoFit
 from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
 from decompose.mesh import Model
@@ -49,8 +50,8 @@ class Problem:
         Those that are free, one piece each at most; a printer of several rounds is there once for each.
     executor
         For work that may run side by side, by threads; None: one after the other.
-    expired
-        Whether the time is up: a search that can go on without end stops with what it has.
+    effort
+        What was done and may be done: a search that can go on without end stops with what it has.
     lap
         Told the name of each stage when it is over.
     """
@@ -60,7 +61,7 @@ class Problem:
     cost: CostModel
     options: Options
     executor: Executor | None = None
-    expired: Callable[[], bool] = lambda: False
+    effort: Effort = field(default_factory=Effort)
     lap: Callable[[str], None] = lambda stage: None
     _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
@@ -91,6 +92,7 @@ class Problem:
             options.granularity, len(self.printers), max(model.extents_mm) / min(self.room_mm)
         )
         vertices, faces = model.solid.arrays()
+        self.effort.did(Work.FACE_GRIDDED, len(faces))
         return build_grid(
             vertices[faces],
             cells,
@@ -101,9 +103,11 @@ class Problem:
             plane_at,
         )
 
-    def boxes(self, grid: Grid) -> Boxes:
-        """Every box of a grid, priced; it fits where it fits every printer."""
-        return all_boxes(grid, list(self.rooms), self.cost)
+    def boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> Boxes:
+        """Every box of a grid, priced; it fits where it fits these rooms, if none are named every printer."""
+        boxes = all_boxes(grid, list(rooms or self.rooms), self.cost)
+        self.effort.did(Work.BOX_PRICED, len(boxes.seconds))
+        return boxes
 
     def figures(self, grid: Grid, boxes: Boxes, chosen: list[Box]) -> GridFigures:
         """How good these boxes of a grid are: their makespan by the tables, and what none can undercut."""
@@ -111,6 +115,7 @@ class Problem:
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if self.options.prove:
+            self.effort.did(Work.BOX_PROVEN, len(boxes.seconds))
             bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, makespan_s).seconds)
         return GridFigures(makespan_s, bound_s, grid.shape)
 
@@ -129,6 +134,8 @@ class Problem:
         """`pose` of each, once for a solid and its rooms, side by side where there is an executor."""
         run = map if self.executor is None else self.executor.map
         new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
+        self.effort.did(Work.PIECE_POSED, len(new))
+        self.effort.did(Work.FACE_POSED, sum(piece.solid.faces for piece in new.values()))
         self._posed.update(zip(new, run(self.pose, new.values()), strict=True))
         return [self._posed[self._posing(piece)] for piece in pieces]
 

@@ -53,7 +53,8 @@ class Options:
     score: Score = Score.BOTH  # of parallelobox
     faithful: bool = False  # parallelobox with the paper's own prices and settings
     fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
-    # Of `best`, in seconds of the processor: after it no engine is begun, and no search gone on with.
+    # Of `best`, counted as work in seconds of one core of a usual machine (`decompose.effort`): once it is
+    # spent no engine is begun, and no search gone on with.
     budget_s: float = 20.0
     prove: bool = True  # the bound by linear programming: some seconds; without it the gap is wide
 
@@ -138,11 +139,23 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What became of one engine, of those that `best` tried: its makespan, or why there is none."""
+    """What became of one engine, of those that `best` tried.
+
+    Attributes
+    ----------
+    makespan_s
+        None where it reached nothing, and why is in `reason`.
+    compute_s, effort_s
+        Wall time; and the work that was counted, which is the same on every machine (`decompose.effort`).
+    finished
+        Whether the budget let it do all that it does.
+    """
 
     engine: Engine
-    makespan_s: float | None
-    compute_s: float
+    makespan_s: float | None = None
+    compute_s: float = 0.0
+    effort_s: float = 0.0
+    finished: bool = True
     reason: str = ""
 
 

@@ -81,6 +81,11 @@ class Solid:
         return float(self.manifold.surface_area())
 
     @property
+    def faces(self) -> int:
+        """How many triangles it has."""
+        return int(self.manifold.num_tri())
+
+    @property
     def bounds_mm(self) -> Floats:
         """(2, 3): the least and the greatest coordinates."""
         return np.array(self.manifold.bounding_box(), dtype=np.float64).reshape(2, 3)

@@ -18,9 +18,10 @@ import numpy.typing as npt
 from decompose import exact
 from decompose.assignment import printers_for, soonest
 from decompose.bound import makespan_bound
-from decompose.boxes import Box, Boxes, all_boxes, box_index
+from decompose.boxes import Box, Boxes, box_index
 from decompose.classes import PrinterClass, classes_of
 from decompose.cost import PrinterRoom
+from decompose.effort import Work
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
 from decompose.guillotine import Others, Partitioner
@@ -71,7 +72,7 @@ def search(problem: Problem) -> Found:
     best = min(cuts, key=lambda cut: _ends_s(problem, cut))
     pieces = tuple(evened(problem, grid, best))
     for cut in cuts:
-        if cut is not best and not problem.expired():
+        if cut is not best and not problem.effort.is_spent():
             other = tuple(evened(problem, grid, cut))
             pieces = min(pieces, other, key=lambda found: _longest_s(problem, found))
     problem.lap("planes")
@@ -128,10 +129,9 @@ class _ByClass(exact.Search):
             return found
         rounds = 0
         while rounds < MOST_ROUNDS and len(self.mends) < MOST_MENDS:
-            if self.problem.expired() and math.isfinite(below_s):
+            if math.isfinite(below_s) and self.problem.effort.is_spent():
                 break
-            count = self.classes[0].count
-            limit_s = self.solver.least_makespan(count, self.least_s, close_s, GAIN * below_s)
+            limit_s = self._solved(self.classes[0].count, close_s, GAIN * below_s)
             if limit_s is None:
                 break
             self.least_s = max(self.least_s, limit_s - close_s)
@@ -152,7 +152,9 @@ class _ByClass(exact.Search):
         """Whether there might be such a partition, were every printer as good as the best for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(own.count for own in self.classes)
-        least_s = Partitioner(best).least_makespan(count, self.least_s, close_s, at_most_s)
+        solver = Partitioner(best)
+        least_s = solver.least_makespan(count, self.least_s, close_s, at_most_s)
+        self.problem.effort.did(Work.SUM, solver.sums)
         if least_s is not None:
             self.least_s = max(self.least_s, least_s - close_s)
         return least_s is not None
@@ -205,12 +207,13 @@ class _ByClass(exact.Search):
             makespan_s = float(times[range(len(takers)), takers].max())
         if problem.options.prove:
             quickest = np.float32(min(printer.time_factor for printer in problem.printers))
-            each = [all_boxes(grid, [room], problem.cost) for room in problem.rooms]
+            each = [problem.boxes(grid, [room]) for room in problem.rooms]
             best = replace(
                 each[0],
                 seconds=quickest * np.min([boxes.seconds for boxes in each], axis=0),
                 pieces=np.max([boxes.pieces for boxes in each], axis=0),
             )
+            problem.effort.did(Work.BOX_PROVEN, len(best.seconds))
             proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
             least_s = max(least_s, proven.seconds)
         return GridFigures(makespan_s, least_s, grid.shape)
@@ -223,7 +226,7 @@ def _tables(problem: Problem, grid: Grid, shared: Boxes, classes: Sequence[Print
         if own.boxes in rooms:
             continue
         least = all(room.fits(*box) for box in own.boxes for room in problem.rooms)
-        rooms[own.boxes] = shared if least else all_boxes(grid, [own.room], problem.cost)
+        rooms[own.boxes] = shared if least else problem.boxes(grid, [own.room])
     pieces = np.maximum(shared.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
     return [
         replace(shared, seconds=rooms[own.boxes].seconds * np.float32(own.time_factor), pieces=pieces)

@@ -185,6 +185,16 @@ class Window:
         self._solver = Partitioner(Boxes(self.shape, seconds, trimmed, pieces))
         self._wheel: Pinwheel | None = None
 
+    @property
+    def boxes(self) -> int:
+        """How many boxes its tables are about."""
+        return len(self._solver.boxes.seconds)
+
+    @property
+    def sums(self) -> int:
+        """That all its solves have made."""
+        return self._solver.sums
+
     def _covered(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
         """(nx, ny, nz) Which cells of the window lie in some of these boxes (n, 6)."""
         inside = np.zeros(self.shape, dtype=np.bool_)

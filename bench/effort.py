@@ -1,0 +1,102 @@
+"""How far the work that decomposition counts is off the processor's time, and what each kind of it takes.
+
+Usage: python -m bench.effort MODEL... [--printers 8,20] [--engines guillotine,parallelobox] [--side 450]
+       [--json]
+
+Every search runs without a budget in one thread. `fit_ns` are the prices that would fit these runs best, none
+below nothing: least squares of the relative errors. `decompose.effort.NANOSECONDS` is taken from them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from bench.print_time_parts import recipe_of
+from decompose.cost import CostModel, PrinterRoom
+from decompose.effort import Effort, Work
+from decompose.errors import NoFit
+from decompose.mesh import Model, load_model
+from decompose.partition import ENGINES
+from decompose.problem import Problem
+from decompose.report import Engine, Options
+from decompose.solid import Solid
+from drivers.profiles import PROFILES, part_room
+
+PRINTER = "ultimaker2_plus"
+
+
+def measured(problem: Problem) -> tuple[Effort, dict[str, float]]:
+    """What a search counts, and when each of its stages is over, in seconds of the processor."""
+    effort, ends_s, began_s = Effort(), {}, process_time()
+
+    def lap(stage: str) -> None:
+        ends_s[stage] = process_time() - began_s
+
+    try:
+        ENGINES[problem.options.engine](replace(problem, effort=effort, lap=lap))
+    except NoFit as error:
+        print(f"{problem.options.engine}: {error}", file=sys.stderr)
+    lap("all")
+    return effort, ends_s
+
+
+def fitted(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Nanoseconds a unit of each kind."""
+    kinds = [str(work) for work in Work]
+    rows = np.array([[run["done"].get(kind, 0) / run["cpu_s"] for kind in kinds] for run in runs])
+    scale = np.maximum(rows.max(axis=0), 1e-12)
+    found, _ = nnls(rows / scale, np.ones(len(runs)))
+    return dict(zip(kinds, (found / scale * 1e9).round(1).tolist(), strict=True))
+
+
+def main() -> None:
+    """Measure, and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("models", type=Path, nargs="+")
+    parser.add_argument("--printers", type=lambda t: [int(n) for n in t.split(",")], default=[8, 20])
+    parser.add_argument(
+        "--engines", type=lambda t: [Engine(e) for e in t.split(",")],
+        default=[Engine.GUILLOTINE, Engine.PARALLELOBOX],
+    )  # fmt: skip
+    parser.add_argument("--side", type=float, default=450.0)
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    recipe = recipe_of("paper")
+    cost = CostModel.from_recipe(recipe)
+    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
+    small = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
+    for engine in asked.engines:  # compiles, or loads what was compiled
+        rooms = tuple(PrinterRoom(str(i), room) for i in range(4))
+        measured(Problem(small, rooms, cost, Options(engine, 5)))
+    runs: list[dict[str, Any]] = []
+    for path in asked.models:
+        model = load_model(path, longest_side_mm=asked.side)
+        for printers in asked.printers:
+            for engine in asked.engines:
+                rooms = tuple(PrinterRoom(str(i), room) for i in range(printers))
+                effort, ends_s = measured(Problem(model, rooms, cost, Options(engine)))
+                cpu_s = ends_s["all"]
+                done = {str(work): units for work, units in effort.done.items()}
+                run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}
+                runs.append(run | {"effort_s": effort.seconds, "ends_s": ends_s, "done": done})
+                if not asked.json:
+                    off = f"{effort.seconds:6.1f} s counted, {cpu_s:6.1f} s of the processor"
+                    print(f"{path.stem:20} N {printers:3} {engine:13} {off}", flush=True)
+    report = {"schema": 1, "runs": runs, "fit_ns": fitted(runs)}
+    print(json.dumps(report, indent=1) if asked.json else json.dumps(report["fit_ns"], indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,77 @@
+"""How much a search may do: work that is counted, never timed, so that every machine finds the same.
+
+Each kind of work has a price: what a unit of it takes on one core of a usual machine (`bench/effort.py`).
+What was done is booked where work is given out, in one thread, whatever threads do it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Work(StrEnum):
+    """Kinds of work, by their units."""
+
+    FACE_GRIDDED = "face-gridded"  # a triangle of the model, laid on a grid
+    BOX_PRICED = "box-priced"  # in a room
+    SUM = "sum"  # of two sides of a cut, in a search for a partition
+    FACE_CUT = "face-cut"  # a triangle of a solid that something is cut out of
+    FACE_POSED = "face-posed"  # a triangle of a piece whose best pose is looked for
+    PIECE_POSED = "piece-posed"
+    FACE_MEASURED = "face-measured"  # a triangle of a piece that is priced in a pose that it has
+    PIECE_MEASURED = "piece-measured"
+    POINT_CLUSTERED = "point-clustered"  # a vertex, for each cluster of a draw of seeds
+    CELL_GROWN = "cell-grown"  # a cell of the grid, for each attempt to cover it by growth
+    BOX_PROVEN = "box-proven"  # a box of the grid that a lower bound is about
+
+
+NANOSECONDS = {
+    Work.FACE_GRIDDED: 4_000,
+    Work.BOX_PRICED: 250,
+    Work.SUM: 1,
+    Work.FACE_CUT: 100,
+    Work.FACE_POSED: 4_000,
+    Work.PIECE_POSED: 20_000_000,
+    Work.FACE_MEASURED: 1_000,
+    Work.PIECE_MEASURED: 10_000_000,
+    Work.POINT_CLUSTERED: 300,
+    Work.CELL_GROWN: 3_000,
+    Work.BOX_PROVEN: 500,
+}
+"""Of one core for a unit of each kind."""
+
+
+@dataclass(slots=True)
+class Effort:
+    """What was done of what may be done.
+
+    Attributes
+    ----------
+    budget_s
+        What may be done, in seconds of one core of a usual machine.
+    done
+        Units of each kind.
+    cut_short
+        Whether a search has stopped for it.
+    """
+
+    budget_s: float = math.inf
+    done: Counter[Work] = field(default_factory=Counter)
+    cut_short: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """What was done, in seconds of one core of a usual machine."""
+        return sum(units * NANOSECONDS[work] for work, units in self.done.items()) / 1e9
+
+    def did(self, work: Work, units: int) -> None:
+        self.done[work] += units
+
+    def is_spent(self) -> bool:
+        """Whether no more may be done; who asks and may not goes on no longer, which is remembered."""
+        spent = self.seconds >= self.budget_s
+        self.cut_short = self.cut_short or spent
+        return spent
