@@ -29,17 +29,17 @@ class Work(StrEnum):
 
 
 NANOSECONDS = {
-    Work.FACE_GRIDDED: 4_000,
-    Work.BOX_PRICED: 250,
-    Work.SUM: 1,
-    Work.FACE_CUT: 100,
-    Work.FACE_POSED: 4_000,
-    Work.PIECE_POSED: 20_000_000,
-    Work.FACE_MEASURED: 1_000,
-    Work.PIECE_MEASURED: 10_000_000,
-    Work.POINT_CLUSTERED: 300,
-    Work.CELL_GROWN: 3_000,
-    Work.BOX_PROVEN: 500,
+    Work.FACE_GRIDDED: 4_000.0,
+    Work.BOX_PRICED: 350.0,
+    Work.SUM: 0.7,
+    Work.FACE_CUT: 100.0,
+    Work.FACE_POSED: 3_000.0,
+    Work.PIECE_POSED: 15e6,
+    Work.FACE_MEASURED: 1_000.0,
+    Work.PIECE_MEASURED: 5e6,
+    Work.POINT_CLUSTERED: 300.0,
+    Work.CELL_GROWN: 1_500.0,
+    Work.BOX_PROVEN: 700.0,
 }
 """Of one core for a unit of each kind."""
 
@@ -65,7 +65,7 @@ class Effort:
     @property
     def seconds(self) -> float:
         """What was done, in seconds of one core of a usual machine."""
-        return sum(units * NANOSECONDS[work] for work, units in self.done.items()) / 1e9
+        return sum(price * self.done[work] for work, price in NANOSECONDS.items()) / 1e9
 
     def did(self, work: Work, units: int) -> None:
         self.done[work] += units
