@@ -296,6 +296,19 @@ def build_grid(
     if plane_at is not None and counts[plane_at[0]] > 1:
         inner_planes = planes[plane_at[0]][1:-1]
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
+    return fill_grid(triangles, planes, min_wall_mm, keep_interior, overhang_cos, skin_cos)
+
+
+def fill_grid(
+    triangles: Floats,
+    planes: tuple[Floats, Floats, Floats],
+    min_wall_mm: float,
+    keep_interior: bool,
+    overhang_cos: float,
+    skin_cos: float,
+) -> Grid:
+    """The grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`."""
+    px, py, pz = planes
     area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, skin_cos, overhang_cos)
     surface = extents.copy()  # the solid's follow from it
     steps = [np.diff(p) for p in planes]

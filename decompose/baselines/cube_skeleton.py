@@ -5,20 +5,22 @@ to 26 regions; small loose pieces of a region are joined to their smallest neigh
 while they fit. With the interior kept, the cube is printed too, with cubes from its faces outwards: the
 skeleton.
 
-`--faithful` merges pairs, once, by volume, whatever the number of printers. Otherwise regions larger than a
-printer are cut on a grid, and neighbours that are printed soonest are merged until each piece has a printer.
+`--faithful` takes the cube in whole cells, and merges pairs, once, by volume, whatever the number of
+printers. Otherwise the cube is refined against the mesh, regions larger than a printer are cut on a grid, and
+neighbours that are printed soonest are merged until each piece has a printer.
 Where nothing can be hollowed, the cube is the largest deep inside, and a piece of its own.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from decompose.baselines.hollow import Block, cubes_about, hollow, largest_cube
+from decompose.baselines.hollow import Block, cubes_about, hollow, largest_cube, planes_at, refined
 from decompose.baselines.rooms import (
     blocks_needed,
     clear_of_faces,
@@ -27,7 +29,7 @@ from decompose.baselines.rooms import (
 )
 from decompose.cost import pose_costs
 from decompose.errors import NoFit
-from decompose.grid import Cell, Grid, build_grid
+from decompose.grid import Cell, Grid, build_grid, fill_grid
 from decompose.joints import joints
 from decompose.piece import Piece, box_planes
 from decompose.problem import Found, Problem
@@ -58,6 +60,12 @@ def search(problem: Problem) -> Found:
     cube = largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
+    if cube is not None and hollowed and not faithful:
+        cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
+        cube_mm = refined(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
+        planes, cube = planes_at(model.solid, grid, cube_mm)
+        grid = fill_grid(vertices[faces], planes, *settings)
+        shell = hollow(model.solid, grid, cube)
     problem.lap("hollow")
     skeleton: list[Piece] = []
     if cube is not None and hollowed and options.interior is Interior.KEEP:
@@ -114,19 +122,20 @@ def _fitting(piece: Piece, problem: Problem) -> list[Piece]:
 
 @dataclass(slots=True, eq=False)
 class _Group:
-    """Pieces that are to be one: their numbers, volume, seconds and bounds (2, 3) in mm."""
+    """Pieces that are one: their numbers, and their solid with its seconds."""
 
     members: list[int]
-    volume_mm3: float
+    solid: Solid
     seconds: float
-    bounds_mm: Floats
 
-    def with_other(self, other: _Group) -> _Group:
-        lo = np.minimum(self.bounds_mm[0], other.bounds_mm[0])
-        hi = np.maximum(self.bounds_mm[1], other.bounds_mm[1])
-        members = self.members + other.members
-        volume_mm3, seconds = self.volume_mm3 + other.volume_mm3, self.seconds + other.seconds
-        return _Group(members, volume_mm3, seconds, np.array([lo, hi]))
+    @property
+    def volume_mm3(self) -> float:
+        return self.solid.volume_mm3
+
+    def size_mm(self, other: _Group) -> Floats:
+        """(3,) Of the box about both."""
+        both = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
+        return np.asarray(both[:, 1].max(axis=0) - both[:, 0].min(axis=0))
 
 
 class _Merging:
@@ -139,7 +148,7 @@ class _Merging:
         for i, piece in enumerate(pieces):
             solid = piece.solid
             seconds = float(pose_costs(*solid.arrays(), problem.cost).min())
-            self.groups[i] = _Group([i], solid.volume_mm3, seconds, solid.bounds_mm)
+            self.groups[i] = _Group([i], solid, seconds)
         self.touching: dict[int, set[int]] = defaultdict(set)
         for joint in joints(pieces):
             if joint.area_mm2 >= TOUCH_MM2:
@@ -147,17 +156,25 @@ class _Merging:
                 self.touching[joint.b].add(joint.a)
 
     def fits(self, a: int, b: int) -> bool:
-        lo, hi = self.groups[a].with_other(self.groups[b]).bounds_mm
-        return max(blocks_needed(hi - lo, self.problem.rooms)) == 1
+        size_mm = self.groups[a].size_mm(self.groups[b])
+        return max(blocks_needed(size_mm, self.problem.rooms)) == 1
 
-    def merge(self, a: int, b: int) -> None:
-        """The second group becomes a part of the first."""
-        self.groups[a] = self.groups[a].with_other(self.groups.pop(b))
-        for other in self.touching.pop(b):
-            self.touching[other].discard(b)
-            if other != a:
-                self.touching[other].add(a)
-                self.touching[a].add(other)
+    def merge(self, a: int, b: int) -> bool:
+        """The second group becomes a part of the first; not where rounding keeps them apart on their cut."""
+        one, other = self.groups[a], self.groups[b]
+        solid = Solid.union([one.solid, other.solid])
+        if len(solid.pieces()) > 1:
+            self.touching[a].discard(b)
+            self.touching[b].discard(a)
+            return False
+        self.groups[a] = _Group(one.members + other.members, solid, one.seconds + other.seconds)
+        del self.groups[b]
+        for neighbour in self.touching.pop(b):
+            self.touching[neighbour].discard(b)
+            if neighbour != a:
+                self.touching[neighbour].add(a)
+                self.touching[a].add(neighbour)
+        return True
 
     def smallest(self, numbers: set[int]) -> int | None:
         return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
@@ -165,34 +182,45 @@ class _Merging:
     def join_islands(self, islands: list[int]) -> None:
         """Each of these pieces, the smallest first, to its smallest neighbour with which it fits."""
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
-            neighbour = self.smallest({i for i in self.touching[island] if self.fits(i, island)})
-            if neighbour is not None:
-                self.merge(neighbour, island)
+            joined = False
+            while not joined:
+                neighbour = self.smallest({i for i in self.touching[island] if self.fits(i, island)})
+                joined = neighbour is None or self.merge(neighbour, island)
 
     def pair_once(self) -> None:
         """Each piece, the largest first, with its smallest neighbour that has no other, if both fit."""
         alone = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
             neighbour = self.smallest(self.touching[number] & alone)
-            if number in alone and neighbour is not None and self.fits(number, neighbour):
-                self.merge(number, neighbour)
+            if number not in alone or neighbour is None or not self.fits(number, neighbour):
+                continue
+            if self.merge(number, neighbour):
                 alone -= {number, neighbour}
 
     def merge_to(self, printers: int) -> None:
-        """Neighbours that are printed soonest are merged, until there are no more groups than printers."""
+        """Neighbours that are printed soonest are merged, until there are no more groups than printers.
+
+        Where that ends with too many that fit no other, those that fill the least box are merged instead.
+        """
+        groups, touching = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
+        self._merge_least(printers, lambda a, b: a.seconds + b.seconds)
+        if len(self.groups) > printers:
+            self.groups, self.touching = groups, defaultdict(set, touching)
+            self._merge_least(printers, lambda a, b: float(a.size_mm(b).prod()))
+
+    def _merge_least(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
         while len(self.groups) > printers:
             pairs = [(a, b) for a in self.groups for b in self.touching[a] if a < b and self.fits(a, b)]
             if not pairs:
                 return
-            self.merge(*min(pairs, key=lambda p: (self.groups[p[0]].seconds + self.groups[p[1]].seconds, p)))
+            self.merge(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
 
     def merged(self) -> list[Piece]:
         found = []
         for group in self.groups.values():
             members = [self.pieces[i] for i in group.members]
             planes = np.unique(np.concatenate([piece.planes for piece in members]), axis=0)
-            solid = members[0].solid if len(members) == 1 else Solid.union([p.solid for p in members])
-            found += connected(Piece(solid, planes, members[0].boxes_mm))
+            found += connected(Piece(group.solid, planes, members[0].boxes_mm))
         return found
 
 

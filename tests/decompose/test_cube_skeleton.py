@@ -10,10 +10,19 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.baselines.hollow import blocks, cubes_about, hollow, largest_cube, without_diagonals
+from decompose.baselines.hollow import (
+    CLOSE_MM,
+    blocks,
+    cubes_about,
+    hollow,
+    largest_cube,
+    planes_at,
+    refined,
+    without_diagonals,
+)
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
-from decompose.grid import build_grid
+from decompose.grid import CLEAR_MM, Cell, build_grid, fill_grid, flat_coordinates
 from decompose.mesh import Model
 from decompose.partition import decompose
 from decompose.report import Engine, Interior, Options
@@ -74,6 +83,9 @@ def test_cells_meet_in_faces(shape: tuple[int, int, int], seed: int, share: floa
         view = np.moveaxis(cells, (a, b), (0, 1))
         near, far, left, right = view[:-1, :-1], view[1:, 1:], view[1:, :-1], view[:-1, 1:]
         assert not ((near & far & ~left & ~right) | (left & right & ~near & ~far)).any()
+    box = np.zeros(shape, bool)
+    box[: (shape[0] + 1) // 2, : (shape[1] + 1) // 2, : (shape[2] + 1) // 2] = True
+    assert without_diagonals(before | box, box)[box].all()
 
 
 def test_the_shell_keeps_the_wall(cost: CostModel) -> None:
@@ -86,6 +98,66 @@ def test_the_shell_keeps_the_wall(cost: CostModel) -> None:
     assert taken.volume_mm3 > 0.2 * solid.volume_mm3
     assert outside.gap_mm(taken, 12.0) >= 12.0 - 1e-6
     assert shell.solid.volume_mm3 + taken.volume_mm3 == pytest.approx(solid.volume_mm3, rel=1e-9)
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    size=st.tuples(*[st.floats(60.0, 120.0)] * 3),
+    wall_mm=st.floats(0.0, 12.0),
+    share=st.tuples(*[st.floats(0.2, 0.8)] * 3),
+)
+def test_a_cube_in_a_block_grows_until_it_reaches_the_wall(
+    size: tuple[float, float, float], wall_mm: float, share: tuple[float, float, float]
+) -> None:
+    middle = wall_mm + 5.0 + np.array(share) * (np.array(size) - 2.0 * (wall_mm + 5.0))
+    begun = np.array([middle - 5.0, middle + 5.0])
+    least_mm = max(wall_mm, CLOSE_MM)
+    cube = refined(Solid.box((0, 0, 0), size), begun, 100.0, wall_mm)
+    edges = cube[1] - cube[0]
+    assert edges == pytest.approx([edges[0]] * 3)
+    assert min(size) - 2.0 * least_mm - 4.0 * CLOSE_MM <= edges[0] <= min(size) - 2.0 * least_mm + 1e-6
+    assert (cube[0] >= least_mm - 1e-6).all() and (cube[1] <= np.array(size) - least_mm + 1e-6).all()
+    assert (cube[0] <= begun[0]).all() and (cube[1] >= begun[1]).all()
+    near = refined(Solid.box((0, 0, 0), size), begun, 1.0, wall_mm)
+    assert (near[0] >= begun[0] - 2.0).all() and (near[1] <= begun[1] + 2.0).all()
+
+
+def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostModel) -> None:
+    """A ball on a plate whose upper face lies where the cube has its lower side."""
+    body = ball(100.0).solid
+    vertices, faces = body.arrays()
+    rough = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    begun = largest_cube(hollow(body, rough).cavity)
+    assert begun is not None
+    side_mm = float(refined(body, np.array(rough.bounds_mm(begun)), 10.0, 12.0)[0, 2])
+    solid = Solid.union([body, Solid.box((-90, -90, side_mm - 20.0), (90, 90, side_mm + 0.5))])
+    vertices, faces = solid.arrays()
+    grid = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    begun = largest_cube(hollow(solid, grid).cavity)
+    assert begun is not None
+    cube_mm = refined(solid, np.array(grid.bounds_mm(begun)), 10.0, 12.0)
+    planes, cube = planes_at(solid, grid, cube_mm)
+    assert all((np.diff(own) > 0.0).all() for own in planes)
+    moved = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
+    assert (moved[0] >= cube_mm[0]).all() and (moved[1] <= cube_mm[1]).all()
+    for axis in range(3):
+        flats = flat_coordinates(vertices[faces], axis)
+        assert np.abs(moved[:, axis, None] - flats).min(initial=np.inf) >= CLEAR_MM - 1e-9
+    before = grid.bounds_mm(begun)
+    assert np.prod(moved[1] - moved[0]) > 1.1 * np.prod(before[1] - before[0])
+    grid = fill_grid(vertices[faces], planes, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    inside = tuple(slice(cube[a], cube[a + 3]) for a in range(3))
+    assert (grid.cells[inside] == Cell.INTERNAL).all()
+    assert hollow(solid, grid, cube).cavity[inside].all()
+
+
+def test_the_mended_cube_is_larger_than_cells_allow(cost: CostModel) -> None:
+    def printed_mm3(faithful: bool) -> float:
+        options = replace(MENDED, faithful=faithful, interior=Interior.KEEP)
+        parts = decompose(ball(95.0), printers(40), options, cost).parts
+        return max(p.solid.volume_mm3 for p in parts)  # the cube
+
+    assert printed_mm3(False) > 1.2 * printed_mm3(True)
 
 
 @pytest.mark.parametrize("interior", Interior)
