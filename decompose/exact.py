@@ -45,7 +45,7 @@ def search(problem: Problem) -> Found:
     problem.lap("search")
     pieces = tuple(evened(problem, grid, chosen))
     problem.lap("planes")
-    figures = problem.figures(grid, boxes, list(chosen))
+    figures = problem.figures(grid, boxes, list(chosen), pieces)
     problem.lap("bound")
     return Found(pieces, model, np.eye(3), figures)
 

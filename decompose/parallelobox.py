@@ -65,7 +65,7 @@ def search(problem: Problem) -> Found:
             f"in every attempt of parallelobox that was looked at a part is bad to glue; in the best it "
             f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
         )
-    figures = problem.figures(best.ground.grid, best.ground.boxes, list(best.cut))
+    figures = problem.figures(best.ground.grid, best.ground.boxes, list(best.cut), best.pieces)
     problem.lap("bound")
     aligned = best.ground.aligned
     return Found(best.pieces, aligned.model, aligned.rotation, figures)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -13,16 +14,16 @@ import numpy.typing as npt
 from decompose import parallelobox, unequal
 from decompose.assignment import printers_for
 from decompose.baselines import cube_skeleton, symmetry_based
+from decompose.best import best_of
 from decompose.check import check
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
-from decompose.effort import Effort
-from decompose.errors import DecomposeError, GeometryError, NoFit
+from decompose.errors import NoFit
 from decompose.joints import faults, joints
 from decompose.mesh import Model
 from decompose.orientation import Pose, best_pose, measure
 from decompose.piece import Piece, turned_planes
 from decompose.problem import Found, GridFigures, Problem, checked, surface_bound_s
-from decompose.report import Attempt, Coverage, Decomposition, Engine, Options, Part
+from decompose.report import Coverage, Decomposition, Engine, Options, Part
 
 Floats = npt.NDArray[np.float64]
 
@@ -32,7 +33,6 @@ ENGINES: dict[Engine, Callable[[Problem], Found]] = {
     Engine.SYMMETRY: symmetry_based.search,
     Engine.CUBE_SKELETON: cube_skeleton.search,
 }
-TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 
 
 def decompose(
@@ -67,45 +67,24 @@ def decompose(
         The result breaks a geometry rule.
     """
     checked(model, tuple(printers), options)
+    vertices, faces = model.solid.arrays()
+    began_s = perf_counter()
+    serial = serial_seconds(vertices, faces, cost, options.fit_first_layer)
+    took_s = perf_counter() - began_s
     problem = Problem(model, tuple(printers), cost, options, executor)
-    return _best(problem) if options.engine is Engine.BEST else _by_one(problem)
+    by_engine = partial(_by_engine, serial=serial)
+    found = best_of(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
+    stages = found.compute_s | {"serial": took_s, "total": found.compute_s["total"] + took_s}
+    return replace(found, compute_s=stages)
 
 
-def _best(problem: Problem) -> Decomposition:
-    """The best result of all engines, as far as the budget goes; the first is always begun."""
-    options = problem.options
-    results: list[Decomposition] = []
-    attempts: list[Attempt] = []
-    failure: DecomposeError | None = None
-    left_s = options.budget_s
-    for engine in TRIED_BY_BEST:
-        if attempts and left_s <= 0.0:
-            attempts.append(Attempt(engine, finished=False, reason="not begun: the budget was spent"))
-            continue
-        began_s, effort, makespan_s, reason = perf_counter(), Effort(left_s), None, ""
-        of_one = replace(options, engine=engine, prove=options.prove and not attempts)
-        try:
-            results.append(_by_one(replace(problem, options=of_one, effort=effort)))
-            makespan_s = results[-1].makespan_s
-        except (NoFit, GeometryError) as error:
-            failure, reason = failure or error, str(error)
-        took_s = perf_counter() - began_s
-        attempts.append(Attempt(engine, makespan_s, took_s, effort.seconds, not effort.cut_short, reason))
-        left_s -= effort.seconds
-    if not results:
-        assert failure is not None  # the first engine is always tried
-        raise failure
-    best = min(results, key=lambda result: (bool(result.faults), result.makespan_s, len(result.parts)))
-    return replace(best, options=options, attempts=tuple(attempts))
-
-
-def _by_one(problem: Problem) -> Decomposition:
-    """The result of one engine, checked."""
+def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
+    """The result of one engine, checked; `serial` is what `serial_seconds` says of the model."""
     watch = _Watch()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=parallelobox.paper_settings(problem.options))
     problem = replace(problem, lap=watch.lap)
-    model, printers, cost, options = problem.model, problem.printers, problem.cost, problem.options
+    printers, options = problem.printers, problem.options
     found = ENGINES[options.engine](problem)
     watch.lap("engine")
     parts = _parts(found.pieces, problem)
@@ -114,10 +93,7 @@ def _by_one(problem: Problem) -> Decomposition:
     boxes_mm = np.concatenate([p.boxes_mm for p in found.pieces]) if boxed else np.zeros((0, 2, 3))
     coverage = check(parts, boxes_mm, found.model, printers, options.min_wall_mm)
     watch.lap("check")
-    vertices, faces = model.solid.arrays()
-    serial_s, as_is_s = serial_seconds(vertices, faces, cost, options.fit_first_layer)
-    watch.lap("serial")
-    return _report(problem, found, parts, coverage, serial_s, as_is_s, watch.laps())
+    return _report(problem, found, parts, coverage, serial, watch.laps())
 
 
 def _report(
@@ -125,8 +101,7 @@ def _report(
     found: Found,
     parts: Sequence[Part],
     coverage: Coverage,
-    serial_s: float,
-    as_is_s: float,
+    serial: tuple[float, float],
     laps: dict[str, float],
 ) -> Decomposition:
     factors = {printer.name: printer.time_factor for printer in problem.printers}
@@ -137,8 +112,8 @@ def _report(
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
-        serial_s=serial_s,
-        serial_as_is_s=as_is_s,
+        serial_s=serial[0],
+        serial_as_is_s=serial[1],
         makespan_s=makespan_s,
         sum_s=sum(p.estimated_s for p in parts),
         grid_makespan_s=grid.makespan_s,

@@ -28,6 +28,7 @@ Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # wha
 
 AUTO_GRANULARITY = 15
 FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
+FINEST = 60  # that a person may ask for
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
@@ -54,6 +55,8 @@ class Problem:
         What was done and may be done: a search that can go on without end stops with what it has.
     lap
         Told the name of each stage when it is over.
+    to_beat_s
+        The makespan of a result that there is already: of one that is no better nothing is proven.
     """
 
     model: Model
@@ -63,6 +66,7 @@ class Problem:
     executor: Executor | None = None
     effort: Effort = field(default_factory=Effort)
     lap: Callable[[str], None] = lambda stage: None
+    to_beat_s: float = math.inf
     _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -80,6 +84,11 @@ class Problem:
         """The longest sides that a part may have on every printer."""
         return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
 
+    def granularity(self, model: Model) -> int:
+        """The cube root of the number of cells that is asked for over a model in the frame of the cut."""
+        rooms_long = max(model.extents_mm) / min(self.room_mm)
+        return granularity(self.options.granularity, len(self.printers), rooms_long)
+
     def grid(
         self,
         model: Model,
@@ -88,14 +97,11 @@ class Problem:
     ) -> Grid:
         """The grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
-        cells = granularity(
-            options.granularity, len(self.printers), max(model.extents_mm) / min(self.room_mm)
-        )
         vertices, faces = model.solid.arrays()
         self.effort.did(Work.FACE_GRIDDED, len(faces))
         return build_grid(
             vertices[faces],
-            cells,
+            self.granularity(model),
             options.min_wall_mm,
             options.interior is Interior.KEEP,
             cost.overhang_cos if overhang_cos is None else overhang_cos,
@@ -109,15 +115,27 @@ class Problem:
         self.effort.did(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
 
-    def figures(self, grid: Grid, boxes: Boxes, chosen: list[Box]) -> GridFigures:
-        """How good these boxes of a grid are: their makespan by the tables, and what none can undercut."""
+    def figures(self, grid: Grid, boxes: Boxes, chosen: list[Box], pieces: Sequence[Piece]) -> GridFigures:
+        """How good these boxes of a grid are: their makespan by the tables, and what none can undercut.
+
+        `pieces` are what came of them.
+        """
         printers, makespan_s = len(self.printers), boxes.longest_s(chosen)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
-        if self.options.prove:
+        if self.proves(pieces):
             self.effort.did(Work.BOX_PROVEN, len(boxes.seconds))
             bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, makespan_s).seconds)
         return GridFigures(makespan_s, bound_s, grid.shape)
+
+    def proves(self, pieces: Sequence[Piece]) -> bool:
+        """Whether the bound is proven for a result of these pieces."""
+        return self.options.prove and self.ends_s(pieces) < self.to_beat_s
+
+    def ends_s(self, pieces: Sequence[Piece]) -> float:
+        """When the last piece ends, each truly posed and on its printer; inf where one does not fit."""
+        each = zip(pieces, self.poses(pieces), strict=True)
+        return max(math.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in each)
 
     def rooms_of(self, piece: Piece) -> tuple[PrinterRoom, ...]:
         """The rooms that a piece has to fit: its printer's, or those of all."""
@@ -130,7 +148,7 @@ class Problem:
         rooms = self.rooms_of(piece)
         return best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
-    def poses(self, pieces: list[Piece]) -> list[Pose | None]:
+    def poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """`pose` of each, once for a solid and its rooms, side by side where there is an executor."""
         run = map if self.executor is None else self.executor.map
         new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
@@ -179,9 +197,11 @@ def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> in
         number = int(wanted)
     except ValueError:
         number = 0
-    if not 1 <= number <= 60:
+    if not 1 <= number <= FINEST:
         known = ", ".join(GRANULARITY)
-        raise DecomposeError(f"--granularity {wanted}: give auto, one of {known}, or a number from 1 to 60")
+        raise DecomposeError(
+            f"--granularity {wanted}: give auto, one of {known}, or a number from 1 to {FINEST}"
+        )
     return number
 
 

@@ -139,7 +139,7 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What became of one engine, of those that `best` tried.
+    """What became of one engine on one grid, of those that `best` tried.
 
     Attributes
     ----------
@@ -152,6 +152,7 @@ class Attempt:
     """
 
     engine: Engine
+    granularity: str | int
     makespan_s: float | None = None
     compute_s: float = 0.0
     effort_s: float = 0.0
@@ -209,6 +210,10 @@ class Decomposition:
     joints: tuple[Joint, ...] = ()
     faults: tuple[Fault, ...] = ()
     curve: tuple[Point, ...] = ()
+
+    def is_near_bound(self, share: float) -> bool:
+        """Whether no partition on its grid ends sooner than it by this share."""
+        return self.makespan_s <= (1.0 + share) * self.lower_bound_s
 
     def as_dict(self) -> dict[str, Any]:
         """The object that decomposition.json holds."""

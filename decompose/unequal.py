@@ -74,9 +74,9 @@ def search(problem: Problem) -> Found:
     for cut in cuts:
         if cut is not best and not problem.effort.is_spent():
             other = tuple(evened(problem, grid, cut))
-            pieces = min(pieces, other, key=lambda found: _longest_s(problem, found))
+            pieces = min(pieces, other, key=problem.ends_s)
     problem.lap("planes")
-    figures = by_class.figures(grid, best, least_s)
+    figures = by_class.figures(grid, best, least_s, pieces)
     problem.lap("bound")
     return Found(pieces, model, np.eye(3), figures)
 
@@ -99,13 +99,7 @@ def _pieces(cut: Cut) -> list[Piece]:
 
 
 def _ends_s(problem: Problem, cut: Cut) -> float:
-    return _longest_s(problem, _pieces(cut))
-
-
-def _longest_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """When the last piece ends, each truly posed and on its printer; inf where one does not fit."""
-    each = zip(pieces, problem.poses(list(pieces)), strict=True)
-    return max(math.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in each)
+    return problem.ends_s(_pieces(cut))
 
 
 class _ByClass(exact.Search):
@@ -193,7 +187,7 @@ class _ByClass(exact.Search):
                     if own.boxes == mine.boxes:
                         table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
 
-    def figures(self, grid: Grid, cut: Cut, least_s: float) -> GridFigures:
+    def figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
         """How good these boxes are by the tables, and what no partition can undercut on any printer.
 
         Proven as if all printers had the speed of the quickest, and the room of whichever is best.
@@ -205,7 +199,7 @@ class _ByClass(exact.Search):
             makespan_s = _ends_s(problem, cut)
         else:
             makespan_s = float(times[range(len(takers)), takers].max())
-        if problem.options.prove:
+        if problem.proves(pieces):
             quickest = np.float32(min(printer.time_factor for printer in problem.printers))
             each = [problem.boxes(grid, [room]) for room in problem.rooms]
             best = replace(

@@ -1,0 +1,121 @@
+"""What `best` tries, in which order, and what it keeps; the engines are played by a table of results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from decompose.best import OTHER_GRIDS, best_of
+from decompose.cost import CostModel, PrinterRoom
+from decompose.effort import Work
+from decompose.errors import NoFit
+from decompose.grid import cell_counts
+from decompose.mesh import Model
+from decompose.partition import decompose
+from decompose.problem import Problem
+from decompose.report import Decomposition, Engine, Options
+from decompose.solid import Solid
+
+BOUND_S = 1000.0
+BLOCK = Model(Solid.box((0, 0, 0), (300, 90, 80)), (), 1.0)
+ROOMS = [PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(20)]
+Ends = Callable[[Options], float]
+
+
+@pytest.fixture(scope="module")
+def result(cost: CostModel) -> Decomposition:
+    """Of any engine: the parts do not matter here."""
+    return decompose(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+
+
+class Engines:
+    """Engines that end when they are told to (inf: no partition), and remember what they were asked."""
+
+    def __init__(self, result: Decomposition, ends_s: Ends) -> None:
+        self.result, self.ends_s = result, ends_s
+        self.asked: list[Problem] = []
+
+    def __call__(self, problem: Problem) -> Decomposition:
+        self.asked.append(problem)
+        problem.effort.did(Work.SUM, 10**9)  # a second
+        if math.isinf(makespan_s := self.ends_s(problem.options)):
+            raise NoFit(f"nothing at {problem.options.granularity}")
+        engine = problem.options.engine
+        return replace(self.result, engine=engine, makespan_s=makespan_s, lower_bound_s=BOUND_S)
+
+    @property
+    def tried(self) -> list[tuple[Engine, str | int]]:
+        return [(one.options.engine, one.options.granularity) for one in self.asked]
+
+
+def problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
+    return Problem(BLOCK, tuple(ROOMS[:printers]), cost, Options(Engine.BEST, **options))  # type: ignore[arg-type]
+
+
+def far(options: Options) -> float:
+    """Well above the bound, and less so on finer grids."""
+    finer = options.granularity if isinstance(options.granularity, int) else 0
+    return 1.2 * BOUND_S - finer
+
+
+FIRST_TWO = [(Engine.GUILLOTINE, "auto"), (Engine.PARALLELOBOX, "auto")]
+
+
+def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposition) -> None:
+    engines = Engines(result, far)
+    best = best_of(problem(cost), engines)
+    grids = [cells for _, cells in engines.tried[2:] if isinstance(cells, int)]
+    assert engines.tried == FIRST_TWO + [(Engine.GUILLOTINE, cells) for cells in grids]
+    shapes = [cell_counts(BLOCK.extents_mm, cells) for cells in grids]
+    shapes.append(cell_counts(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
+    assert len({*shapes}) == len(shapes) > 1
+    assert len(grids) <= len(OTHER_GRIDS)
+    assert best.makespan_s == 1.2 * BOUND_S - max(grids)
+    assert [(a.engine, a.granularity) for a in best.attempts] == engines.tried
+    assert best.options.granularity == "auto"
+
+
+def test_nothing_is_proven_of_what_is_no_better(cost: CostModel, result: Decomposition) -> None:
+    engines = Engines(result, far)
+    best_of(problem(cost), engines)
+    ends = [far(one.options) for one in engines.asked]
+    assert [one.to_beat_s for one in engines.asked] == [
+        min(ends[:i], default=math.inf) for i in range(len(ends))
+    ]
+
+
+def test_near_the_bound_no_other_grid_is_tried(cost: CostModel, result: Decomposition) -> None:
+    engines = Engines(result, lambda options: 1.02 * BOUND_S)
+    assert len(best_of(problem(cost), engines).attempts) == 2
+    assert engines.tried == FIRST_TWO
+
+
+@pytest.mark.parametrize(("printers", "options"), [(20, {"granularity": 8}), (1, {})])
+def test_a_grid_that_was_asked_for_is_the_only_one(
+    printers: int, options: dict[str, object], cost: CostModel, result: Decomposition
+) -> None:
+    engines = Engines(result, far)
+    best_of(problem(cost, printers, **options), engines)
+    assert len(engines.tried) == 2
+    assert {cells for _, cells in engines.tried} == {options.get("granularity", "auto")}
+
+
+def test_another_grid_may_have_what_the_first_has_not(cost: CostModel, result: Decomposition) -> None:
+    engines = Engines(result, lambda options: math.inf if options.granularity == "auto" else 1.5 * BOUND_S)
+    best = best_of(problem(cost), engines)
+    assert best.makespan_s == 1.5 * BOUND_S
+    assert [a.makespan_s for a in best.attempts[:2]] == [None, None]
+    nothing = Engines(result, lambda options: math.inf)
+    with pytest.raises(NoFit, match="nothing at auto"):
+        best_of(problem(cost), nothing)
+
+
+def test_once_the_budget_is_spent_nothing_is_begun(cost: CostModel, result: Decomposition) -> None:
+    engines = Engines(result, far)
+    best = best_of(problem(cost, budget_s=2.0), engines)
+    assert engines.tried == FIRST_TWO
+    assert [a.finished for a in best.attempts[2:]] == [False] * (len(best.attempts) - 2)
+    assert all("not begun" in a.reason for a in best.attempts[2:])
