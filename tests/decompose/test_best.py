@@ -10,7 +10,7 @@ import pytest
 
 from decompose.best import OTHER_GRIDS, best_of
 from decompose.cost import CostModel, PrinterRoom
-from decompose.effort import Work
+from decompose.effort import NANOSECONDS, Work
 from decompose.errors import NoFit
 from decompose.grid import cell_counts
 from decompose.mesh import Model
@@ -40,7 +40,7 @@ class Engines:
 
     def __call__(self, problem: Problem) -> Decomposition:
         self.asked.append(problem)
-        problem.effort.did(Work.SUM, 10**9)  # a second
+        problem.effort.did(Work.SUM, round(1e9 / NANOSECONDS[Work.SUM]))  # a second
         if math.isinf(makespan_s := self.ends_s(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
@@ -115,7 +115,7 @@ def test_another_grid_may_have_what_the_first_has_not(cost: CostModel, result: D
 
 def test_once_the_budget_is_spent_nothing_is_begun(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
-    best = best_of(problem(cost, budget_s=2.0), engines)
+    best = best_of(problem(cost, budget_s=1.5), engines)
     assert engines.tried == FIRST_TWO
     assert [a.finished for a in best.attempts[2:]] == [False] * (len(best.attempts) - 2)
     assert all("not begun" in a.reason for a in best.attempts[2:])
