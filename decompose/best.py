@@ -15,7 +15,7 @@ from decompose.report import Attempt, Decomposition, Engine
 
 TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid: what fits a grid is partly luck
-NEAR = 0.03  # a makespan that is above the bound by less gains little from another grid
+NEAR = 0.03  # share of the makespan that has to be left to gain, so that another grid is worth its work
 
 
 def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
@@ -37,7 +37,7 @@ def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> 
     failure: DecomposeError | None = None
     left_s = options.budget_s
     for engine, cells in _tried(problem):
-        if best is not None and cells != options.granularity and best.is_near_bound(NEAR):
+        if best is not None and cells != options.granularity and best.to_gain(len(problem.printers)) < NEAR:
             break
         if attempts and left_s <= 0.0:
             attempts.append(Attempt(engine, cells, finished=False, reason="not begun: the budget was spent"))

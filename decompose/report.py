@@ -39,6 +39,9 @@ class Interior(StrEnum):
     KEEP = "keep"
 
 
+BUDGET_S = 20.0
+
+
 @dataclass(frozen=True, slots=True)
 class Options:
     """How to decompose. `granularity` is a name of `decompose.grid.GRANULARITY`, a number, or ``auto``."""
@@ -55,7 +58,7 @@ class Options:
     fit_first_layer: bool = True  # choose each part's brim and first-layer expansion
     # Of `best`, counted as work in seconds of one core of a usual machine (`decompose.effort`): once it is
     # spent no engine is begun, and no search gone on with.
-    budget_s: float = 20.0
+    budget_s: float = BUDGET_S
     prove: bool = True  # the bound by linear programming: some seconds; without it the gap is wide
 
 
@@ -211,9 +214,9 @@ class Decomposition:
     faults: tuple[Fault, ...] = ()
     curve: tuple[Point, ...] = ()
 
-    def is_near_bound(self, share: float) -> bool:
-        """Whether no partition on its grid ends sooner than it by this share."""
-        return self.makespan_s <= (1.0 + share) * self.lower_bound_s
+    def to_gain(self, printers: int) -> float:
+        """The share of the makespan that partitions of its grid, or of its work, could gain at most."""
+        return 1.0 - max(self.lower_bound_s, self.sum_s / printers) / self.makespan_s
 
     def as_dict(self) -> dict[str, Any]:
         """The object that decomposition.json holds."""

@@ -56,6 +56,7 @@ class ComputeSection(_Section):
 
     workers: Annotated[int, Field(ge=1, le=256)] | None = None  # as many as cores
     memory_gb: Annotated[float, Field(ge=1, allow_inf_nan=False)] | None = None  # for each worker
+    budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # of one core, for the search of each job's parts
 
 
 class FleetSection(_Section):

@@ -60,7 +60,9 @@ class Daemon:
         self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
         self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
         self._links = Links(fleet, self._state, self._clock, self._core)
-        self._planner = Planner(self._state, self._workers, self._core.planned, self._core.progressed)
+        self._planner = Planner(
+            self._state, self._workers, compute.budget_s, self._core.planned, self._core.progressed
+        )
         self._remaker = Remaker(self._state, self._workers, self._core.remade)
         self._timers = Timers()
         self._notifier: Notifier | None = None

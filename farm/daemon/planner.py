@@ -29,9 +29,12 @@ Progressed = Callable[[int, PlanProgress], None]
 class Planner:
     """Makes plans side by side; `done` is told each, or why there is none, and `progressed` how far it is."""
 
-    def __init__(self, state: StateFolder, workers: Workers, done: Done, progressed: Progressed) -> None:
+    def __init__(
+        self, state: StateFolder, workers: Workers, budget_s: float, done: Done, progressed: Progressed
+    ) -> None:
         self._state = state
         self._workers = workers
+        self._budget_s = budget_s
         self._done = done
         self._progressed = progressed
         self._tasks: dict[int, asyncio.Task[None]] = {}
@@ -62,6 +65,7 @@ class Planner:
             folder=self._state.work / f"job-{job.id}",
             factors=factors,
             within_s=within_s,
+            budget_s=self._budget_s,
         )
         self._tasks = {number: making for number, making in self._tasks.items() if not making.done()}
         self._tasks[job.id] = asyncio.get_running_loop().create_task(self._run(job, task))

@@ -17,7 +17,7 @@ from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
 from decompose.files import ASSEMBLY, PICTURE, REPORT, write
 from decompose.mesh import Model
-from decompose.report import Engine, Options
+from decompose.report import BUDGET_S, Engine, Options
 from decompose.solid import Solid
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
@@ -66,6 +66,7 @@ class DecomposeTask:
     folder: Path
     factors: Mapping[str, float] = field(default_factory=dict)  # learned of the printers; 1 where none is
     within_s: float | None = None  # in which it has to be printed (`--done-by`)
+    budget_s: float = BUDGET_S  # of the search for its parts
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +153,7 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
         resources = find_resources()
     rooms, cost = priced_rooms(task.printers, task.factors, task.options.quality, resources, task.rounds)
     model = read_inspected(task.model)
-    options = decomposition_options(task.options)
+    options = replace(decomposition_options(task.options), budget_s=task.budget_s)
     try:
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:  # they end with the worker
             cut = Cut(model, rooms, options, cost, threads)

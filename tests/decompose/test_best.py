@@ -28,7 +28,8 @@ Ends = Callable[[Options], float]
 @pytest.fixture(scope="module")
 def result(cost: CostModel) -> Decomposition:
     """Of any engine: the parts do not matter here."""
-    return decompose(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+    found = decompose(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+    return replace(found, sum_s=0.0)
 
 
 class Engines:
@@ -87,8 +88,12 @@ def test_nothing_is_proven_of_what_is_no_better(cost: CostModel, result: Decompo
     ]
 
 
-def test_near_the_bound_no_other_grid_is_tried(cost: CostModel, result: Decomposition) -> None:
-    engines = Engines(result, lambda options: 1.02 * BOUND_S)
+@pytest.mark.parametrize("work", [0.0, 1.2])
+def test_where_little_is_to_be_gained_no_other_grid_is_tried(
+    work: float, cost: CostModel, result: Decomposition
+) -> None:
+    """Near the bound, or where all printers are used to the end."""
+    engines = Engines(replace(result, sum_s=20.0 * work * BOUND_S), lambda _: (work or 1.0) * 1.02 * BOUND_S)
     assert len(best_of(problem(cost), engines).attempts) == 2
     assert engines.tried == FIRST_TWO
 

@@ -93,7 +93,7 @@ def test_the_repositorys_own_fleet_is_good():
         (GOOD.replace("/dev/serial/by-path/one", "sim://ultimaker2_extended_plus"), "another model"),
         (GOOD.replace("model: ultimaker2_plus", "model: prusa"), "'prusa' is not one of"),
         (GOOD.replace("name: a,", "name: ../a,"), "printers.0.name"),
-        (GOOD.replace("timezone", "compute: {cores: 2}, timezone"), "known are workers, memory_gb"),
+        (GOOD.replace("timezone", "compute: {cores: 2}, timezone"), "known are workers, memory_gb, budget_s"),
         (GOOD.replace("timezone", "compute: {workers: 0}, timezone"), "fleet.yaml:2: fleet.compute.workers"),
         (GOOD.replace("colour: red", "color: red"), "fleet.yaml:3: defaults.color: unknown key"),
         (GOOD.replace("model: ultimaker2_plus", "model: prusa"), "fleet.yaml:3: defaults.model"),

@@ -36,7 +36,11 @@ def plan(state, job, factor=1.0):
     async def main():
         done = asyncio.get_running_loop().create_future()
         planner = Planner(
-            state, SameProcess(), lambda _, result: done.set_result(result), lambda _, far: told.append(far)
+            state,
+            SameProcess(),
+            20.0,
+            lambda _, result: done.set_result(result),
+            lambda _, far: told.append(far),
         )
         planner.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
         return await done

@@ -70,10 +70,11 @@ def task(bar, files, tmp_path, printers=2, rounds=1):
 
 def test_the_engine_asked_for_cuts(bar, files, tmp_path):
     work = task(bar, files, tmp_path)
-    grown = replace(work, options=JobOptions(engine="parallelobox"))
+    grown = replace(work, options=JobOptions(engine="parallelobox"), budget_s=7.0)
     assert len(decompose_job(grown).parts) == 2
     report = json.loads((grown.folder / "decomposition.json").read_text())
     assert report["engine"] == "parallelobox"
+    assert report["options"]["budget_s"] == 7.0
 
 
 def test_a_plan_is_whole(bar, files, tmp_path):
