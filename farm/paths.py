@@ -14,7 +14,7 @@ from farm.errors import FarmError
 
 SHARED_SOCKET = Path("/run/farm/farm.sock")
 """Of the farm that all users of a host share (`deploy/systemd`)."""
-_LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108, and uvicorn and httpx know no way round
+_LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108, and uvicorn knows no way round
 
 
 @dataclass(frozen=True, slots=True)

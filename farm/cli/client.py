@@ -2,37 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 import uuid
+from collections.abc import Mapping
+from contextlib import closing, suppress
+from http.client import HTTPException
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
+from urllib.parse import quote, urlencode
 
 from pydantic import BaseModel
 
 from farm import api
+from farm.cli.connection import DaemonConnection
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
 
-_PATIENCE_S = 600.0  # a large broken model is repaired before its submission is answered
-_CHUNK = 1 << 20
+CONNECT_S, ANSWER_S = 5.0, 60.0
+SUBMISSION_S = 600.0
+"""A large broken model is repaired before its submission is answered."""
 _LONGEST_NAME = 200
 
 
 class Client:
     """One daemon. Methods raise DaemonUnreachable, or the FarmError that the daemon answered."""
 
-    def __init__(self, socket: Path) -> None:
-        import httpx  # slow to load, and an emergency stop does without it
-
-        self._socket = socket
-        self._lost: type[Exception] = httpx.TransportError
-        self._late: type[Exception] = httpx.ReadTimeout
-        self._http = httpx.Client(
-            transport=httpx.HTTPTransport(uds=str(socket)),
-            base_url="http://farm",
-            timeout=httpx.Timeout(_PATIENCE_S, connect=5.0),
-        )
+    def __init__(self, socket: Path, answer_s: float = ANSWER_S) -> None:
+        self._socket, self._answer_s = socket, answer_s
 
     def status(self) -> api.Status:
         return api.Status.model_validate(self._call("GET", "/status"))
@@ -83,33 +81,49 @@ class Client:
         while True:
             try:
                 with model.open("rb") as file:
-                    chunks = iter(lambda: file.read(_CHUNK), b"")
-                    answer = self._call("POST", "/jobs", params=params, content=chunks)
+                    answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
                 return api.Submitted.model_validate(answer)
             except DaemonUnreachable:
                 if time.monotonic() > give_up:
                     raise
                 time.sleep(0.5)
 
-    def _call(self, method: str, path: str, *, body: BaseModel | None = None, **more: Any) -> Any:
+    def _call(
+        self,
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, str | int] | None = None,
+        body: BaseModel | None = None,
+        upload: BinaryIO | None = None,
+        answer_s: float | None = None,
+    ) -> Any:
+        target = quote(path) + (f"?{urlencode(params)}" if params else "")
+        content = upload if body is None else body.model_dump_json().encode()
+        headers = {} if body is None else {"Content-Type": "application/json"}
+        patience_s = answer_s or self._answer_s
         try:
-            json = None if body is None else body.model_dump(mode="json")
-            if json is not None:
-                more["json"] = json
-            answer = self._http.request(method, path, **more)
-        except self._late as error:
+            with closing(DaemonConnection(self._socket, CONNECT_S, patience_s)) as way:
+                with suppress(BrokenPipeError):  # it may answer before it has read all: it is going down
+                    way.request(method, target, content, headers)
+                answer = way.getresponse()
+                text = answer.read()
+        except TimeoutError as error:
             raise DaemonUnreachable(
-                f"the daemon has not answered for {_PATIENCE_S / 60:.0f} minutes; what was asked may still "
-                "be done: look at `farm status`"
+                f"the daemon has not answered for {patience_s:g} s, and may hang; what was asked may still "
+                "be done: look at `farm status`; `farm estop` does without it"
             ) from error
-        except self._lost as error:
+        except (OSError, HTTPException) as error:
+            why = (error.strerror if isinstance(error, OSError) else None) or error
             raise DaemonUnreachable(
-                f"no daemon answers on {self._socket} ({error}); `farm up` starts one"
+                f"no daemon answers on {self._socket} ({why}); `farm up` starts one"
             ) from error
-        if answer.is_success:
-            return answer.json()
         try:
-            problem = api.Problem.model_validate(answer.json())
+            said = json.loads(text)
+            if answer.status < 400:
+                return said
+            problem = api.Problem.model_validate(said)
         except ValueError:
-            raise FarmError(f"the daemon answered {answer.status_code}: {answer.text[:200]}") from None
+            words = text.decode(errors="replace")[:200]
+            raise FarmError(f"the daemon answered {answer.status}: {words}") from None
         raise FarmError(problem.error, ErrorCode(problem.code))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable, Iterable
-from http.client import HTTPConnection, HTTPException
+from contextlib import closing
+from http.client import HTTPException
 from pathlib import Path
 
 import typer
 
 from farm.api import Names
+from farm.cli.connection import DaemonConnection
 from farm.errors import FarmError
 from farm.paths import find_places
 
@@ -35,15 +36,10 @@ def _ask(context: typer.Context) -> Names:
     state, own, fleet = (
         Path(path) if (path := context.params.get(name)) else None for name in ("state", "socket", "fleet")
     )
-    way = HTTPConnection("farm", timeout=_PATIENCE_S)
-    way.sock = socket.socket(socket.AF_UNIX)
-    try:
-        way.sock.settimeout(_PATIENCE_S)
-        way.sock.connect(str(find_places(state, own, fleet).socket))
+    path = find_places(state, own, fleet).socket
+    with closing(DaemonConnection(path, _PATIENCE_S, _PATIENCE_S)) as way:
         way.request("GET", "/names")
         return Names.model_validate_json(way.getresponse().read())
-    finally:
-        way.close()
 
 
 def _printers(names: Names, _: typer.Context) -> Offers:

@@ -6,7 +6,6 @@ import itertools
 import json
 import re
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from drivers.agent.journal import JOURNAL
 from drivers.emulator.launch import Command, control
+from farm.cli.connection import DaemonConnection
 from farm.model import Bed, PrintState
 from farm.tracking.store import Store
 from make_gcode import marlin, square
@@ -24,19 +24,6 @@ KEPT = Path(__file__).with_name("kept_daemon.py")
 MODEL = "ultimaker2_plus"
 PRIMED_MM = 7.8  # filament of every print beside its plate's own, from parked to parked
 LOOK_S = 0.05  # between two looks of the operator
-
-
-class Connection(http.client.HTTPConnection):
-    """To a daemon's socket; it leaves nothing open, whenever the daemon dies (httpx does)."""
-
-    def __init__(self, path):
-        super().__init__("farm", timeout=PATIENCE_S)
-        self._path = str(path)
-
-    def connect(self):
-        self.sock = socket.socket(socket.AF_UNIX)
-        self.sock.settimeout(self.timeout)
-        self.sock.connect(self._path)
 
 
 class KilledFarm(RealFarm):
@@ -89,7 +76,7 @@ class KilledFarm(RealFarm):
     def ask(self, method, path, body=None):
         """One daemon's answer and its status; None where it died before it answered, or is not there."""
         assert self.keeper.poll() is None, self.log()
-        with contextlib.closing(Connection(self.socket)) as connection:
+        with contextlib.closing(DaemonConnection(self.socket, PATIENCE_S, PATIENCE_S)) as connection:
             try:
                 connection.request(method, path, body, {"Content-Type": "application/json"})
                 answer = connection.getresponse()
