@@ -36,7 +36,8 @@ from decompose.partition import decompose
 from decompose.report import Engine, Options
 from drivers.profiles import PROFILES, part_room
 from farm.errors import FarmError
-from farm.services.plates import SliceTask, slice_part
+from farm.services.booking import SliceTask
+from farm.services.plates import slice_part
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.resources import find_engine, find_resources

@@ -9,10 +9,9 @@ from pathlib import Path
 from decompose.assembly import draw_assembly
 from decompose.check import check_stl
 from decompose.glb import write_glb
+from decompose.names import ASSEMBLY, PICTURE, REPORT
 from decompose.report import Decomposition
 from decompose.stl import write_stl
-
-REPORT, PICTURE, ASSEMBLY = "decomposition.json", "assembly.png", "assembly.glb"
 
 
 def write(decomposition: Decomposition, folder: Path) -> Decomposition:

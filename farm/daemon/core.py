@@ -39,9 +39,8 @@ from farm.scheduling.snapshot import PlateView, PrinterView
 from farm.scheduling.spares import spare_printers
 from farm.services.again import Remade
 from farm.services.made import planned_event
-from farm.services.models import Inspected
 from farm.services.outlook import Rooms, Span, may_begin, own_holds, plate_views, printer_views, span
-from farm.services.planning import Plan, TooFewPrinters
+from farm.services.planning import Inspected, Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.faults import OwnFault
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected

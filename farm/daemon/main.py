@@ -32,8 +32,9 @@ from farm.model import Job, Plate
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.services.again import AgainTask
 from farm.services.files import name_files
-from farm.services.planning import file_names, warm
+from farm.services.planning import file_names
 from farm.services.rooms import bed_boxes
+from farm.services.work import warm
 from farm.tracking import events as ev
 from slicing.cache import trim_cache
 
@@ -198,7 +199,6 @@ def run(fleet: Fleet, places: Places) -> None:
         Where that cannot be read or written.
     """
     logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
-    logging.getLogger("httpx").setLevel(logging.WARNING)
     logging.getLogger("apscheduler").setLevel(logging.WARNING)
     check_operators(fleet.fleet.operators)
     places.state.make()

@@ -7,17 +7,20 @@ import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from operator import itemgetter
+from typing import TYPE_CHECKING
 
 from farm.config import PrinterSection
 from farm.daemon.workers import DECOMPOSING, SLICING, Workers
 from farm.errors import FarmError
 from farm.model import Job, PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.services.gcode import plan_gcode
-from farm.services.planning import DecomposeTask, Plan, decompose_job, make_plan, slice_tasks
-from farm.services.plates import SliceTask, slice_part
+from farm.services.booking import SliceTask
+from farm.services.planning import DecomposeTask, Plan, make_plan, slice_tasks
+from farm.services.work import decompose_job, plan_gcode, slice_part
 from slicing.cache import trim_cache
-from slicing.plate import PlateResult
+
+if TYPE_CHECKING:
+    from slicing.plate import PlateResult
 
 log = logging.getLogger(__name__)
 

@@ -16,11 +16,10 @@ from farm.services.again import (
     Remade,
     as_it_was,
     cut_again,
-    cut_part,
     sliced_again,
     slices_again,
 )
-from farm.services.plates import slice_part
+from farm.services.work import cut_part, slice_part
 
 log = logging.getLogger(__name__)
 

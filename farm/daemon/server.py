@@ -26,9 +26,7 @@ from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.scheduling.moments import wished_s
-from farm.services.gcode import inspect_gcode, is_gcode
-from farm.services.models import inspect_model
-from farm.services.planning import check_settings
+from farm.services.work import inspect
 from farm.tracking.chronicle import history, night_view, shown_jobs
 from farm.tracking.view import Scene, job_view, printer_view, todo
 
@@ -152,13 +150,7 @@ def make_app(
                 raise Refused(
                     f"the upload of {name} was cut: {received} of {size} bytes came; submit it again"
                 )
-            if is_gcode(name):
-                model = await workers.run(
-                    inspect_gcode, upload, name, wanted, core.fleet.printers, state.files
-                )
-            else:
-                await workers.run(check_settings, core.fleet.printers, wanted)
-                model = await workers.run(inspect_model, upload, name, wanted, state.files)
+            model = await workers.run(inspect, upload, name, wanted, core.fleet.printers, state.files)
         finally:
             upload.unlink(missing_ok=True)
         number, again = core.submit(request_id, name, model, wanted, by)

@@ -6,39 +6,28 @@ The files of the plan stay in the store. A piece goes by the name of its part an
 from __future__ import annotations
 
 import re
-import string
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-import trimesh
-
-from decompose import auto
-from decompose.assembly import draw_assembly
-from decompose.errors import NoFit
-from decompose.files import REPORT, write
-from decompose.glb import write_glb
-from decompose.mesh import Model
-from decompose.report import Decomposition, Interior
-from decompose.report import Part as Drawn
-from decompose.solid import Solid
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, Plate
 from farm.services.booking import (
     DecomposedPart,
     Names,
+    SliceTask,
     booked_part,
     booked_plate,
     slice_task,
 )
 from farm.services.files import store_file
-from farm.services.planning import decomposition_options, priced_rooms
-from farm.services.plates import SliceTask
 from farm.services.trouble import in_farm_words
-from slicing.plate import PlateResult
 from slicing.resources import find_resources
+
+if TYPE_CHECKING:
+    from slicing.plate import PlateResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,39 +85,6 @@ def as_it_was(task: AgainTask) -> DecomposedPart:
     )
 
 
-def cut_part(task: AgainTask) -> Pieces:
-    """Cut a part for its printers, as many of them as are worth it; runs in a worker.
-
-    Raises
-    ------
-    FarmError
-        `no_fit` where it stays whole, else as `planning.decompose_job`.
-    """
-    with in_farm_words():
-        resources = find_resources()
-    rooms, cost = priced_rooms(task.printers, task.factors, task.options.quality, resources)
-    options = replace(decomposition_options(task.options), interior=Interior.KEEP)  # no hollows
-    whole = Model(_solid(task.files / task.part.file), (), 1.0)
-    try:
-        found = auto.decompose(whole, rooms, options, cost)
-        if len(found.parts) < 2:
-            raise FarmError(f"part {task.part.id} is printed sooner in one piece", ErrorCode.NO_FIT)
-        written = write(_named(found, task.part), task.folder)
-    except NoFit as error:
-        raise FarmError(str(error), ErrorCode.NO_FIT) from error
-    except FarmError:
-        raise
-    except Exception:
-        with in_farm_words():
-            raise
-    pieces = tuple(DecomposedPart.of(part, task.folder) for part in written.parts)
-    drawn = [*(_drawn(task.files, other) for other in task.others), *written.parts]
-    picture, assembly = task.folder / "job.png", task.folder / "job.glb"
-    draw_assembly(drawn, picture)
-    write_glb(drawn, assembly)
-    return Pieces(pieces, picture, assembly, task.folder / REPORT)
-
-
 def slices_again(task: AgainTask, parts: Sequence[DecomposedPart], cache: Path) -> list[SliceTask]:
     """What is to be sliced, a task for each part. Raises FarmError as `planning.slice_tasks`."""
     with in_farm_words():
@@ -180,42 +136,3 @@ def next_name(plate: str) -> str:
     """What the next plate with the same part is called: 3/07, 3/07-2, 3/07-3."""
     found = re.fullmatch(r"(.*)-(\d+)", plate)
     return f"{found[1]}-{int(found[2]) + 1}" if found else f"{plate}-2"
-
-
-def _named(found: Decomposition, whole: Part) -> Decomposition:
-    """The pieces by their part's name and a letter, in the frame of its job's model."""
-    to_model = np.reshape(whole.to_model, (4, 4))
-    name = Path(whole.id).name
-    pieces = (
-        replace(
-            piece,
-            id=f"{name}{letter}",
-            solid=_moved(piece.solid, to_model),
-            to_model=to_model @ piece.to_model,
-            planes=_moved_planes(piece.planes, to_model),
-        )
-        for letter, piece in zip(string.ascii_lowercase, found.parts, strict=False)
-    )
-    return replace(found, parts=tuple(pieces))
-
-
-def _solid(stl: Path) -> Solid:
-    mesh = trimesh.load_mesh(stl)
-    return Solid.from_arrays(mesh.vertices, mesh.faces)
-
-
-def _moved(solid: Solid, transform: np.ndarray) -> Solid:
-    vertices, faces = solid.arrays()
-    return Solid.from_arrays(vertices @ transform[:3, :3].T + transform[:3, 3], faces)
-
-
-def _moved_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
-    """Rows nx, ny, nz, d."""
-    normals = planes[:, :3] @ transform[:3, :3].T
-    return np.column_stack((normals, planes[:, 3] + normals @ transform[:3, 3]))
-
-
-def _drawn(files: Path, part: Part) -> Drawn:
-    """A part of the books, as a picture wants it."""
-    to_model = np.reshape(part.to_model, (4, 4))
-    return Drawn(Path(part.id).name, _moved(_solid(files / part.file), to_model), to_model, 0.0, "")

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from decompose.report import Part as DecompositionPart
-from drivers.profiles import PROFILES
+from drivers.profiles import PROFILES, RoomBox
 from farm.config import PrinterSection
 from farm.model import Part, Plate
 from farm.services.estimate import plate_seconds
 from farm.services.files import store_file
-from farm.services.plates import SliceTask
 from farm.services.rooms import printer_room
 from farm.services.trouble import in_farm_words
-from slicing.plate import PlateResult
 from slicing.resources import Resources, find_engine
 from slicing.settings import Settings, SettingsRequest, resolve_settings
+
+if TYPE_CHECKING:  # the daemon books what workers have cut and sliced, and loads nothing for either
+    from decompose.report import Part as DecompositionPart
+    from slicing.plate import PlateResult
 
 MOST_WARNINGS = 3
 """Of a plate: walls too thin to print, the largest first."""
@@ -65,6 +67,27 @@ class DecomposedPart:
             layer_0_expansion_mm=part.layer_0_expansion_mm,
             stands=part.stands,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class SliceTask:
+    """One part, to be printed alone.
+
+    `settings` are the quality's, for which the room was computed; the part is sliced with its own: another
+    brim, first layer or layer height.
+    """
+
+    part: str
+    stl: Path  # in printing pose
+    request: SettingsRequest
+    resources: Resources
+    settings: Settings
+    room: tuple[RoomBox, ...]
+    engine: Path
+    out: Path
+    cache: Path | None
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
 
 
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:

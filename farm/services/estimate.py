@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 
-from drivers.profiles import Profile
+from drivers.profiles import PROFILES, Profile
+from farm.config import PrinterSection
+from slicing.settings import Settings
 
 START_S = 26.0
 """Homing, purging and the moves around them, beside the heat-up. Measured by bench/plate_time.py."""
@@ -32,6 +34,11 @@ def plate_seconds(
     """
     bed_s = max(0.0, profile.bed.seconds_to(bed_c) - HOMING_S)
     return START_S + bed_s + profile.nozzle.seconds_to(nozzle_c) + print_time_s * factor + END_S
+
+
+def prelude_seconds(section: PrinterSection, settings: Settings) -> float:
+    """What a plate takes on this printer beside its layers."""
+    return plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 
 
 def quickest_first(

@@ -17,9 +17,8 @@ from farm.model import JobOptions, OwnGcode, Part, Plate
 from farm.services.booking import printer_settings
 from farm.services.estimate import plate_seconds
 from farm.services.files import sha256_of, store_file
-from farm.services.models import Inspected
 from farm.services.movetime import FirmwareTime
-from farm.services.planning import DecomposeTask, Plan, matching_printers
+from farm.services.planning import DecomposeTask, Inspected, Plan, matching_printers
 from farm.services.rooms import bed_boxes
 from farm.services.trouble import in_farm_words
 from slicing.errors import GcodeRefused

@@ -11,9 +11,10 @@ from typing import Any
 
 from decompose import auto, partition
 from decompose.cost import CostModel, PrinterRoom
-from decompose.files import ASSEMBLY, PICTURE, REPORT, write
+from decompose.files import write
 from decompose.growth import Score
 from decompose.mesh import load_model
+from decompose.names import ASSEMBLY, PICTURE, REPORT
 from decompose.report import Engine, Interior, Options
 from drivers.profiles import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import uuid
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,20 +10,11 @@ import numpy as np
 from decompose.mesh import Model, load_model
 from decompose.solid import Solid
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions, OwnGcode
+from farm.model import JobOptions
 from farm.services.files import store_file
+from farm.services.planning import Inspected
 from farm.services.trouble import in_farm_words
 from slicing.resources import find_engine, find_resources
-
-
-@dataclass(frozen=True, slots=True)
-class Inspected:
-    """What can be printed, in the file store: a solid in mm, or a person's own G-code."""
-
-    file: str
-    repairs: tuple[str, ...]  # and whatever else was changed, in sentences
-    scale: float
-    own_gcode: OwnGcode | None = None
 
 
 def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> Inspected:

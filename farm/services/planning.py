@@ -5,42 +5,31 @@ The order is decompose, then slice every part, then price every plate. A plan is
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from decompose import partition
-from decompose.cost import CostModel, PrinterRoom, Recipe
-from decompose.errors import NoFit
-from decompose.files import ASSEMBLY, PICTURE, REPORT, write
-from decompose.mesh import Model
-from decompose.report import BUDGET_S, Engine, Options
-from decompose.solid import Solid
+from decompose.names import ASSEMBLY, PICTURE, REPORT
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.model import Job, JobOptions, Part, Plate
+from farm.model import Job, JobOptions, OwnGcode, Part, Plate
 from farm.services.booking import (
     DecomposedPart,
     Names,
+    SliceTask,
     booked_part,
     booked_plate,
     printer_settings,
     slice_task,
 )
-from farm.services.cut import Cut
-from farm.services.estimate import quickest_first
+from farm.services.estimate import prelude_seconds
 from farm.services.files import store_file
-from farm.services.models import read_inspected
-from farm.services.plates import SliceTask
-from farm.services.recipe import prelude_seconds, printer_cost, slower
-from farm.services.rooms import model_sizes, printer_room
 from farm.services.trouble import in_farm_words
-from slicing.plate import PlateResult
-from slicing.qualities import OURS
-from slicing.resources import Resources, find_resources
+from slicing.resources import find_resources
+
+if TYPE_CHECKING:
+    from slicing.plate import PlateResult
 
 
 class TooFewPrinters(FarmError):
@@ -55,6 +44,16 @@ class TooFewPrinters(FarmError):
 
 
 @dataclass(frozen=True, slots=True)
+class Inspected:
+    """What can be printed, in the file store: a solid in mm, or a person's own G-code."""
+
+    file: str
+    repairs: tuple[str, ...]  # and whatever else was changed, in sentences
+    scale: float
+    own_gcode: OwnGcode | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class DecomposeTask:
     """A job to be decomposed for these printers."""
 
@@ -66,7 +65,7 @@ class DecomposeTask:
     folder: Path
     factors: Mapping[str, float] = field(default_factory=dict)  # learned of the printers; 1 where none is
     within_s: float | None = None  # in which it has to be printed (`--done-by`)
-    budget_s: float = BUDGET_S  # of the search for its parts
+    budget_s: float | None = None  # of the search for its parts; None: as the decomposition has it
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +91,6 @@ class Plan:
     picture: str | None = None
     assembly: str | None = None
     decomposition: str | None = None
-
-
-def warm() -> None:
-    """Import and compile what planning needs, before somebody waits for it: cut a small box in two."""
-    box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
-    rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
-    partition.decompose(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
 
 
 def check_settings(printers: Sequence[PrinterSection], options: JobOptions) -> None:
@@ -137,89 +129,6 @@ def matching_printers(printers: Sequence[PrinterSection], options: JobOptions) -
             f"no printer of the fleet has {asked}; there is {', '.join(have) or 'no printer at all'}"
         )
     return matching
-
-
-def decompose_job(task: DecomposeTask) -> Decomposed:
-    """Cut a job's model for its printers; runs in a worker.
-
-    Raises
-    ------
-    TooFewPrinters
-        With the number that would do.
-    FarmError
-        `no_fit`, `geometry`, `settings` or `model`, with the reason.
-    """
-    with in_farm_words():
-        resources = find_resources()
-    rooms, cost = priced_rooms(task.printers, task.factors, task.options.quality, resources, task.rounds)
-    model = read_inspected(task.model)
-    options = replace(decomposition_options(task.options), budget_s=task.budget_s)
-    try:
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:  # they end with the worker
-            cut = Cut(model, rooms, options, cost, threads)
-            if task.within_s is not None:
-                found = cut.in_time(task.within_s)
-            elif task.options.printers is None:
-                found = cut.whole() or cut.worth_it()
-            else:
-                found = cut.for_all()
-        written = write(found, task.folder)
-    except NoFit as error:
-        if error.printers_needed is not None and error.printers_needed > len(rooms):
-            raise TooFewPrinters(str(error), error.printers_needed) from error
-        raise FarmError(str(error), ErrorCode.NO_FIT) from error
-    except Exception:
-        with in_farm_words():
-            raise
-    return Decomposed(
-        parts=_for_the_quickest([DecomposedPart.of(part, task.folder) for part in written.parts], task),
-        serial_s=written.serial_s,
-        repairs=model.repairs,
-        scale=model.scale,
-    )
-
-
-def priced_rooms(
-    printers: Sequence[PrinterSection],
-    factors: Mapping[str, float],
-    quality: str,
-    resources: Resources,
-    rounds: int = 1,
-) -> tuple[list[PrinterRoom], CostModel]:
-    """The printers as a decomposition sees them, the quickest first, and what a part costs on them."""
-    settings = {section.name: printer_settings(section, quality, resources) for section in printers}
-    # Poses and cuts are priced with the settings of the first.
-    costs = [printer_cost(section, settings[section.name]) for section in printers]
-    times = {
-        section.name: factors.get(section.name, 1.0) * slower(own, than=costs[0])
-        for section, own in zip(printers, costs, strict=True)
-    }
-    # Nobody asked for a coarser nozzle: that it is quicker does not put its printer first.
-    quickest = sorted(printers, key=lambda section: factors.get(section.name, 1.0))
-    rooms = [
-        PrinterRoom(section.name, model_sizes(room, settings[section.name]), times[section.name])
-        for _ in range(rounds)
-        for section in quickest
-        for room in (printer_room(section, settings[section.name].brim_width_mm),)
-    ]
-    return rooms, costs[0]
-
-
-def decomposition_options(options: JobOptions) -> Options:
-    """How a job's model is cut."""
-    quality = OURS.get(options.quality)
-    fits = quality is not None and quality.fits_first_layer
-    return Options(Engine(options.engine), fit_first_layer=fits, prove=False)  # a person waits: no proof
-
-
-def _for_the_quickest(parts: Sequence[DecomposedPart], task: DecomposeTask) -> tuple[DecomposedPart, ...]:
-    """The parts, the longest work on the quickest of the printers that are otherwise equal."""
-    loads_s: dict[str, float] = {}
-    for part in parts:
-        loads_s[part.printer] = loads_s.get(part.printer, 0.0) + part.estimated_s
-    kinds = {s.name: (s.model, s.material, s.nozzle_mm, s.volume_mm) for s in task.printers}
-    takes = quickest_first(loads_s, kinds, task.factors)
-    return tuple(replace(part, printer=takes[part.printer]) for part in parts)
 
 
 def slice_tasks(task: DecomposeTask, decomposed: Decomposed, cache: Path) -> list[SliceTask]:

@@ -3,40 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from drivers.profiles import Placement, RoomBox, place
+from drivers.profiles import Placement, place
 from farm.errors import ErrorCode, FarmError
+from farm.services.booking import SliceTask
 from farm.services.trouble import in_farm_words
 from slicing.plate import PlateRequest, PlateResult, slice_plate
-from slicing.resources import Resources
-from slicing.settings import PartSettings, Settings, SettingsRequest, resolve_settings
-
-
-@dataclass(frozen=True, slots=True)
-class SliceTask:
-    """One part, to be printed alone.
-
-    `settings` are the quality's, for which the room was computed; the part is sliced with its own: another
-    brim, first layer or layer height.
-    """
-
-    part: str
-    stl: Path  # in printing pose
-    request: SettingsRequest
-    resources: Resources
-    settings: Settings
-    room: tuple[RoomBox, ...]
-    engine: Path
-    out: Path
-    cache: Path | None
-    brim_width_mm: float | None = None
-    layer_0_expansion_mm: float | None = None
+from slicing.settings import PartSettings, Settings, resolve_settings
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:

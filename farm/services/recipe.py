@@ -1,12 +1,11 @@
-"""What the decomposition is told of a printer's settings: a recipe, and the time beside the layers."""
+"""What the decomposition is told of a printer's settings: a recipe."""
 
 from __future__ import annotations
 
 from decompose.cost import CostModel, Recipe
 from decompose.footing import WARPS_AT
-from drivers.profiles import PROFILES
 from farm.config import PrinterSection
-from farm.services.estimate import plate_seconds
+from farm.services.estimate import prelude_seconds
 from slicing.settings import Settings
 
 
@@ -52,8 +51,3 @@ def slower(cost: CostModel, than: CostModel) -> float:
     """How many times as long a part takes at one printer's settings as at another's: a cube of 50 mm."""
     sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
     return cost.seconds(sums, size) / than.seconds(sums, size)
-
-
-def prelude_seconds(section: PrinterSection, settings: Settings) -> float:
-    """What a plate takes on this printer beside its layers."""
-    return plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)

@@ -13,8 +13,9 @@ from typing import Any
 from decompose.mesh import load_model
 from drivers.profiles import BEDS, RoomBox, part_room, place
 from farm.errors import ErrorCode, FarmError
+from farm.services.booking import SliceTask
 from farm.services.estimate import plate_seconds
-from farm.services.plates import SliceTask, settings_of, slice_part
+from farm.services.plates import settings_of, slice_part
 from farm.services.trouble import in_farm_words
 from slicing.cache import trim_cache
 from slicing.errors import nearest

@@ -5,7 +5,7 @@ from farm.config import Fleet
 from farm.daemon.core import Core
 from farm.daemon.desk import Desk
 from farm.model import AgentSnapshot, FilamentState, Link
-from farm.services.models import Inspected
+from farm.services.planning import Inspected
 from farm.services.rooms import bed_boxes
 from farm.tracking.store import Store
 

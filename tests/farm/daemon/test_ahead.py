@@ -14,8 +14,7 @@ from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import HoldCode, JobOptions, JobState, OwnGcode
 from farm.paths import StateFolder
 from farm.services.files import sha256_of
-from farm.services.models import Inspected
-from farm.services.planning import Plan
+from farm.services.planning import Inspected, Plan
 from farm.tracking import events as ev
 from farm.tracking.books import put
 from farm.tracking.view import job_view, todo

@@ -17,8 +17,7 @@ from farm.model import (
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.services.models import Inspected
-from farm.services.planning import Plan, TooFewPrinters
+from farm.services.planning import Inspected, Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.view import job_view, printer_view, todo
 from make_books import plan as planned

@@ -20,7 +20,7 @@ from farm.daemon.server import make_app
 from farm.errors import FleetFileError, Refused
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
-from farm.services.models import Inspected
+from farm.services.planning import Inspected
 from farm.services.rooms import bed_boxes
 from farm.tracking.store import Store
 

@@ -15,8 +15,9 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, Part, Plate
 from farm.paths import StateFolder
 from farm.services import again
-from farm.services.again import AgainTask, Remade, cut_part
+from farm.services.again import AgainTask, Remade
 from farm.services.files import store_file
+from farm.services.recut import cut_part
 from make_books import plan
 
 PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"

@@ -17,11 +17,11 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, Job, JobOptions, JobState, Link
 from farm.services.booking import MAY_FALL, MOST_WARNINGS, printer_settings, settings_request
 from farm.services.cut import LATE
+from farm.services.decomposing import decompose_job
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
     DecomposeTask,
     TooFewPrinters,
-    decompose_job,
     file_names,
     make_plan,
     slice_tasks,

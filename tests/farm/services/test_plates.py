@@ -7,7 +7,8 @@ import trimesh
 from drivers.profiles import PROFILES, part_room
 from farm.config import PrinterSection
 from farm.errors import FarmError
-from farm.services.plates import SliceTask, slice_part
+from farm.services.booking import SliceTask
+from farm.services.plates import slice_part
 from farm.services.rooms import model_sizes, printer_room
 from slicing.resources import find_engine, find_resources
 from slicing.settings import SettingsRequest, resolve_settings

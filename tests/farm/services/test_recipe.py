@@ -15,8 +15,8 @@ from decompose.solid import Solid
 from decompose.stl import single_precision, write_stl
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
-from farm.services.estimate import plate_seconds
-from farm.services.recipe import prelude_seconds, recipe
+from farm.services.estimate import plate_seconds, prelude_seconds
+from farm.services.recipe import recipe
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
 from slicing.resources import find_engine, find_resources
