@@ -6,13 +6,15 @@ while they fit. With the interior kept, the cube is printed too, with cubes from
 skeleton.
 
 `--faithful` takes the cube in whole cells, and merges pairs, once, by volume, whatever the number of
-printers. Otherwise the cube is refined against the mesh, regions larger than a printer are cut on a grid, and
-neighbours that are printed soonest are merged until each piece has a printer.
+printers. Otherwise the cube is refined against the mesh, too, and that one taken whose pieces end sooner;
+regions larger than a printer are cut on a grid, and neighbours that are printed soonest are merged until each
+piece has a printer.
 Where nothing can be hollowed, the cube is the largest deep inside, and a piece of its own.
 """
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decompose.baselines.hollow import Block, cubes_about, hollow, largest_cube, planes_at, refined
+from decompose.baselines.hollow import Block, Shell, cubes_about, hollow, largest_cube, planes_at, refined
 from decompose.baselines.rooms import (
     blocks_needed,
     clear_of_faces,
@@ -60,25 +62,36 @@ def search(problem: Problem) -> Found:
     cube = largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
+    problem.lap("hollow")
+    found = _cut(problem, grid, shell, cube)
     if cube is not None and hollowed and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refined(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = planes_at(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, *settings)
-        shell = hollow(model.solid, grid, cube)
-    problem.lap("hollow")
-    skeleton: list[Piece] = []
-    if cube is not None and hollowed and options.interior is Interior.KEEP:
-        skeleton = _skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
-    pieces = _regions(Piece(shell.solid, shell.planes, shell.boxes_mm), cube, grid)
-    if not faithful:
-        pieces = [part for piece in pieces for part in _fitting(piece, problem)]
-    problem.lap("regions")
-    merged = _merged(pieces, len(problem.printers) - len(skeleton), problem)
-    problem.lap("merge")
-    found = tuple(merged + skeleton)
+        other = _cut(problem, grid, hollow(model.solid, grid, cube), cube)
+        found = min(other, found, key=lambda pieces: _rank(pieces, problem))
+    problem.lap("cut")
     refuse_misfits("cube-skeleton", found, problem, would_do=len(found))
     return Found(found, model, np.eye(3))
+
+
+def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
+    """The pieces that the sides of a cube cut a shell into, merged; and those of the skeleton."""
+    skeleton: list[Piece] = []
+    if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
+        skeleton = _skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
+    pieces = _regions(Piece(shell.solid, shell.planes, shell.boxes_mm), cube, grid)
+    if not problem.options.faithful:
+        pieces = [part for piece in pieces for part in _fitting(piece, problem)]
+    return (*_merged(pieces, len(problem.printers) - len(skeleton), problem), *skeleton)
+
+
+def _rank(pieces: tuple[Piece, ...], problem: Problem) -> tuple[bool, float]:
+    """Less is better: no more pieces than printers, and the last one done soonest."""
+    if len(pieces) > len(problem.printers):
+        return True, math.inf
+    return False, max(math.inf if pose is None else pose.seconds for pose in problem.poses(list(pieces)))
 
 
 def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
