@@ -17,6 +17,8 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
+import numpy as np
+
 from bench.print_time_parts import recipe_of
 from decompose.bound import makespan_bound
 from decompose.cost import CostModel, PrinterRoom
@@ -60,8 +62,9 @@ def main() -> None:
     solver = Partitioner(boxes)
     for ties in (False, True):
         solver.parts(0.0, ties)
+    fleets = np.arange(1, asked.most + 1)[:, None]  # of equal printers
     with ThreadPoolExecutor(os.cpu_count()) as executor:
-        points = timed("curve", lambda: curve(boxes, asked.most, executor))
+        points = timed("curve", lambda: curve([boxes], fleets, executor))
     report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": took}
     if timed("search", lambda: solver.least_makespan(asked.printers, 0.0)) is not None:
         makespan_s = solver.longest_s()

@@ -6,12 +6,19 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
+import numpy as np
+
 from decompose import partition
+from decompose.classes import classes_of
 from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import ASSEMBLE_S, CLEAR_S, curve, in_time, knee
+from decompose.curve import ASSEMBLE_S, CLEAR_S, Point, curve, in_time, knee
+from decompose.errors import NoFit
 from decompose.mesh import Model
 from decompose.problem import Problem, checked
 from decompose.report import Decomposition, Options
+from decompose.unequal import tables_of
+
+MOST_SUMS = 1e8  # of the curve of unequal printers, over all boxes: about a second for each limit
 
 
 def decompose(
@@ -27,8 +34,8 @@ def decompose(
 ) -> Decomposition:
     """Cut a model for the first of the printers, so many that printing and handling take least together.
 
-    The number is chosen as if all had the room that they share, and their mean speed; where that room takes
-    too many parts, all printers are taken.
+    The number is chosen from the curve of what the first of them reach by the tables, with the rooms and the
+    speeds that they have; where too few are enough for the true parts, all printers are taken.
 
     Parameters
     ----------
@@ -45,19 +52,42 @@ def decompose(
         As `partition.decompose`, where all of the printers are not enough.
     """
     checked(model, tuple(printers), options)
-    problem = Problem(model, tuple(printers), cost, options, executor)
-    points = [
-        replace(point, makespan_s=point.makespan_s * _mean_factor(printers[: point.printers]))
-        for point in curve(problem.boxes(problem.grid(model)), len(printers), executor)
-    ]
+    points = curve_of(Problem(model, tuple(printers), cost, options, executor))
     wanted = len(printers)
     if points:
         best = knee(points, clear_s, assemble_s) if within_s is None else in_time(points, within_s)
         wanted = best.printers
-    result = partition.decompose(model, printers[:wanted], options, cost, executor)
-    return replace(result, curve=tuple(points))
+    try:
+        result = partition.decompose(model, printers[:wanted], options, cost, executor)
+    except NoFit:
+        if wanted == len(printers):
+            raise
+        result = partition.decompose(model, printers, options, cost, executor)
+    return replace(result, curve=points)
 
 
-def _mean_factor(printers: Sequence[PrinterRoom]) -> float:
-    """Of what these printers can do together: parts that end together are as long as each is quick."""
-    return len(printers) / sum(1.0 / printer.time_factor for printer in printers)
+def curve_of(problem: Problem) -> tuple[Point, ...]:
+    """The makespan of the first of a problem's printers by the tables, for each number that is enough.
+
+    Unequal printers are taken in classes, on a grid as for few of them, since there are more ways to share
+    parts out; within a class each number has the mean speed of its printers.
+    """
+    printers = problem.printers
+    gridded = problem if problem.alike else replace(problem, printers=problem.rooms)
+    grid = gridded.grid(problem.model)
+    shared = problem.boxes(grid)
+    classes = classes_of(printers, MOST_SUMS / len(shared.seconds))
+    own = [next(i for i, each in enumerate(classes) if printer in each.printers) for printer in printers]
+    fleets = np.cumsum(np.eye(len(classes), dtype=np.int64)[own], axis=0)
+    points = curve(tables_of(problem, grid, shared, classes), fleets, problem.executor)
+    taken_s = [classes[i].time_factor for i in own]
+    real_s = [printer.time_factor for printer in printers]
+    return tuple(
+        replace(p, makespan_s=p.makespan_s * _mean(real_s[: p.printers]) / _mean(taken_s[: p.printers]))
+        for p in points
+    )
+
+
+def _mean(factors: Sequence[float]) -> float:
+    """Of what printers can do together: parts that end together are as long as each is quick."""
+    return len(factors) / sum(1.0 / factor for factor in factors)

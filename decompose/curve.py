@@ -1,7 +1,8 @@
 """The curve of makespan over the number of printers, and the number of printers that is worth its work.
 
 One search serves all numbers: the fewest parts at a time T say of every number whether it reaches T, so that
-each solve narrows down many of them.
+each solve narrows down many of them. So it does for classes of printers: the fewest of the first class are
+known beside any number of the others.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.boxes import Boxes
-from decompose.guillotine import Partitioner
+from decompose.guillotine import Others, Partitioner
+
+Ints = npt.NDArray[np.int64]
 
 CLOSE = 0.005  # share of a makespan to which it is known
 AT_ONCE = 2  # solves side by side; their number is fixed, so that the answer is
@@ -34,23 +37,30 @@ class Point:
 
 
 class _Narrowing:
-    """What is known of each number of printers, from none to the most."""
+    """What is known of each number of printers; `fleets` as of `curve`."""
 
-    def __init__(self, boxes: Boxes, most: int) -> None:
-        self._boxes = boxes
-        self.reached_s = np.full(most + 1, np.inf)
-        self.refuted_s = np.zeros(most + 1)
+    def __init__(self, tables: Sequence[Boxes], fleets: Ints) -> None:
+        most = fleets.max(axis=0)
+        self._boxes = tables[0]
+        self._others = [Others(own, int(count)) for own, count in zip(tables[1:], most[1:], strict=True)]
+        self._fleets = fleets
+        self.reached_s = np.full(len(fleets), np.inf)
+        self.refuted_s = np.zeros(len(fleets))
 
-    def solve(self, limit_s: float) -> tuple[float, int, float]:
-        """A limit, the parts that it needs, and the time of the longest of them."""
-        solver = Partitioner(self._boxes)
-        parts = solver.parts(limit_s)
-        return limit_s, parts, solver.longest_s() if parts < len(self.reached_s) else math.inf
+    def solve(self, limit_s: float) -> tuple[float, npt.NDArray[np.bool_], float]:
+        """A limit, which fleets reach it, and when the last part of the fewest ends then."""
+        solver = Partitioner(self._boxes, self._others)
+        solver.parts(limit_s)
+        states, fewest = solver.shares()
+        beside = {tuple(state): int(least) for state, least in zip(states.tolist(), fewest, strict=True)}
+        enough = np.array([own >= beside[tuple(others)] for own, *others in self._fleets.tolist()])
+        ends_s = solver.longest_s() if enough.any() and not self._others else limit_s
+        return limit_s, enough, ends_s
 
-    def learn(self, limit_s: float, parts: int, longest_s: float) -> None:
+    def learn(self, limit_s: float, enough: npt.NDArray[np.bool_], ends_s: float) -> None:
         """What a solve says of every number."""
-        self.reached_s[parts:] = np.minimum(self.reached_s[parts:], longest_s)
-        self.refuted_s[:parts] = np.maximum(self.refuted_s[:parts], limit_s)
+        self.reached_s[enough] = np.minimum(self.reached_s[enough], ends_s)
+        self.refuted_s[~enough] = np.maximum(self.refuted_s[~enough], limit_s)
 
     def next_limits(self) -> list[float]:
         """Limits that are worth a solve: in the widest gaps; none where all are narrow."""
@@ -63,22 +73,30 @@ class _Narrowing:
         return [(low + high) / 2.0 for low, high in widest]
 
 
-def curve(boxes: Boxes, most: int, executor: Executor | None = None) -> tuple[Point, ...]:
-    """The least makespan of guillotine partitions for each number of printers up to `most`.
+def curve(tables: Sequence[Boxes], fleets: Ints, executor: Executor | None = None) -> tuple[Point, ...]:
+    """The least makespan of guillotine partitions for some fleets.
 
-    Each is known to `CLOSE`; numbers that are too few for any partition are left out.
+    Each is known to `CLOSE`; those that are too few for any partition are left out.
+
+    Parameters
+    ----------
+    tables
+        Of each class of printers, its speed in the times; the largest class is the first.
+    fleets
+        (n, classes) how many printers of each class there are, no row the same in number as another.
     """
-    finite: npt.NDArray[np.float32] = boxes.seconds[np.isfinite(boxes.seconds)]
-    if not len(finite):
+    finite = [own.seconds[np.isfinite(own.seconds)] for own in tables]
+    if not any(len(own) for own in finite):
         return ()
-    narrowing = _Narrowing(boxes, most)
-    limits = [float(finite.max())]
+    narrowing = _Narrowing(tables, fleets)
+    limits = [max(float(own.max()) for own in finite if len(own))]
     run = map if executor is None else executor.map
     while limits:
         for found in run(narrowing.solve, limits):
             narrowing.learn(*found)
         limits = narrowing.next_limits()
-    return tuple(Point(n, s) for n, s in enumerate(narrowing.reached_s.tolist()) if n and math.isfinite(s))
+    counts, reached_s = fleets.sum(axis=1).tolist(), narrowing.reached_s.tolist()
+    return tuple(Point(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))
 
 
 def knee(points: Sequence[Point], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S) -> Point:

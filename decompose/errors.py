@@ -47,7 +47,8 @@ class NoFit(DecomposeError):
     Attributes
     ----------
     printers_needed
-        The fewest printers of this kind that would do, where known.
+        The fewest printers that would do, were more of the kinds there that are there; or a number that is
+        surely not more. None where it is not known, or where no number would do.
     """
 
     def __init__(self, message: str, printers_needed: int | None = None) -> None:

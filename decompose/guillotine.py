@@ -225,6 +225,16 @@ class Partitioner:
             return (value // PART).astype(np.int16)
         return value.astype(np.int16, copy=False)
 
+    def shares(self) -> tuple[Ints, Ints]:
+        """(m, classes) How many printers of the others may be used, and (m,) the fewest of the first then.
+
+        Of the last solution; `UNREACHABLE` or more where there is none.
+        """
+        at = box_index(self._root, self.boxes.shape)
+        value = self._value[at :: len(self.boxes.seconds)]
+        fewest = value // PART if value.dtype == np.int64 else value
+        return self._states, fewest.astype(np.int64)
+
     def chosen(self, within: Box | None = None) -> list[Box]:
         """The boxes of the last solution, all or those of one box, in the order of the cuts."""
         found: list[Box] = []

@@ -29,6 +29,7 @@ Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # wha
 AUTO_GRANULARITY = 15
 FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
 FINEST = 60  # that a person may ask for
+MOST_PARTS = 200  # a model that surely takes more is not for more printers, or for rounds: it is too long
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
@@ -245,7 +246,8 @@ def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
             longest = max(1, math.floor(float(model.extents_mm.max()) * reach_mm / solid_mm / math.sqrt(3.0)))
             raise NoFit(
                 f"{size} mm needs {least} parts at least, each on a printer of its own, and there are "
-                f"{len(printers)}: free more printers, or try --longest-side {longest}"
+                f"{len(printers)}: free more printers, or try --longest-side {longest}",
+                least if least <= MOST_PARTS else None,
             )
 
 

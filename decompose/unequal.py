@@ -19,12 +19,12 @@ from decompose import exact
 from decompose.assignment import printers_for, soonest
 from decompose.bound import makespan_bound
 from decompose.boxes import Box, Boxes, box_index
-from decompose.classes import PrinterClass, classes_of
+from decompose.classes import PrinterClass, classes_of, sums
 from decompose.cost import PrinterRoom
 from decompose.effort import Work
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
-from decompose.guillotine import Others, Partitioner
+from decompose.guillotine import UNREACHABLE, Others, Partitioner
 from decompose.piece import Piece
 from decompose.planes import evened
 from decompose.problem import Found, GridFigures, Problem, surface_bound_s
@@ -35,6 +35,7 @@ MOST_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for e
 MOST_ROUNDS, MOST_MENDS = 4, 20  # of pricing truly what was chosen; of choices that were given up
 GAIN = 0.995  # of the makespan so far, which a partition has to reach to be worth its search
 CLOSE = 0.003  # share of it to which the least makespan is found
+MOST_OF_A_CLASS = 32  # printers that are thought of where there are too few
 WORTH = 1.01  # as in `decompose.exact`
 
 
@@ -67,7 +68,7 @@ def search(problem: Problem) -> Found:
     cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
-        raise failure
+        raise _too_few(problem, grid, boxes) or failure
     problem.lap("classes")
     best = min(cuts, key=lambda cut: _ends_s(problem, cut))
     pieces = tuple(evened(problem, grid, best))
@@ -110,7 +111,7 @@ class _ByClass(exact.Search):
 
     def __init__(self, problem: Problem, grid: Grid, shared: Boxes, least_s: float) -> None:
         self.classes = classes_of(problem.printers, MOST_SUMS / len(shared.seconds))
-        self.tables = _tables(problem, grid, shared, self.classes)
+        self.tables = tables_of(problem, grid, shared, self.classes)
         super().__init__(problem, grid, self.tables[0], least_s)
         others = zip(self.tables[1:], self.classes[1:], strict=True)
         self.solver = Partitioner(self.tables[0], [Others(table, own.count) for table, own in others])
@@ -213,8 +214,55 @@ class _ByClass(exact.Search):
         return GridFigures(makespan_s, least_s, grid.shape)
 
 
-def _tables(problem: Problem, grid: Grid, shared: Boxes, classes: Sequence[PrinterClass]) -> list[Boxes]:
-    """The tables of each class, its speed in the times; all have the same `trimmed` and `pieces`."""
+def _too_few(problem: Problem, grid: Grid, shared: Boxes) -> NoFit | None:
+    """How many printers would do, were there more of the kinds that there are; None where that is not why.
+
+    More of the first class, of one other, or of both.
+    """
+    most_sums = MOST_SUMS / len(shared.seconds)
+    classes = classes_of([replace(printer, time_factor=1.0) for printer in problem.printers], most_sums)
+    tables = tables_of(problem, grid, shared, classes)
+    own = [each.count for each in classes]
+    found: list[tuple[int, list[int]]] = []
+    for grown in range(1, len(classes)):
+        most = next(
+            others
+            for count in range(MOST_OF_A_CLASS, -1, -1)
+            for others in [[*own[1:grown], own[grown] + count, *own[grown + 1 :]]]
+            if count == 0 or sums([max(others), *others]) <= most_sums
+        )
+        others = [Others(table, count) for table, count in zip(tables[1:], most, strict=True)]
+        solver = Partitioner(tables[0], others)
+        solver.parts(float(np.finfo(np.float32).max))  # below inf, which stands for no fit
+        for state, fewest in zip(*solver.shares(), strict=True):
+            more = [max(0, int(n) - count) for n, count in zip((fewest, *state), own, strict=True)]
+            found += [(sum(more), more)] if fewest < UNREACHABLE else []
+    total, more = min(found, default=(0, []))
+    if total == 0:
+        return None
+    printers, extents_mm = len(problem.printers), problem.model.extents_mm
+    size = " x ".join(f"{v:.0f}" for v in extents_mm)
+    wanted = [
+        f"{count} more with room for {' x '.join(f'{v:.0f}' for v in np.max(each.boxes, axis=0))} mm"
+        for count, each in zip(more, classes, strict=True)
+        if count
+    ]
+    longest = float(extents_mm.max()) * (printers / (printers + total)) ** (1.0 / 3.0)
+    return NoFit(
+        f"{size} mm needs {printers + total} parts, each on a printer of its own, and there are {printers}: "
+        f"free {' and '.join(wanted)}, or try --longest-side {max(1.0, math.floor(longest)):.0f}",
+        printers + total,
+    )
+
+
+def tables_of(problem: Problem, grid: Grid, shared: Boxes, classes: Sequence[PrinterClass]) -> list[Boxes]:
+    """The tables of each class, its speed in the times; all have the same `trimmed` and `pieces`.
+
+    Parameters
+    ----------
+    shared
+        Of the room that all printers have.
+    """
     rooms: dict[object, Boxes] = {}
     for own in classes:
         if own.boxes in rooms:

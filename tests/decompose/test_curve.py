@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,16 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.curve import CLOSE, Point, curve, in_time, knee
-from decompose.guillotine import Partitioner
+from decompose.guillotine import Others, Partitioner
 
 MOST = 8
+
+
+def equal(most: int) -> np.ndarray:
+    """Fleets of one, two, ... printers of one class."""
+    return np.arange(1, most + 1)[:, None]
 
 
 @settings(max_examples=25, deadline=None)
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)), seed=st.integers(0, 10**6))
 def test_each_point_is_what_a_search_of_its_own_finds(shape: Shape, seed: int) -> None:
     boxes, needed = tables(shape, seed)
-    points = {p.printers: p.makespan_s for p in curve(boxes, MOST)}
+    points = {p.printers: p.makespan_s for p in curve([boxes], equal(MOST))}
     for printers in range(1, MOST + 1):
         least = Partitioner(boxes).least_makespan(printers, 0.0, tolerance_s=1e-3)
         if least is None or not needed.any():
@@ -29,19 +35,45 @@ def test_each_point_is_what_a_search_of_its_own_finds(shape: Shape, seed: int) -
             assert least - 2e-3 <= points[printers] <= least / (1.0 - CLOSE)
 
 
+@settings(max_examples=20, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3)),
+    seed=st.integers(0, 10**6),
+    order=st.lists(st.integers(0, 1), min_size=1, max_size=5),
+    quicker=st.floats(0.5, 1.5),
+)
+def test_each_point_of_unequal_printers_is_what_a_search_of_its_own_finds(
+    shape: Shape, seed: int, order: list[int], quicker: float
+) -> None:
+    """The other class is as much quicker or slower, and some boxes fit one of the two alone."""
+    first, needed = tables(shape, seed)
+    rng = np.random.default_rng(seed)
+    odd = np.where(rng.random((2, len(first.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
+    own = replace(first, seconds=first.seconds * odd[0])
+    other = replace(first, seconds=first.seconds * np.float32(quicker) * odd[1])
+    fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
+    points = {p.printers: p.makespan_s for p in curve([own, other], fleets)}
+    for mine, others in fleets.tolist():
+        least = Partitioner(own, [Others(other, others)]).least_makespan(mine, 0.0, tolerance_s=1e-3)
+        if least is None or not needed.any():
+            assert mine + others not in points
+        else:
+            assert least - 2e-3 <= points[mine + others] <= (least + 2e-3) / (1.0 - CLOSE)
+
+
 def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
     boxes, _ = tables((6, 5, 4), 3)
-    points = curve(boxes, 30)
+    points = curve([boxes], equal(30))
     assert [p.printers for p in points] == list(range(points[0].printers, 31))
     assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(points))
     with ThreadPoolExecutor(2) as executor:
-        assert curve(boxes, 30, executor) == points
+        assert curve([boxes], equal(30), executor) == points
 
 
 def test_nothing_to_print_has_no_curve() -> None:
     boxes, _ = tables((2, 2, 2), 1)
     boxes.seconds[:] = np.inf
-    assert curve(boxes, 4) == ()
+    assert curve([boxes], equal(4)) == ()
 
 
 def test_the_knee_counts_what_a_person_does() -> None:

@@ -55,6 +55,21 @@ def test_a_part_may_be_as_high_as_the_printer_that_takes_it(tower: Model, cost: 
         decompose(tower, [replace(printers[0], name=str(i)) for i in range(2)], OPTIONS, cost)
 
 
+def test_too_few_are_told_of_which_kind_more_would_do(cost: CostModel) -> None:
+    """Two more of the higher ones, or four more of the lower ones."""
+    model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
+    options = replace(OPTIONS, granularity=8)
+    lows = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
+    highs = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
+    told = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
+    with pytest.raises(NoFit, match=told) as caught:
+        decompose(model, [*lows, highs[0]], options, cost)
+    assert caught.value.printers_needed == 6
+    assert len(decompose(model, [*lows, *highs], options, cost).parts) == 6
+    with pytest.raises(NoFit, match="there are 5: free 1 more"):
+        decompose(model, [*lows, *highs[:2]], options, cost)
+
+
 def test_a_printer_that_is_twice_as_quick_gets_about_twice_as_much(lump: Solid, cost: CostModel) -> None:
     printers = [*(PrinterRoom(f"fine-{i}", HIGH) for i in range(3)), PrinterRoom("wide", HIGH, 0.45)]
     model = Model(lump, (), 1.0)

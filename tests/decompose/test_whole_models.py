@@ -136,6 +136,10 @@ def test_a_rod_of_100_m_is_refused_before_any_grid_is_laid(
     with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as caught:
         run(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
     assert "\n" not in str(caught.value)
+    assert caught.value.printers_needed is None
+    with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as caught:
+        run(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
+    assert caught.value.printers_needed == 5
     far_apart = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
     with pytest.raises(AssertionError, match="lays a grid"):
         run(far_apart, cost, 20, 10)
