@@ -87,6 +87,7 @@ class PrintSnapshot(_Said):
     pause_ends_s: float | None = None  # farm clock; a pause that nobody has ended by then ends the print
     ends_by_s: float | None = None  # farm clock; the print is ended safely where it has not ended by then
     starved_s: float = 0.0  # emulator only: farm seconds of this print in which it waited for the host
+    sha256: str | None = None  # of the file that it was given; None: an older agent began it
 
 
 class Snapshot(_Said):
@@ -185,6 +186,14 @@ class ForgetPrint(_Message):
     print_id: str
 
 
+class ListPrints(_Message):
+    """Say what became of all prints that had not ended then: a daemon's books are a copy of that moment."""
+
+    do: Literal["list"] = "list"
+    id: int
+    since_s: float  # the agent's clock
+
+
 class BedCleared(_Message):
     """A person cleared the bed (an emulator is told so; a fault that waited for a person is lifted)."""
 
@@ -217,6 +226,7 @@ Request = (
     | PausePrint
     | ResumePrint
     | ForgetPrint
+    | ListPrints
     | BedCleared
     | Commission
     | Shutdown
@@ -231,6 +241,7 @@ class Reply(_Said):
     error: str | None = None
     late: bool = False  # what was refused came after its moment: nothing of it was begun
     snapshot: Snapshot | None = None
+    prints: tuple[PrintSnapshot, ...] = ()  # of `ListPrints`, in order
 
 
 FromAgent = Snapshot | Reply

@@ -102,6 +102,7 @@ class HoldCode(StrEnum):
     TOO_LONG = "too_long"  # for the hours of fleet.yaml
     HEATING_LIMIT = "heating_limit"
     KEPT_AS_SPARE = "kept_as_spare"
+    UNTOLD = "untold"  # a printer has not said what it printed since the books were copied
     APPROVAL = "approval"  # `farm approve` lets it begin
     MAINTENANCE = "maintenance"
     PAUSED = "paused"
@@ -187,7 +188,7 @@ class Job(Entity):
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: none of its plates starts
-    restored: bool = False  # from a copy of the books, when it was not planned yet: it may be printed by now
+    restored: bool = False  # from a copy of the books: it may be printed further than they know
     planned_s: float | None = None
     ended_s: float | None = None
 
@@ -310,6 +311,9 @@ class Printer(Entity):
     look_s: float | None = None  # since when
     maintenance: str | None = None  # why a person has taken it out of use
     lost_s: float | None = None  # when its board was last found to be gone
+    untold_since_s: float | None = (
+        None  # the books are a copy, and its agent has not said what it printed since
+    )
     reel: Reel | None = None  # None: as fleet.yaml says
     time_factor: float = 1.0  # its layers' time, reached over expected, as learned from its prints
 
@@ -342,6 +346,7 @@ class AgentPrint(Entity):
     feature: str | None = None  # by Cura's name
     pause_ends_s: float | None = None  # when its agent ends it, unless it is resumed
     ends_by_s: float | None = None  # when its agent ends it, unless it has ended
+    sha256: str | None = None  # of the file that it was given
 
 
 class AgentSnapshot(Entity):

@@ -29,7 +29,7 @@ class Memory:
     print
         The last print and how it stood; open where its phase is no end.
     ended
-        Prints that are over: none of them is ever started again.
+        Prints that are over, by id and in order: none of them is ever started again.
     look
         Why a person has to look at the printer, until they did.
     doubt
@@ -55,7 +55,7 @@ class Memory:
     opened: str | None = None
     reset_verified: str | None = None
     reset_refuted: str | None = None
-    ended: set[str] = field(default_factory=set)
+    ended: dict[str, PrintSnapshot] = field(default_factory=dict)
 
     @property
     def heat(self) -> bool:
@@ -68,7 +68,7 @@ class Memory:
             said = record["print"]
             self.print = PrintSnapshot.model_validate(said) if said is not None else None
             if self.print is not None and self.print.phase.ended:
-                self.ended.add(self.print.print_id)
+                self.ended[self.print.print_id] = self.print
         if "filament" in record:
             self.filament = Filament(record["filament"])
         if "look" in record:

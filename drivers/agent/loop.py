@@ -29,6 +29,7 @@ from drivers.messages import (
     Heater,
     Hello,
     LinkState,
+    ListPrints,
     PausePrint,
     PrintPhase,
     PrintSnapshot,
@@ -49,6 +50,7 @@ EMULATOR = "emulator"
 PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
 IDLE_PUSH_S = 5.0
 WARM_C = 40.0
+MOST_LISTED = 1000  # prints: a client that is sent a megabyte at once is dropped
 _PARKED_SLACK_MM = 1.0
 UNPROVEN = "nobody has seen that DTR resets its board: that is tried when somebody says that it is idle"
 
@@ -230,12 +232,21 @@ class Agent:
             log.warning("%s refused: %s", request.do, error)
             late = isinstance(error, TooLate)
             return Reply(id=request.id, error=str(error), late=late, snapshot=self._snapshot())
-        return Reply(id=request.id, snapshot=self._snapshot())
+        prints = self._prints(request.since_s) if isinstance(request, ListPrints) else ()
+        return Reply(id=request.id, snapshot=self._snapshot(), prints=prints)
+
+    def _prints(self, since_s: float) -> tuple[PrintSnapshot, ...]:
+        """All that had not ended then, the open one last."""
+        ended, told = self._journal.memory.ended, self._snapshot().print
+        late = [said for said in ended.values() if said.ended_s is None or said.ended_s >= since_s]
+        if told is not None and told.print_id not in ended:
+            late.append(told)
+        return tuple(late[-MOST_LISTED:])
 
     def _obey(self, request: Request) -> None:
         told = self._journal.memory.print
         match request:
-            case Hello():
+            case Hello() | ListPrints():
                 pass
             case StartPrint():
                 self._start(request)
@@ -292,7 +303,10 @@ class Agent:
         if request.filament is Filament.UNKNOWN:
             raise AgentError(f"{self._printer}: nobody knows where its filament is: load it first")
         shot = PrintSnapshot(
-            print_id=request.print_id, phase=PrintPhase.SPOOLED, print_time_s=request.print_time_s
+            print_id=request.print_id,
+            phase=PrintPhase.SPOOLED,
+            print_time_s=request.print_time_s,
+            sha256=request.sha256,
         )
         try:
             source = Path(request.gcode) if request.gcode else self._spool.part(request.print_id)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import uuid
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from drivers.clock import Clock
@@ -19,6 +19,7 @@ from farm.daemon.front import Front
 from farm.daemon.otherwise import Otherwise
 from farm.errors import FarmError
 from farm.model import (
+    AgentPrint,
     AgentSnapshot,
     Bed,
     Hold,
@@ -44,6 +45,7 @@ from farm.services.planning import Inspected, Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.faults import OwnFault
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
+from farm.tracking.recount import recount
 from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
@@ -121,15 +123,23 @@ class Core:
         `restored_s` is when the books were copied, where they are a copy because they were damaged.
         """
         now_s = self.clock.now()
-        if restored_s is not None:
-            self.happened(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
         for section in self.fleet.printers:
             if section.name not in self.books.printers:
                 bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
                 self.happened(ev.PrinterAdded(at_s=now_s, name=section.name, bed=bed))
+        if restored_s is not None:
+            self.happened(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
         for job in list(self.books.jobs.values()):
             if job.state is JobState.PLANNING:
                 self.happened(ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None))
+
+    def untold_since_s(self, printer: str) -> float | None:
+        """From when on an agent has to say what it printed before its word counts; None: it need not."""
+        return self.books.printer(printer).untold_since_s
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        """An agent said what it printed since the books were copied."""
+        self.happened(*recount(self.books, snapshot, prints, self.clock.now()))
 
     def heard(self, snapshot: AgentSnapshot) -> None:
         """An agent said how things are."""
@@ -173,7 +183,7 @@ class Core:
         if self.stopping:
             return
         now_s = self.clock.now()
-        held_back = own_holds(self.books, now_s)
+        held_back = own_holds(self.books, self.fleet.printers, now_s)
         offered = self._offered(held_back)
         views = self.printer_views()
         self._otherwise.look_at_failures(self.books, offered, views)
@@ -207,7 +217,7 @@ class Core:
 
     def remade(self, plate: str, result: Remade | FarmError) -> None:
         """A plate was made otherwise, or could not be."""
-        offered = self._offered(own_holds(self.books, self.clock.now()))
+        offered = self._offered(own_holds(self.books, self.fleet.printers, self.clock.now()))
         event = self._otherwise.ended(plate, result, self.books, offered, self.printer_views())
         if event is not None:
             self.happened(event)

@@ -8,7 +8,7 @@ import logging
 import subprocess
 import time
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable
+from collections.abc import Callable, Coroutine, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,10 +22,10 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError
 from drivers.heartbeat import Heartbeat, look_at
 from farm.config import Fleet, PrinterSection
-from farm.daemon.translate import on_its_clock, shift_s, translate
+from farm.daemon.translate import on_its_clock, shift_s, translate, translate_print
 from farm.daemon.ways import Way, forget, kept_way, reaching
 from farm.errors import FarmError
-from farm.model import AgentSnapshot, Link
+from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 from farm.services.outlook import Span
 from farm.tracking import events as ev
@@ -49,6 +49,10 @@ class Ears(Protocol):
     def heard(self, snapshot: AgentSnapshot) -> None: ...
 
     def refused(self, print_id: str, reason: str, late: bool) -> None: ...
+
+    def untold_since_s(self, printer: str) -> float | None: ...
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None: ...
 
 
 class Links:
@@ -249,17 +253,32 @@ class AgentLink:
                         break
                     self._ahead_s = shift_s(said, self._clock)
                     if self._is_ours(said):
+                        said = await self._recount(said)
                         self._hear(self._up_to_date(translate(said, self._clock)))
                 log.info("%s: the connection to its agent is gone", self._name)
             except TimeoutError:
                 log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
-            except DriverError as error:
+            except (DriverError, FarmError) as error:
                 log.warning("%s: %s", self._name, error)
             except Exception:
                 log.exception("%s: listening to its agent", self._name)
             self._hear(AgentSnapshot(printer=self._name, link=Link.STARTING))
 
+    async def _recount(self, said: m.Snapshot) -> m.Snapshot:
+        """Where the books are a copy, have it say what it printed since. Its latest word."""
+        since_s = self._ears.untold_since_s(self._name)
+        if since_s is None:
+            return said
+        request = on_its_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
+        reply = await self._client.request(request)
+        latest = reply.snapshot or said
+        prints = [translate_print(one, self._ahead_s) for one in reply.prints]
+        self._ears.recounted(translate(latest, self._clock), prints)
+        return latest
+
     def _hear(self, snapshot: AgentSnapshot) -> None:
+        if snapshot.agent_pid is not None and self._ears.untold_since_s(self._name) is not None:
+            return  # first what it printed since
         try:
             self._ears.heard(snapshot)
         except FarmError as error:

@@ -34,6 +34,8 @@ def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Reque
             moments = {"not_after_s": latest_s - shift_s}
         case m.EndPrintBy(ends_by_s=ends_by_s):
             moments = {}
+        case m.ListPrints(since_s=since_s):
+            return request.model_copy(update={"since_s": since_s - shift_s})
         case _:
             return request
     if ends_by_s is not None:
@@ -43,31 +45,6 @@ def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Reque
 
 def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
     """An agent's words in the farm's, and its moments on the farm's clock where its own is another."""
-    attempt = None
-    ahead_s = shift_s(said, clock)
-
-    def moment(at_s: float | None) -> float | None:
-        return None if at_s is None else at_s + ahead_s
-
-    if said.print is not None:
-        attempt = AgentPrint(
-            print_id=said.print.print_id,
-            state=_PHASES[said.print.phase],
-            fault=said.print.fault,
-            reason=said.print.reason,
-            progress_s=said.print.progress_s,
-            print_time_s=said.print.print_time_s,
-            extruded=said.print.extruded,
-            started_s=moment(said.print.started_s),
-            ended_s=moment(said.print.ended_s),
-            starved_s=said.print.starved_s,
-            layer=said.print.layer,
-            layers=said.print.layers,
-            z_mm=said.print.z_mm,
-            feature=said.print.feature,
-            pause_ends_s=moment(said.print.pause_ends_s),
-            ends_by_s=moment(said.print.ends_by_s),
-        )
     return AgentSnapshot(
         printer=said.printer,
         link=Link(said.link),
@@ -82,5 +59,32 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
         bed_clear=said.bed_clear,
         doubt=said.doubt,
         reset_verified=said.reset_verified,
-        print=attempt,
+        print=None if said.print is None else translate_print(said.print, shift_s(said, clock)),
+    )
+
+
+def translate_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
+    """An agent's word on a print in the farm's, where the farm's clock is so far ahead of its own."""
+
+    def moment(at_s: float | None) -> float | None:
+        return None if at_s is None else at_s + ahead_s
+
+    return AgentPrint(
+        print_id=said.print_id,
+        state=_PHASES[said.phase],
+        fault=said.fault,
+        reason=said.reason,
+        progress_s=said.progress_s,
+        print_time_s=said.print_time_s,
+        extruded=said.extruded,
+        started_s=moment(said.started_s),
+        ended_s=moment(said.ended_s),
+        starved_s=said.starved_s,
+        layer=said.layer,
+        layers=said.layers,
+        z_mm=said.z_mm,
+        feature=said.feature,
+        pause_ends_s=moment(said.pause_ends_s),
+        ends_by_s=moment(said.ends_by_s),
+        sha256=said.sha256,
     )

@@ -141,19 +141,28 @@ def job_need(job: Job) -> Need:
     )
 
 
-def own_holds(books: Books, now_s: float) -> dict[str, Hold]:
+def own_holds(books: Books, printers: Iterable[PrinterSection], now_s: float) -> dict[str, Hold]:
     """The plates that are offered to no printer, and why."""
     held = {}
+    untold = " ".join(
+        section.name for section in printers if section.enabled and _untold(books, section.name)
+    )
     for job in books.jobs.values():
         for plate in books.plates_of(job) if job.state is JobState.PRINTING else ():
-            hold = _own_hold(books, job, plate, now_s)
+            hold = _own_hold(books, job, plate, untold if job.restored else "", now_s)
             if hold is not None:
                 held[plate.id] = hold
     return held
 
 
-def _own_hold(books: Books, job: Job, plate: Plate, now_s: float) -> Hold | None:
-    """Why a plate would start on no printer at all."""
+def _untold(books: Books, printer: str) -> bool:
+    """Whether a printer may have printed what the books take for waiting; none that a person has in hand."""
+    entry = books.printer(printer)
+    return entry.untold_since_s is not None and entry.maintenance is None
+
+
+def _own_hold(books: Books, job: Job, plate: Plate, untold: str, now_s: float) -> Hold | None:
+    """Why a plate would start on no printer at all; `untold` printers may have printed it."""
     standing = books.standing(plate)
     if standing is Standing.OUT_OF_ATTEMPTS:
         text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
@@ -163,6 +172,11 @@ def _own_hold(books: Books, job: Job, plate: Plate, now_s: float) -> Hold | None
     if books.outage is not None:
         text = f"{' '.join(books.outage.printers)} were lost at once: look, then `farm resume`"
         return Hold(code=HoldCode.OUTAGE, text=text)
+    if untold:
+        text = (
+            f"{untold} may have printed it since the books were copied: connect them, or `farm maintenance`"
+        )
+        return Hold(code=HoldCode.UNTOLD, text=text)
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
     if plate.paused:

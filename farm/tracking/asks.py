@@ -16,6 +16,8 @@ def asks(books: Books) -> list[api.Todo]:
             grams = sum(plate.grams for plate in books.plates_of(job))
             what = f"job {job.id} ({count(len(job.parts), 'part')}, {mass(grams)})"
             text = f"approve {what}: `farm approve {job.id}`"
+            if job.restored and job.hold is not None:
+                text = f"look at {what}: {job.hold.text}"
             found.append(api.Todo(code="approve", printers=[], text=text, brief=what))
     short: dict[str, str] = {}  # the next plate of each reel
     for plate in books.waiting_plates():

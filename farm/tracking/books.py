@@ -87,6 +87,11 @@ class Books:
         last = self._last.get(printer)
         return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
 
+    def lost_verdicts(self, printer: str) -> Iterator[Print]:
+        """Prints that were done after the books were copied, of which nobody knows what a person said."""
+        done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
+        return (p for p in done if p.restored and p.verdict is None)
+
     def last_on(self, printer: str) -> Print | None:
         """The print that began on a printer, and ended there last."""
         return self._last.get(printer)

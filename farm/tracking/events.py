@@ -227,6 +227,21 @@ class BooksRestored(Event):
     copied_s: float
 
 
+class PrintFound(Event):
+    """An agent has, or had, a print that books restored from a copy do not know; its plate they do."""
+
+    plate: str
+    printer: str
+    print_id: str
+
+
+class JournalTold(Event):
+    """An agent has said what it printed since the books were copied; no plate waits for `unknown` of it."""
+
+    printer: str
+    unknown: int
+
+
 class ReelLoaded(Event):
     """A person put a reel on a printer, or said how much is on it."""
 
@@ -279,6 +294,8 @@ AnyEvent = (
     | BedCleared
     | ReelLoaded
     | BooksRestored
+    | PrintFound
+    | JournalTold
     | PrinterSeen
     | PrinterDoubted
 )

@@ -20,6 +20,7 @@ from farm.model import (
     Verdict,
 )
 from farm.tracking import events as ev
+from farm.tracking import restored
 from farm.tracking.books import Books, edited, put
 from farm.tracking.consequences import (
     Result,
@@ -33,13 +34,7 @@ from farm.tracking.consequences import (
 from farm.tracking.factor import learned
 from farm.tracking.faults import LOSSES, UNCHARGED, OwnFault
 from farm.tracking.outcome import Standing, printed
-from farm.tracking.reels import doubted, less, used_grams
-
-_RESTORED = Hold(
-    code=HoldCode.APPROVAL,
-    text="the books were damaged and restored from a copy: look what of it is printed, `farm cancel` those "
-    "parts, then `farm approve` lets the rest be printed",
-)
+from farm.tracking.reels import less, used_grams
 
 
 def _approval(job: int) -> Hold:
@@ -109,7 +104,7 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         assembly=event.assembly,
         decomposition=event.decomposition,
         planned_s=event.at_s,
-        hold=(_RESTORED if job.restored else _approval(job.id)) if event.held else None,
+        hold=(restored.HOLD if job.restored else _approval(job.id)) if event.held else None,
     )
     return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
 
@@ -229,7 +224,8 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         return books, (forget,)
     state = event.state
     fault, reason = event.fault, event.reason
-    unknown = attempt.restored and fault == OwnFault.PRINT_LOST  # it may well have been done
+    # It may well have been done, or ended by a person whose word these books have not.
+    unknown = attempt.restored and (fault == OwnFault.PRINT_LOST or state is PrintState.CANCELLED)
     begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
     if state is PrintState.CANCELLED and attempt.fail_asked is not None:
         state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_asked
@@ -280,6 +276,9 @@ def _(event: ev.BedCleared, books: Books) -> Result:
     if judged is not None:
         books = put(books, edited(judged, verdict=event.verdict, verdict_why=event.why))
         books = settle(books, judged.job, event.at_s)
+    if event.verdict is Verdict.GOOD:
+        for earlier in list(books.lost_verdicts(printer.name)):
+            books = settle(put(books, edited(earlier, verdict=Verdict.GOOD)), earlier.job, event.at_s)
     return books, (ev.SendCleared(printer=printer.name, filament=event.filament),)
 
 
@@ -353,23 +352,17 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.BooksRestored, books: Books) -> Result:
-    """No bed is known to be clear, and no job goes on before a person has looked what is printed of it.
+    return restored.restore(event.copied_s, books), ()
 
-    What the agents still print, or have just printed, is taken over by their word.
-    """
-    printers = [
-        edited(printer, bed=Bed.NOT_CLEAR, filament=FilamentState.UNKNOWN, reel=doubted(printer.reel))
-        for printer in books.printers.values()
-    ]
-    prints = [edited(attempt, restored=True) for attempt in books.open_prints()]
-    planned, others = [], []
-    for job in books.jobs.values():
-        if job.state in (JobState.PRINTING, JobState.HELD):  # it may have been approved since
-            planned.append(edited(job, state=JobState.HELD, hold=_RESTORED))
-        elif job.state in (JobState.QUEUED, JobState.PLANNING):
-            options = job.options.model_copy(update={"hold": True})
-            others.append(edited(job, options=options, restored=True))
-    return put(books, *printers, *prints, *planned, *others), ()
+
+@apply.register
+def _(event: ev.PrintFound, books: Books) -> Result:
+    return restored.find(event, books), ()
+
+
+@apply.register
+def _(event: ev.JournalTold, books: Books) -> Result:
+    return restored.know(event, books), ()
 
 
 @apply.register

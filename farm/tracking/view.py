@@ -191,6 +191,8 @@ def todo(scene: Scene) -> list[api.Todo]:
         why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
         if section.enabled and away:
             also = f"; and look at it: {entry.look}" if entry.look else ""
+            if entry.untold_since_s is not None:
+                also += "; the books are a copy: what it printed since is not known"
             what = f"{section.name}: {snapshot.reason or 'no answer from it'}"
             text = f"connect {what}{also}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))

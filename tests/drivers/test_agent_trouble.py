@@ -144,7 +144,36 @@ def test_a_full_disk_stops_no_print_and_starts_none(
     driven.run()
     assert m.PrintPhase.PRINTING in seen
     memory = Journal(tmp_path / "journal.jsonl").memory
-    assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
+    assert set(memory.ended) == {"p-1"} and memory.filament is m.Filament.PARKED
+
+
+@pytest.mark.system
+def test_an_agent_lists_what_it_printed_whether_it_is_forgotten_or_not(driven: Driven, tmp_path: Path):
+    text = gcode(300)
+    seen: list[m.PrintPhase] = []
+
+    def listed(since_s: float) -> tuple[m.PrintSnapshot, ...]:
+        return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
+
+    def do(agent: Driven) -> None:
+        told = agent.told
+        if told.link is m.LinkState.READY and told.print is None:
+            assert listed(0.0) == ()
+            assert agent.start(tmp_path / "a.gcode", text).error is None
+        elif told.print is not None and told.link is m.LinkState.BUSY:
+            (one,) = listed(told.now_s)
+            assert one.sha256 == hashlib.sha256(text.encode()).hexdigest()
+            seen.append(one.phase)
+        elif told.print is not None:
+            assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
+            (one,) = listed(0.0)
+            assert (one.phase, one.ended_s) == (m.PrintPhase.DONE, told.print.ended_s)
+            assert listed(told.now_s + 1.0) == ()
+            assert agent._answer(m.Shutdown(id=4)).error is None
+
+    driven.do = do
+    driven.run()
+    assert m.PrintPhase.PRINTING in seen
 
 
 def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven) -> None:

@@ -11,11 +11,14 @@ import sys
 import time
 from operator import attrgetter
 from pathlib import Path
+from urllib.parse import quote
 
 from drivers.agent.journal import JOURNAL
+from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from farm.cli.connection import DaemonConnection
 from farm.model import Bed, PrintState
+from farm.paths import StateFolder, read_anchor
 from farm.tracking.store import Store
 from make_gcode import marlin, square
 from real_farm import PATIENCE_S, RealFarm, wait_for
@@ -73,6 +76,10 @@ class KilledFarm(RealFarm):
     def log(self):
         return self.log_file.read_text()[-4000:]
 
+    def clock(self):
+        """The farm's."""
+        return Clock(*read_anchor(StateFolder(self.state).clock))
+
     def ask(self, method, path, body=None):
         """One daemon's answer and its status; None where it died before it answered, or is not there."""
         assert self.keeper.poll() is None, self.log()
@@ -94,16 +101,22 @@ class KilledFarm(RealFarm):
         """Its status and itself, whatever it is."""
         return wait_for("an answer", lambda: self.ask(method, path, body))
 
-    def submit(self, count):
+    def submit(self, count, **options):
         """Submit so many jobs."""
         for number in range(self.submitted, self.submitted + count):
-            self.insist("POST", *self.submission(number))
+            self.insist("POST", *self.submission(number, **options))
         self.submitted += count
 
-    def submission(self, number):
+    def submission(self, number, **options):
         """Where a job is submitted, and what."""
-        text = self.gcode.read_bytes()
-        return f"/jobs?request_id=request-{number}&name=plate.gcode&size={len(text)}", text
+        text, wanted = self.gcode.read_bytes(), quote(json.dumps(options))
+        words = f"request_id=request-{number}&name=plate.gcode&size={len(text)}&options={wanted}"
+        return f"/jobs?{words}", text
+
+    def approve(self):
+        """Let all that is held be printed."""
+        for job in self.insist("GET", "/status")["jobs"]:
+            self.insist("POST", f"/jobs/{job['id']}/approve", json.dumps({"plan": job["plan"]}))
 
     def find_good(self, failing=()):
         """Find all jobs good as they are printed; `failing` are those of all prints begun that fail."""
@@ -111,7 +124,7 @@ class KilledFarm(RealFarm):
         give_up = time.monotonic() + PATIENCE_S
         while True:
             view = self.insist("GET", "/status")
-            if [job["state"] for job in view["jobs"]].count("done") == self.submitted:
+            if {job["state"] for job in view["jobs"]} == {"done"}:  # what has ended long ago is not shown
                 return
             assert time.monotonic() < give_up, (view, self.log())
             for printer in view["printers"]:
@@ -120,11 +133,15 @@ class KilledFarm(RealFarm):
                     if len(begun) in failing:
                         control(self.emulator(printer["name"]), Command.RESET)
                     begun.append(key)
-            for item in view["todo"]:
-                for name in item["printers"] if item["code"] in ("clear", "look") else ():
-                    # Where it dies meanwhile, or things have changed, the next look shows it.
-                    self.ask("POST", f"/printers/{name}/cleared", "{}")
+            self.clear_beds(view)
             time.sleep(LOOK_S)
+
+    def clear_beds(self, view):
+        """Clear all that `view` shows as full, or to be looked at."""
+        for item in view["todo"]:
+            for name in item["printers"] if item["code"] in ("clear", "look") else ():
+                # Where it dies meanwhile, or things have changed, the next look shows it.
+                self.ask("POST", f"/printers/{name}/cleared", "{}")
 
     def end(self):
         self.stop_keeping()

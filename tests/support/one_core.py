@@ -53,3 +53,10 @@ class Farm:
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED, "bed_clear": True}
         for name in names:
             self.core.heard(AgentSnapshot(printer=name, **{**facts, **changes}))
+
+    def tell(self, name, *prints):
+        """An agent says what it printed since the books were copied, and how things are."""
+        facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
+        said = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
+        self.core.recounted(said, prints)
+        self.core.heard(said)

@@ -1,6 +1,7 @@
 """Printers, agents and a person that outlive a daemon, in memory: what really happened."""
 
-from dataclasses import dataclass
+import shutil
+from dataclasses import dataclass, field
 
 from farm.daemon.core import Core
 from farm.daemon.desk import Desk
@@ -77,14 +78,23 @@ class Agent:
     started_s: float | None = None
     ended_s: float | None = None
     on_bed: str | None = None
+    sha256: str = ""
+    journal: list = field(default_factory=list)  # its word on each print that ended
+
+    def said(self):
+        return AgentPrint(
+            print_id=self.print_id, state=self.state, fault=None, reason=None, progress_s=1.0,
+            print_time_s=90.0, extruded=self.extruded, started_s=self.started_s, ended_s=self.ended_s,
+            sha256=self.sha256,
+        )  # fmt: skip
+
+    def prints(self, since_s):
+        """All that had not ended then."""
+        late = [said for said in self.journal if said.ended_s >= since_s]
+        return late if self.print_id is None or self.state.ended else [*late, self.said()]
 
     def snapshot(self):
-        said = None
-        if self.print_id is not None:
-            said = AgentPrint(
-                print_id=self.print_id, state=self.state, fault=None, reason=None, progress_s=1.0,
-                print_time_s=90.0, extruded=self.extruded, started_s=self.started_s, ended_s=self.ended_s,
-            )  # fmt: skip
+        said = None if self.print_id is None else self.said()
         busy = said is not None and not self.state.ended
         link = Link.BUSY if busy else Link.READY
         clear = self.on_bed is None
@@ -106,9 +116,11 @@ class World:
         At which commits, counted from 1, the daemon is killed; `after`: just after them.
     fails
         Which of all prints begun fail; `bad`: which of all that are done a person calls bad.
+    files
+        How many different ones the plates have.
     """
 
-    def __init__(self, folder, plates=3, kills=(), after=False, fails=(1,), bad=(0,)):
+    def __init__(self, folder, plates=3, kills=(), after=False, fails=(1,), bad=(0,), files=100):
         self.path = folder / "farm.db"
         self.kills, self.after, self.fails, self.bad = frozenset(kills), after, fails, bad
         self.clock = Clock()
@@ -116,8 +128,10 @@ class World:
         self.commits = self.begun = self.restarts = 0
         self.made = []  # (plate, printer, verdict) of each print that came to its end
         self.prints = {}  # print id -> (printer, started, ended), as it was
-        self.plates = plates
+        self.plates, self.files = plates, files
         self.to_plan = None
+        self.copied = False  # whether the books were ever
+        self.away = frozenset()  # agents that the daemon does not hear
         self.surviving(self.up)
 
     # -- the daemon -------------------------------------------------------------------------------------
@@ -126,7 +140,18 @@ class World:
         self.store = SteppingStore(self.path, self)
         self.core = Core(fleet(), self.store, self.clock, bed_boxes, self)
         self.desk = Desk(self.core)
-        self.core.start()
+        self.core.start(self.store.copied_s)
+
+    def restore(self, copy):
+        """The daemon dies, its books are damaged, and the next one has this copy of them."""
+        self.store.close()
+        for path in self.path.parent.glob(f"{self.path.name}*"):
+            path.unlink()
+        shutil.copy(copy, self.path)
+        self.restarts += 1
+        self.to_plan = None
+        self.copied = True
+        self.surviving(self.up)
 
     def surviving(self, doing):
         """Do something with the daemon; where it is killed meanwhile, start it again. Whether it was done."""
@@ -152,6 +177,7 @@ class World:
                 assert agent.on_bed is None, "a print is started on a full bed"
                 agent.print_id, agent.state = instruction.print_id, PrintState.ASSIGNED
                 agent.plate = self.core.books.prints[instruction.print_id].plate
+                agent.sha256 = self.core.books.plates[agent.plate].sha256
                 agent.started_s = agent.ended_s = None
         elif isinstance(instruction, ev.SendForget) and agent.print_id == instruction.print_id:
             assert agent.state.ended
@@ -177,25 +203,39 @@ class World:
             if agent.state.ended:
                 agent.ended_s = self.clock.now_s
                 self.prints[agent.print_id] = (agent.name, agent.started_s, agent.ended_s)
+                agent.journal.append(agent.said())
                 if agent.state is PrintState.DONE:
                     self.made.append([agent.plate, agent.name, None])
 
     def tell(self):
         for agent in self.agents.values():
-            self.surviving(lambda agent=agent: self.core.heard(agent.snapshot()))
+            if agent.name not in self.away:
+                self.surviving(lambda agent=agent: self.hear(agent))
         self.surviving(self.core.settle)
         if self.to_plan is not None:
             job, self.to_plan = self.to_plan, None
             event = planned(1, self.plates)
-            plan = Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None)
+            plates = tuple(
+                plate.model_copy(update={"sha256": f"{i % self.files:064x}"})
+                for i, plate in enumerate(event.plates)
+            )
+            plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
             self.surviving(lambda: self.core.planned(job, plan))
+
+    def hear(self, agent):
+        since_s = self.core.untold_since_s(agent.name)
+        if since_s is not None:
+            self.core.recounted(agent.snapshot(), agent.prints(since_s))
+        self.core.heard(agent.snapshot())
 
     def tend(self):
         """A person takes off what is done, and says how it is; a command that broke off is given again."""
         for agent in self.agents.values():
             entry = self.core.books.printers.get(agent.name)
             printing = agent.print_id is not None and not agent.state.ended
-            if entry is None or entry.bed is Bed.CLEAR or printing or agent.on_bed is None:
+            if entry is None or entry.bed is Bed.CLEAR or printing:
+                continue
+            if agent.on_bed is None and not self.copied:
                 continue
             mine = [i for i, (_, name, verdict) in enumerate(self.made) if name == agent.name and not verdict]
             verdict = Verdict.BAD if mine and mine[-1] in self.bad else Verdict.GOOD
@@ -211,14 +251,18 @@ class World:
             if mine:
                 self.made[mine[-1]][2] = verdict
 
+    def step(self):
+        """One minute of everybody's."""
+        if not self.core.books.jobs:
+            self.surviving(lambda: self.core.submit("r" * 8, "m.stl", MODEL, JobOptions()))
+        self.tell()
+        self.tend()
+        self.move()
+
     def run(self, patience=200):
         """Until the job is done. Returns how many minutes it took."""
         for minute in range(patience):
-            if not self.core.books.jobs:
-                self.surviving(lambda: self.core.submit("r" * 8, "m.stl", MODEL, JobOptions()))
-            self.tell()
-            self.tend()
+            self.step()
             if self.core.books.jobs and self.core.books.jobs[1].state is JobState.DONE:
                 return minute
-            self.move()
         raise AssertionError(f"not done: {self.core.books}")

@@ -27,7 +27,7 @@ def killed_farm(tmp_path):
 
 @pytest.mark.parametrize(
     ("seed", "rounds"),
-    [(6, 1), pytest.param(7, 9, marks=pytest.mark.skipif("FARM_KILLS" not in os.environ, reason="9 min"))],
+    [(6, 1), pytest.param(7, 9, marks=pytest.mark.skipif("FARM_KILLS" not in os.environ, reason="3 min"))],
 )
 def test_no_plate_is_lost_or_printed_twice_wherever_the_daemon_is_killed(killed_farm, seed, rounds):
     """At every event of a job, at one of three moments each; in nine rounds at all of them."""

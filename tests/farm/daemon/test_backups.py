@@ -185,7 +185,8 @@ def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
     assert again.jobs[2].hold == books.jobs[1].hold  # it may have been planned and printed since the copy
     frozen, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), books_held())
     assert frozen.jobs[1].hold == books.jobs[1].hold  # and a held one approved
-    farm.ready("a", "b")  # their agents know nothing of the prints that were only assigned
+    for name in "ab":
+        farm.tell(name)  # its agent knows nothing of the print that was only assigned
     assert {p.state for p in farm.core.books.prints.values()} == {PrintState.CANCELLED}
     assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
     for name in "ab":

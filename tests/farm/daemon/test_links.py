@@ -4,6 +4,7 @@ import asyncio
 import os
 import signal
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from farm.config import Fleet
 from farm.daemon.links import AgentLink, Links
 from farm.daemon.translate import on_its_clock, translate
 from farm.daemon.translate import shift_s as shift_s_of
-from farm.model import AgentSnapshot, Link
+from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 from farm.services.outlook import Span
 from farm.tracking import events as ev
@@ -39,6 +40,12 @@ class Ears:
 
     def refused(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
+
+    def untold_since_s(self, printer: str) -> float | None:
+        return None
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        raise AssertionError(prints)
 
 
 def no_span(_: str) -> Span:

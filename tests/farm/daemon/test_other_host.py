@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from drivers.start import Start
 from farm.config import Fleet, PrinterSection
 from farm.daemon import links
 from farm.daemon.links import AgentLink, Links
-from farm.model import AgentSnapshot, Link, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 
 MODEL = "ultimaker2_plus"
@@ -51,6 +51,12 @@ class Ears:
 
     def refused(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
+
+    def untold_since_s(self, printer: str) -> float | None:
+        return None
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        raise AssertionError(prints)
 
 
 class Pipe:
