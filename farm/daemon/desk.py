@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from fastapi import FastAPI
 
@@ -107,10 +107,8 @@ class Desk:
             raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
         if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
             raise Refused(f"{printer} is not paused")
-        view = self._core.view(printer)
-        away = None if wanted or view is None else self._core.rules.away(view, self._core.clock.now())
-        if away is not None:
-            raise Refused(away)
+        if not wanted:
+            self._refuse_away([printer])
         at_s = self._core.clock.now()
         self._core.happened(ev.PauseAsked(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 
@@ -140,7 +138,18 @@ class Desk:
         parts = not wanted and any(plate.paused for plate in self._core.books.plates_of(entry))
         if entry.paused is wanted and not parts:
             raise Refused(f"job {job} is {'paused already' if wanted else 'not paused'}")
+        if not wanted:
+            paused = (p for p in self._core.books.open_prints(job) if p.pause_asked)
+            self._refuse_away(sorted(attempt.printer for attempt in paused))
         self._happened(lambda at_s: ev.JobPaused(at_s=at_s, job=job, wanted=wanted, by=by))
+
+    def _refuse_away(self, printers: Iterable[str]) -> None:
+        """Raise Refused where nothing may print on some of them now, as nobody is there."""
+        now_s = self._core.clock.now()
+        views = [view for name in printers if (view := self._core.view(name)) is not None]
+        away = [why for view in views if (why := self._core.rules.away(view, now_s)) is not None]
+        if away:
+            raise Refused("; ".join(away))
 
     def maintenance(self, printer: str, why: str, by: str) -> None:
         """Take a printer out of use; what it prints goes on to its end."""

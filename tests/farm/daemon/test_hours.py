@@ -130,6 +130,19 @@ def test_a_pause_is_resumed_while_somebody_is_there_and_not_afterwards(farm):
     assert not farm.core.books.open_print_on("a").pause_asked
 
 
+def test_a_job_is_resumed_only_where_its_printers_may_print_on(farm):
+    word(farm)
+    farm.desk.pause_job(1, True, "ann")
+    word(farm, PrintState.PAUSED)
+    farm.core.clock.now_s = at("2026-11-20 19:00")
+    with pytest.raises(Refused, match=r"^a prints only while somebody is there .*: from Mon 08:00$"):
+        farm.desk.pause_job(1, False, "ann")
+    assert farm.core.books.jobs[1].paused
+    word(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)
+    farm.desk.pause_job(1, False, "ann")  # what waits of it finds its own hour
+    assert not farm.core.books.jobs[1].paused
+
+
 def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the_morning(farm):
     attempt = word(farm)
     ended = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
