@@ -1,5 +1,11 @@
 """farm: a fleet of Ultimaker 2+ printers as one fast printer for large models."""
 
-from importlib.metadata import version
+__version__: str
 
-__version__ = version("farm")
+
+def __getattr__(name: str) -> str:
+    if name != "__version__":
+        raise AttributeError(f"module 'farm' has no attribute {name!r}")
+    from importlib.metadata import version  # slow to load, and few ask
+
+    return version("farm")

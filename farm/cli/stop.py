@@ -8,11 +8,10 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers import estop as drv
 from drivers.profiles import PROFILES
 from drivers.start import Start
 from farm.cli import button, complete
@@ -22,7 +21,10 @@ from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.paths import Places
 
-Stop = Callable[[drv.Tell], drv.Stopped]
+if TYPE_CHECKING:
+    from drivers import estop as drv
+
+    Stop = Callable[[drv.Tell], drv.Stopped]
 
 
 @placed
@@ -97,6 +99,8 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
 
 def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
     """How to stop every printer of the state folder and of `fleet.yaml`; a bad file hides no agent's."""
+    from drivers import estop as drv  # slow to load, and every other command does without
+
     known = drv.known(places.state.root / "agents")
     targets: dict[str, Stop] = {name: _here(target) for name, target in known.items()}
     try:
@@ -116,6 +120,8 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
 
 
 def _here(target: drv.Target) -> Stop:
+    from drivers import estop as drv
+
     return lambda tell: drv.stop(target, tell=tell)
 
 
