@@ -329,6 +329,7 @@ class Night(_View):
     plan: str
     slots: list[SlotView]
     left: list[str]  # plates that no printer can ever take, by material, reel or hours
+    notices: list[str]  # what was done to the model, and what of what was asked cannot be
     makespan_s: float
     lower_bound_s: float
     grams: float

@@ -13,7 +13,7 @@ from rich.text import Text
 from farm import api
 from farm.cli.words import moment, off_plan, planning
 from farm.model import Bed, HoldCode, JobState, PrintState
-from farm.words import mass, span
+from farm.words import count, mass, span
 
 _INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
 _APART = "     "  # between two things to do on one line
@@ -84,7 +84,8 @@ def night(view: api.NightView) -> str:
     rest = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
     counts = "".join(f", {count} {words}" for words, count in rest.items() if count)
     waste = f" + {mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
-    return f"{view.printed} of {view.plates} plates printed{counts}; {mass(view.grams)}{waste}"
+    plates = f"{view.printed} of {count(view.plates, 'plate')} printed" if view.plates else "nothing printed"
+    return f"{plates}{counts}; {mass(view.grams)}{waste}"
 
 
 def _job_lines(job: api.JobView, width: int) -> list[Text]:

@@ -199,7 +199,7 @@ def main() -> None:
         say(" ".join(str(error).split()))
         sys.exit(int(error.exit_code))
     except typer.TyperException as error:
-        message = " ".join(error.format_message().split()).rstrip(".")
+        message = " ".join(error.format_message().replace("Value error, ", "").split()).rstrip(".")
         if message:  # help, where nothing was asked, is shown by now
             command = context.command_path if (context := getattr(error, "ctx", None)) else "farm"
             say(f"{message}; `{command} --help` shows how it is written")

@@ -36,7 +36,7 @@ def night(view: api.Night) -> RenderableType:
             _money(slot.price, view.currency),
         )
     price = f", {_money(view.price, view.currency)}" if view.price is not None else ""
-    rows: list[RenderableType] = [table, Text()]
+    rows: list[RenderableType] = [*map(Text, view.notices), table, Text()]
     rows += [Text(line) for line in gantt(view.slots)]
     rows.append(Text())
     rows.append(

@@ -121,6 +121,7 @@ class Ahead:
                 for slot in slots
             ],
             left=list(left),
+            notices=list(job.repairs),
             makespan_s=end_s - begin_s,
             lower_bound_s=max(0.0, min(bound_s, end_s) - begin_s),
             grams=sum(plate.grams for plate in plates),

@@ -22,17 +22,21 @@ def planned_event(
 ) -> ev.JobPlanned:
     """What is booked of a plan: rounds, hours and the breaker may make it longer than its longest plate."""
     used = {plate.printer for plate in plan.plates}
+    printers = list(printers)
     fleet = [idle(view) for view in printers if view.name in used]
     books = replace(books, plates={plate.id: plate for plate in plan.plates})
-    seen = forecast(plate_views(plan.plates, books), fleet, rules, now_s)
+    waiting = list(plate_views(plan.plates, books))
+    seen = forecast(waiting, fleet, rules, now_s)
     notices = plan.repairs
     materials = sorted({plate.material for plate in plan.plates})
     if len(materials) > 1:
         of = " and ".join(materials)
         notices = (*notices, f"Its parts are of {of}, as the printers have it: `--material` takes one.")
-    if job.done_by_s is not None and seen.ends_s > job.done_by_s:
-        asked, ends = rules.words(job.done_by_s), rules.words(seen.ends_s)
-        notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")
+    if job.done_by_s is not None:
+        ends_s = forecast(waiting, printers, rules, now_s).ends_s  # on printers as they are: beds may be full
+        if ends_s > job.done_by_s:
+            asked, ends = rules.words(job.done_by_s), rules.words(ends_s)
+            notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")
     beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
     at_once = seen.left or (beside and rules.max_heating is None)
     return ev.JobPlanned(

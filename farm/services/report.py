@@ -13,6 +13,7 @@ from html import escape
 
 from farm import api
 from farm.model import PrintState, Verdict
+from farm.words import span
 
 _WIDTH, _ROW, _LEFT, _TOP = 1000, 22, 110, 24  # px of the Gantt
 _TICKS = 8  # marks of time, about
@@ -214,9 +215,18 @@ def _figure(part: api.PartView, job: api.JobView, picture: bytes | None) -> str:
     tries = f", {len(prints)} prints" if len(prints) > 1 else ""
     image = f'<img alt="{escape(part.id)}" src="{_data(picture)}">' if picture else ""
     caption = f"<b>{escape(part.id)}</b> {state}{tries}<br>{escape(plate.printer)}, {plate.grams:.0f} g"
+    caption += f"<br>{_times(prints[-1] if prints else None, plate.estimated_s)}"
     if part.cut_from:
         caption += f"<br>cut again from {escape(part.cut_from)}"
     return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
+
+
+def _times(last: api.PrintView | None, expected_s: float) -> str:
+    """What a part took, against what it was expected to take."""
+    if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
+        return f"expected {span(expected_s)}"
+    took = datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)
+    return f"{span(took.total_seconds())}, expected {span(expected_s)}"
 
 
 def _short(iso: str) -> str:

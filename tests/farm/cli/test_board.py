@@ -5,7 +5,8 @@ import io
 import pytest
 from rich.console import Console
 
-from farm.cli.board import board, names
+from farm import api
+from farm.cli.board import board, names, night
 from farm.model import Bed, JobOptions, Verdict
 from farm.tracking import events as ev
 from farm.tracking.books import Books
@@ -50,6 +51,13 @@ def test_a_job_that_has_not_begun_says_only_what_is_known():
     assert lines[2].endswith("its plan is frozen until `farm approve 1` releases it")
     books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
     assert shown(status_of(books))[2] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
+
+
+def test_a_night_of_which_everything_was_cancelled_is_no_count_of_nothing():
+    view = api.NightView.model_construct(
+        plates=0, printed=0, failed=0, printing=0, waiting=0, grams=0.0, wasted_grams=26.0
+    )
+    assert night(view) == "nothing printed; 0 g + 26 g wasted"
 
 
 def test_a_printer_in_maintenance_says_why():

@@ -43,11 +43,13 @@ def test_a_short_plate_in_a_long_night_is_still_seen():
 
 
 def test_the_night_says_what_it_takes():
-    facts = {"plan": "x", "left": ["4/04"], "makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
+    facts = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
+    facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
     view = api.Night(job=4, slots=SLOTS, grams=90.0, price=2.7, **facts)
     console = Console(record=True, width=120, file=io.StringIO())
     console.print(night(view))
     text = console.export_text()
     assert "3 plates, 4h00 (no order of them takes less than 2h00), 90 g, 2.70 GBP" in text
     assert "no printer can take: 4/04" in text
+    assert text.startswith("Scaled.")
     assert "4/p03  um2-02   Sat 13:00  Sat 14:00  1h00   30     0.90 GBP" in text

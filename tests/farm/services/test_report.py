@@ -73,6 +73,8 @@ def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
         "<td>1/p04</td><td>um2-04</td><td>Thu 00:00</td><td>failed</td><td>it does not get warm</td>" in text
     )
     assert "plates printed</td><td>3 of 5; good 0" in text
+    assert text.count("<br>102 s, expected 100 s") == 3  # those that are printed
+    assert text.count("<br>expected 100 s") == 2
 
 
 def test_a_job_of_which_nothing_is_printed_has_a_page_too():
