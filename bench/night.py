@@ -84,11 +84,12 @@ class Night:
         self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), mistake_in)
         self.plate_s = self._book_job()
         begun = range(1, args.plates + 1)
-        self.to_fail = set(self.rng.sample(begun, max(1, round(args.failing * args.plates))))
-        self.to_unplug = self.rng.randint(2, args.printers)  # which print, by order, loses its printer
-        self.kills = [args.plates // 4, args.plates // 2]  # at so many plates printed
-        self.seen: set[tuple[str, str]] = set()  # prints that began, and where
-        self.failed = 0
+        # How many prints have begun when one is to fail, and when a printer is unplugged.
+        self.to_fail = sorted(self.rng.sample(begun, max(1, round(args.failing * args.plates))))
+        self.to_unplug = self.rng.randint(2, args.printers)
+        # How many plates are printed when the daemon is killed: by the half of them, as often as it is to be.
+        self.kills = [(kill + 1) * args.plates // (2 * args.kills) for kill in range(args.kills)]
+        self.spoilt: set[tuple[str, str]] = set()  # plates that something went wrong with, and where
         self.unplugged: str | None = None
         self.kills_done = 0
 
@@ -183,7 +184,7 @@ class Night:
             while True:
                 view = self._status()
                 job = view.jobs[0]
-                if job.state == "done" or time.monotonic() - began > PATIENCE_S:
+                if job.state in ("done", "failed") or time.monotonic() - began > PATIENCE_S:
                     break
                 self._mishaps(view, job)
                 self._operate(view, job)
@@ -200,24 +201,25 @@ class Night:
                 time.sleep(LOOK_S)
 
     def _mishaps(self, view: api.Status, job: api.JobView) -> None:
-        """What goes wrong: by the order in which prints begin to extrude, and by how far the job is."""
+        """What goes wrong: by how many prints have begun, by the books, and by how far the job is.
+
+        It happens to the next print that is looked at in its first half: another may end before it fails.
+        """
+        begun = sum(attempt.started is not None for part in job.parts for attempt in part.prints)
         for printer in view.printers:
             printing = printer.print
-            key = (printer.name, printing.plate if printing else "")
-            if (
-                printing is None
-                or printing.state != PrintState.PRINTING
-                or not printing.layer
-                or printing.progress > 0.5  # it may have ended before it fails
-                or key in self.seen
-            ):
+            if printing is None or printing.state != PrintState.PRINTING or not printing.layer:
                 continue
-            self.seen.add(key)
-            if len(self.seen) == self.to_unplug and self.unplugged is None:
+            key = (printer.name, printing.plate)
+            if printing.progress > 0.5 or printer.name == self.unplugged or key in self.spoilt:
+                continue
+            if self.unplugged is None and begun >= self.to_unplug:
                 self.unplugged = printer.name
+                self.spoilt.add(key)
                 control(self._emulator(printer.name), Command.UNPLUG)
-            elif len(self.seen) in self.to_fail:
-                self.failed += 1
+            elif self.to_fail and begun >= self.to_fail[0]:
+                del self.to_fail[0]
+                self.spoilt.add(key)
                 control(self._emulator(printer.name), Command.RESET)
         if self.kills_done < len(self.kills) and job.printed >= self.kills[self.kills_done]:
             self.kills_done += 1
@@ -225,18 +227,21 @@ class Night:
             self.farm("up")
 
     def _operate(self, view: api.Status, job: api.JobView) -> None:
-        """In attended hours a person clears what is done, and looks at what went wrong."""
+        """In attended hours a person clears what is done, and looks at what went wrong.
+
+        What was printed on a printer before it was unplugged is taken off too: else nobody finds it good.
+        """
         away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < self.back_after_s
         if away:
             return
+        full = {printer.name for printer in view.printers if printer.bed != Bed.CLEAR}
         for item in view.todo:
             try:
                 if item.code == "outage":
                     self.client.tell("/outage/confirm")
-                elif item.code in ("clear", "look"):
-                    for name in item.printers:
-                        if name != self.unplugged:
-                            self.client.cleared(name, api.ClearedRequest())
+                elif item.code in ("clear", "look", "connect"):
+                    for name in item.printers if item.code == "look" else full.intersection(item.printers):
+                        self.client.cleared(name, api.ClearedRequest())
             except FarmError:
                 pass  # it changed meanwhile: the next look shows how
 
@@ -311,6 +316,7 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--away-h", type=float, default=5.5, help="farm hours without the operator")
     parser.add_argument("--scale", type=int, default=300, help="farm seconds in a wall second")
     parser.add_argument("--failing", type=float, default=0.05, help="share of the prints that fail")
+    parser.add_argument("--kills", type=int, default=2, help="of the daemon")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
         "--keep",

@@ -1,0 +1,19 @@
+"""A short night of `bench/night.py`: what the long one shows, in every run of the tests."""
+
+from __future__ import annotations
+
+import pytest
+
+from bench.night import Night, parse
+
+pytestmark = pytest.mark.system
+
+
+def test_a_night_loses_no_plate_and_prints_none_twice(tmp_path):
+    """One print fails, one printer is unplugged, the daemon is killed, and for a while nobody is there."""
+    night = "--printers 5 --plates 10 --moves 100 --away-h 0.5 --kills 1 --seed 1"
+    figures = Night(tmp_path, parse(night.split())).run()
+    assert (figures["done"], figures["lost"], figures["doubled"]) == (10, 0, 0), figures
+    assert figures["failed"] >= 2, figures
+    assert figures["daemon_killed"] == 1
+    assert figures["unplugged"] is not None
