@@ -11,13 +11,19 @@ from farm.words import count, mass
 def asks(books: Books) -> list[api.Todo]:
     """Plans to be approved, reels that are too short for what waits, and reels to be weighed; each once."""
     found = []
+    restored = [job.id for job in books.jobs.values() if job.state is JobState.HELD and job.restored]
+    if restored:
+        jobs = f"job{'s' * (len(restored) > 1)} {' '.join(map(str, restored))}"
+        text = (
+            f"the books are a copy: look what of {jobs} is printed that they do not know, "
+            "`farm cancel JOB/PART` that, then `farm approve JOB`"
+        )
+        found.append(api.Todo(code="restored", printers=[], text=text))
     for job in books.jobs.values():
         if job.state is JobState.HELD and not job.options.dry_run:
             grams = sum(plate.grams for plate in books.plates_of(job))
             what = f"job {job.id} ({count(len(job.parts), 'part')}, {mass(grams)})"
             text = f"approve {what}: `farm approve {job.id}`"
-            if job.restored and job.hold is not None:
-                text = f"look at {what}: {job.hold.text}"
             found.append(api.Todo(code="approve", printers=[], text=text, brief=what))
     short: dict[str, str] = {}  # the next plate of each reel
     for plate in books.waiting_plates():

@@ -110,8 +110,9 @@ def approved(farm):
 
 def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_clears_the_bed(tmp_path):
     farm = copied(tmp_path, 3)
-    texts = [item.text for item in todo(farm.core.scene(StateFolder(tmp_path)))]
-    assert any("job 1 (3 parts" in text and "restored from a copy" in text for text in texts)
+    items = {item.code: item.text for item in todo(farm.core.scene(StateFolder(tmp_path)))}
+    assert items["restored"].startswith("the books are a copy: look what of job 1 is printed")
+    assert "`farm approve 1`" in items["approve"]
     farm.tell("a", said("x"), said("y", PLANNED_S + 300.0))
     farm.tell("b", said("z", state=PrintState.PRINTING, ended_s=None))
     approved(farm)
