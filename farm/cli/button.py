@@ -87,6 +87,8 @@ def press(path: Path, printers: list[str], say: Say) -> None:
                             raise FarmError(heard.error, heard.code)
                         return
                     say(heard)
+    except PermissionError as error:
+        raise FarmError(trouble.format("only the members of its group may")) from error
     except (OSError, ValidationError) as error:
         raise FarmError(trouble.format(error)) from error
     raise FarmError(trouble.format("it ended before it had said what came of it"))

@@ -113,6 +113,10 @@ class Client:
                 f"the daemon has not answered for {patience_s:g} s, and may hang; what was asked may still "
                 "be done: look at `farm status`; `farm estop` does without it"
             ) from error
+        except PermissionError as error:
+            raise DaemonUnreachable(
+                f"{self._socket} is closed to you: the farm's owner and the members of its group may use it"
+            ) from error
         except (OSError, HTTPException) as error:
             why = (error.strerror if isinstance(error, OSError) else None) or error
             raise DaemonUnreachable(

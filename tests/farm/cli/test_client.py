@@ -10,6 +10,7 @@ import pytest
 
 from farm.api import ClearedRequest
 from farm.cli.client import Client
+from farm.cli.connection import DaemonConnection
 from farm.errors import DaemonUnreachable, FarmError, NoSuchThing
 from farm.model import JobOptions
 
@@ -74,6 +75,15 @@ def test_a_daemon_that_hangs_is_not_taken_for_one_that_is_not_there(tmp_path):
         hanging.listen()
         with pytest.raises(DaemonUnreachable, match=r"not answered for 0\.01 s.*`farm estop` does without"):
             Client(tmp_path / "farm.sock", answer_s=0.01).status()
+
+
+def test_who_is_not_in_the_farms_group_is_told_so(client, monkeypatch):
+    def closed(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(DaemonConnection, "connect", closed)
+    with pytest.raises(DaemonUnreachable, match=r"is closed to you: .* members of its group"):
+        client.status()
 
 
 def test_a_daemon_that_dies_over_its_answer_is_away(tmp_path, client):
