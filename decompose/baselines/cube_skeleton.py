@@ -37,6 +37,7 @@ from decompose.piece import Piece, box_planes
 from decompose.problem import Found, Problem
 from decompose.report import Interior
 from decompose.solid import Solid
+from decompose.stl import single_precision
 
 Floats = npt.NDArray[np.float64]
 
@@ -173,10 +174,14 @@ class _Merging:
         return max(blocks_needed(size_mm, self.problem.rooms)) == 1
 
     def merge(self, a: int, b: int) -> bool:
-        """The second group becomes a part of the first; not where rounding keeps them apart on their cut."""
+        """The second group becomes a part of the first.
+
+        Not where rounding keeps them apart on their cut, nor where they would meet along an edge too: an STL
+        of that is not closed.
+        """
         one, other = self.groups[a], self.groups[b]
         solid = Solid.union([one.solid, other.solid])
-        if len(solid.pieces()) > 1:
+        if len(solid.pieces()) > 1 or single_precision(*solid.arrays()) is None:
             self.touching[a].discard(b)
             self.touching[b].discard(a)
             return False

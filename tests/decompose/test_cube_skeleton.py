@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.baselines import cube_skeleton
+from decompose.baselines.cube_skeleton import _Merging
 from decompose.baselines.hollow import (
     CLOSE_MM,
     blocks,
@@ -26,8 +27,11 @@ from decompose.errors import NoFit
 from decompose.grid import CLEAR_MM, Cell, build_grid, fill_grid, flat_coordinates
 from decompose.mesh import Model
 from decompose.partition import decompose
+from decompose.piece import Piece, box_planes
+from decompose.problem import Problem
 from decompose.report import Engine, Interior, Options
 from decompose.solid import Solid
+from decompose.stl import single_precision
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
 MENDED = Options(Engine.CUBE_SKELETON, fit_first_layer=False)
@@ -208,3 +212,17 @@ def test_what_cannot_be_hollowed_keeps_its_cube(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (260, 18, 18)), (), 1.0)
     result = decompose(block, printers(6), MENDED, cost)
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(260 * 18 * 18)
+
+
+def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> None:
+    boxes = np.array(
+        [[(0, 0, 0), (10, 10, 10)], [(10, 10, 0), (20, 20, 10)], [(0, 0, 10), (20, 20, 20)]], dtype=float
+    )
+    pieces = [Piece(Solid.box(*box), box_planes(box), box[None]) for box in boxes]
+    model = Model(Solid.union([piece.solid for piece in pieces]), (), 1.0)
+    merging = _Merging(pieces, Problem(model, tuple(printers(1)), cost, MENDED))
+    merging.merge_to(1)
+    merged = merging.merged()
+    assert len(merged) == 2
+    assert all(single_precision(*piece.solid.arrays()) is not None for piece in merged)
+    assert single_precision(*model.solid.arrays()) is None
