@@ -28,5 +28,5 @@ LOSSES: frozenset[str] = frozenset(
 """A board, or the way to it, was gone; the others are a printer's own."""
 BY_PEOPLE: frozenset[str] = frozenset({OwnFault.BY_A_PERSON, Fault.ESTOP})
 """A person ended the print."""
-UNCHARGED: frozenset[str] = BY_PEOPLE | {Fault.HOURS_ENDED}
+UNCHARGED: frozenset[str] = BY_PEOPLE | {Fault.HOURS_ENDED, OwnFault.REFUSED}
 """No attempt of a plate: nothing went wrong with it."""

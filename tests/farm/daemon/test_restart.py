@@ -6,12 +6,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from farm.daemon.core import REFUSALS
 from farm.errors import FarmError
-from farm.model import JobOptions, PrintState, Verdict
+from farm.model import JobOptions, JobState, PrintState, Verdict
 from farm.paths import StateFolder
+from farm.services.planning import Plan
 from farm.tracking.store import Store, StoreError
 from farm.tracking.view import todo
-from one_core import MODEL, Farm
+from make_books import plan as planned
+from one_core import MODEL, PLUS, Farm
 from small_world import World
 
 PLATES = 3
@@ -101,6 +104,25 @@ def test_a_full_disk_is_said_and_starts_nothing(tmp_path):
         for number in range(200):
             world.core.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
     assert all(agent.print_id is None for agent in world.agents.values())
+
+
+def test_printers_whose_disk_takes_no_file_cost_no_plate_an_attempt(tmp_path):
+    """A disk that has no room for a plate's file may still have some for the books."""
+    farm = Farm(tmp_path, (PLUS,) * 4)
+    farm.ready(*"abcd")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 1)
+    farm.core.planned(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    for _ in "abcd":
+        (attempt,) = farm.core.books.open_prints()
+        for _ in range(REFUSALS):
+            farm.core.refused(attempt.id, "x.gcode: cannot be written; make room on its disk")
+        farm.core.settle()
+    books = farm.core.books
+    assert not list(books.open_prints())
+    assert books.jobs[1].state is JobState.PRINTING
+    assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
+    assert all("make room on its disk" in printer.look for printer in books.printers.values())
 
 
 def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
