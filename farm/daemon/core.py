@@ -160,6 +160,9 @@ class Core:
         now_s = self.clock.now()
         attempt = self.books.open_print_on(snapshot.printer)
         if attempt is not None:
+            wanted = attempt.cancel_asked is None and self.view(snapshot.printer) is not None
+            if wanted and self.untold_since_s(snapshot.printer) is not None:
+                return  # there is no agent now that could tell what became of it
             self.happened(*reconcile(attempt, snapshot, now_s))
         else:
             if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:

@@ -162,6 +162,9 @@ class Otherwise:
         if not again.sooner(before_s, there_s, now_s):
             log.info("plate %s stays as it is: made otherwise it would not be there sooner", name)
             return None
+        # Where that cannot be booked (a full disk), the plate waits on, and is looked at again.
+        self._seen.discard((plate.id, len(plate.prints)))
+        self._tried = {key for key in self._tried if key[0] != plate.id}
         return ev.PlateReplaced(
             at_s=now_s,
             plate=name,

@@ -85,13 +85,17 @@ def test_no_plate_is_printed_twice_or_lost_whenever_the_books_were_copied(
     check(world)
 
 
-def copied(folder, plates=1):
-    """A farm whose books are a copy from just after a job was planned; a person has approved it since."""
+def copied(folder, plates=1, printing=None):
+    """A farm whose books are a copy from just after a job was planned, or its first plate given to `a`."""
     farm = Farm(folder)
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, plates)
     farm.core.happened(ev.PlanningStarted(at_s=PLANNED_S, job=1))
     farm.core.happened(event.model_copy(update={"at_s": PLANNED_S}))
+    if printing is not None:
+        farm.core.happened(ev.PrinterSeen(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
+        given = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=printing)
+        farm.core.happened(given)
     farm.core.start(restored_s=PLANNED_S + 1.0)
     return farm
 
@@ -127,6 +131,20 @@ def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_cle
     assert {farm.core.books.prints[name].verdict for name in "xy"} == {Verdict.GOOD}
     farm.tell("b", said("z"))
     assert farm.core.books.jobs[1].state is JobState.PRINTED
+
+
+def test_what_the_copy_has_as_printing_waits_for_the_word_of_an_agent_that_cannot_be_started_now(tmp_path):
+    farm = copied(tmp_path, printing="p")
+    farm.core.heard(AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start"))
+    assert not farm.core.books.prints["p"].state.ended
+    farm.tell("a", said("p"))
+    farm.tell("b")
+    assert approved(farm).core.books.jobs[1].state is JobState.PRINTED
+    # Nobody waits for it where a person wants no more of it.
+    farm = copied(tmp_path / "other", printing="p")
+    farm.desk.cancel_job(1, "ann")
+    farm.core.heard(AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start"))
+    assert farm.core.books.prints["p"].state.ended
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,13 @@
 """What waits or failed is made otherwise where that is sooner, by a daemon that may die over it."""
 
+import pytest
+
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, HoldCode, JobOptions, Link, PrintState
 from farm.services.again import Remade, next_name
 from farm.services.planning import Plan
 from farm.tracking import events as ev
+from farm.tracking.store import StoreError
 from make_books import plan as planned
 from one_core import MODEL, PLUS, Farm
 
@@ -80,6 +83,19 @@ def test_what_failed_is_cut_for_the_free_printers_and_no_printer_gets_it_meanwhi
     farm.core.settle()
     assert len(farm.hands.remade) == 1
     farm.core.remade("1/01", pieces(farm, "1/01", 4.0, printers))
+    assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
+
+
+def test_pieces_that_cannot_be_booked_are_made_again(tmp_path):
+    farm = begun(tmp_path, [PLUS] * 4, plates=1)
+    fails(farm, "a", "1/01")
+    farm.store._db.execute("PRAGMA query_only = 1")
+    with pytest.raises(StoreError):
+        farm.core.remade("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+    farm.store._db.execute("PRAGMA query_only = 0")
+    farm.core.settle()
+    assert farm.hands.remade == [("1/01", ["b", "c", "d"], True)] * 2
+    farm.core.remade("1/01", pieces(farm, "1/01", 4.0, "bcd"))
     assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
