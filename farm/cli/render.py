@@ -81,8 +81,8 @@ def result(view: api.JobView) -> None:
     console = _console()
     console.print(_job(view))
     if view.state in (JobState.PRINTED, JobState.DONE):
-        printers = sorted({plate.printer for plate in view.plates})
-        console.print(f"Now: take the parts off {' '.join(printers)}, then `farm cleared PRINTER` for each.")
+        printers = " ".join(sorted({plate.printer for plate in view.plates}))
+        console.print(f"Now: take the parts off, then `farm cleared {printers}`.")
 
 
 def _job(view: api.JobView) -> RenderableType:
