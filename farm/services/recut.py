@@ -34,7 +34,7 @@ def cut_part(task: AgainTask) -> Pieces:
     Raises
     ------
     FarmError
-        `no_fit` where it stays whole, else as `planning.decompose_job`.
+        `no_fit` where it stays whole, else as `decomposing.decompose_job`.
     """
     with in_farm_words():
         resources = find_resources()
