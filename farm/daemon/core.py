@@ -93,7 +93,7 @@ class Core:
         self.rules = Rules.of(fleet.fleet)
         self._hands = hands
         self._front = Front(self, hands.plan)
-        self._foresight = Foresight(self.rules)
+        self._foresight = Foresight(self.rules, clock.scale)
         self._otherwise = Otherwise(self.rules, clock, self._remake)
         self._refusals: Counter[str] = Counter()
         self.books = store.load()

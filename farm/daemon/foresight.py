@@ -1,4 +1,4 @@
-"""When what waits should end: foreseen when the books have changed, and kept for a while."""
+"""When what waits should end: foreseen anew when the books have changed, but not at every look."""
 
 from __future__ import annotations
 
@@ -11,22 +11,24 @@ from farm.services.outlook import plate_views
 from farm.tracking.books import Books
 
 _KEPT_S = 60.0  # farm seconds in which nothing has happened
+_APART_S = 5.0  # wall seconds: 300 plates on 100 printers take a third of one
 
 
 class Foresight:
-    """The night ahead of all plates that wait, by the house's rules."""
+    """The night ahead of all plates that wait; `scale` is farm seconds in a wall second."""
 
-    def __init__(self, rules: Rules) -> None:
-        self._rules = rules
+    def __init__(self, rules: Rules, scale: float) -> None:
+        self._rules, self._apart_s = rules, _APART_S * scale
         self._books: Books | None = None
-        self._at_s = 0.0
+        self._at_s = float("-inf")
         self._ends_s: Mapping[str, float] = {}
 
     def ends_s(
         self, books: Books, printers: Callable[[], Sequence[PrinterView]], now_s: float
     ) -> Mapping[str, float]:
         """When each waiting plate should end, since the epoch; none of what no printer can take."""
-        if books is not self._books or now_s - self._at_s > _KEPT_S:
+        old_s = now_s - self._at_s
+        if old_s > self._apart_s and (books is not self._books or old_s > _KEPT_S):
             waiting = list(plate_views(books.waiting_plates(), books))
             slots = forecast(waiting, printers(), self._rules, now_s).slots if waiting else ()
             self._books, self._at_s = books, now_s

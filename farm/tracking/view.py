@@ -30,6 +30,7 @@ from farm.tracking.account import job_account, took_s
 from farm.tracking.asks import asks
 from farm.tracking.books import Books
 from farm.tracking.deadlines import deadlines
+from farm.tracking.outcome import Standing
 
 _PASSING_HOLDS = {
     HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
@@ -240,17 +241,13 @@ def _remaining_s(scene: Scene, plates: list[Plate]) -> float:
 
 
 def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
-    waits_s = max(0.0, scene.ends_s.get(plate.id, scene.now_s + plate.estimated_s) - scene.now_s)
-    if not plate.prints:
-        return waits_s
+    stands = scene.books.standing(plate)
+    if stands is Standing.WAITING:
+        return max(0.0, scene.ends_s.get(plate.id, scene.now_s + plate.estimated_s) - scene.now_s)
+    if stands is not Standing.PRINTING:
+        return 0.0
     attempt = _last(scene.books, plate)
-    if attempt.state is PrintState.DONE:
-        return waits_s if attempt.verdict is Verdict.BAD else 0.0
-    if attempt.state.ended:
-        return waits_s
-    if attempt.started_s is None:
-        return plate.estimated_s
-    return _print_remaining_s(scene, attempt, plate)
+    return plate.estimated_s if attempt.started_s is None else _print_remaining_s(scene, attempt, plate)
 
 
 def _print_remaining_s(scene: Scene, attempt: Print, plate: Plate) -> float:

@@ -123,7 +123,7 @@ def test_what_waits_for_a_bed_is_counted_in(farm):
     assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
     assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # ends are foreseen in whole minutes
     assert view.utilisation < 1.0
-    farm.desk.cancel_part(1, "p03", "ann")
+    farm.desk.cancel_part(1, "p03", "ann")  # what is never printed takes no time
     assert job_view(farm.core.scene(STATE), farm.core.books.job(1)).current_s < 110.0
 
 
