@@ -208,8 +208,14 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
     """
     try:
         text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise FleetFileError(
+            f"{path}: there is no such file; write one with the printers that `farm discover` lists, or name "
+            "yours with --fleet"
+        ) from error
     except (OSError, UnicodeDecodeError) as error:
-        raise FleetFileError(f"{path}: cannot be read ({error}); name another file with --fleet") from error
+        why = (error.strerror if isinstance(error, OSError) else None) or error
+        raise FleetFileError(f"{path}: cannot be read ({why}); name another file with --fleet") from error
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         raw = yaml.safe_load(text)

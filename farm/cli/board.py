@@ -12,7 +12,7 @@ from rich.text import Text
 
 from farm import api
 from farm.cli.words import moment, off_plan, planning
-from farm.model import Bed, HoldCode, JobState, PrintState
+from farm.model import Bed, HoldCode, JobState, Link, PrintState
 from farm.words import count, mass, span
 
 _INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
@@ -183,6 +183,8 @@ def _needs(printer: api.PrinterView) -> str:
         return "resume"
     if printer.print is not None or printer.hold is None:
         return ""
+    if printer.state == Link.ABSENT:
+        return "connect"
     if printer.maintenance is not None:
         return f"maintenance --done ({printer.maintenance})"
     words = {

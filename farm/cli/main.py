@@ -20,6 +20,7 @@ from farm.cli.words import say
 from farm.config import Fleet, load_fleet
 from farm.errors import DaemonUnreachable, ExitCode, FarmError
 from farm.paths import Places
+from farm.words import count
 
 app = typer.Typer(
     help="Turns a fleet of Ultimaker 2+ printers into one fast printer for large models.",
@@ -70,9 +71,8 @@ def up(places: Places) -> None:
     except DaemonUnreachable:
         _start_daemon(places, client)
         running = client.status()
-        print(
-            f"farm {running.daemon.version} is up: {len(running.printers)} printers, pid {running.daemon.pid}"
-        )
+        printers = count(len(running.printers), "printer")
+        print(f"farm {running.daemon.version} is up: {printers}, pid {running.daemon.pid}")
     else:
         print(f"farm {running.daemon.version} is up already: pid {running.daemon.pid}")
 

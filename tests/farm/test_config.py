@@ -174,6 +174,8 @@ def test_simulated_printers_may_share_an_address(tmp_path):
     assert len(load(tmp_path, text).printers) == 2
 
 
-def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(FleetFileError, match="cannot be read"):
+def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(FleetFileError, match=r"no\.yaml: there is no such file; write one .*`farm discover`"):
         load_fleet(tmp_path / "no.yaml", MODELS)
+    with pytest.raises(FleetFileError, match=r"cannot be read \(Is a directory\)"):
+        load_fleet(tmp_path, MODELS)

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from farm import api
 from farm.cli.board import board, names, night
-from farm.model import Bed, JobOptions, Verdict
+from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.chronicle import history, shown_jobs
@@ -64,6 +64,14 @@ def test_a_printer_in_maintenance_says_why():
     books, _ = run(night_books(), ev.MaintenanceBegun(at_s=300.0, printer="um2-01", why="belt", by="ann"))
     (row,) = (line for line in shown(status_of(books)) if line.startswith("um2-01"))
     assert row.endswith("maintenance --done (belt)")
+
+
+@pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "connecting")])
+def test_a_printer_that_is_away_has_to_be_connected_and_one_that_comes_has_not(link, needs):
+    hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
+    seen = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
+    view = status_of(night_books()).model_copy(update={"printers": [seen]})
+    assert shown(view)[-1].endswith(needs)
 
 
 def test_what_has_been_looked_at_is_good_or_bad():
