@@ -35,7 +35,7 @@ PROBE_MM = 3.0  # how far a face is moved inwards to see what that saves
 REACH = 0.9  # share of a cell that a plane may move by in all
 FIRST_STEP = 0.5  # share of that
 TRY_MM = 0.4  # a group that cannot move so far alone never moves
-ROUNDS, ROUNDS_EACH = 3, 8
+ROUNDS, ROUNDS_EACH = 4, 8
 SHORTER = 0.6  # times as long is the next step, where one was no gain
 NOISE_MM = 2.0  # moves shorter than this teach little: supports, and so times, change by jumps
 WORTH = 0.0015  # share of the makespan that a step has to promise
@@ -121,7 +121,9 @@ class _Evening:
                 break
             new = self._posed(rough, best)
             if _times_s(new) >= _times_s(best):
-                break
+                if not self._barred(best, new, _longest_s(best)):
+                    break
+                continue
             if self._faulty(new):
                 self.reach_mm = self.reach_mm / 2.0
                 continue
@@ -160,9 +162,13 @@ class _Evening:
                 step_mm *= SHORTER
         return parts
 
-    def _barred(self, parts: Sequence[_Part], new: Sequence[_Part]) -> bool:
-        """Whether parts came to pieces or fit no longer: the faces that did it may not move so any more."""
-        broken = [i for i, part in enumerate(new) if math.isinf(part.seconds)]
+    def _barred(self, parts: Sequence[_Part], new: Sequence[_Part], limit_s: float = math.inf) -> bool:
+        """Whether parts came to pieces, fit no longer, or take as long as this: the faces that did it stay.
+
+        Where a support comes to touch a cut face, or the brim to be too narrow, another pose is the best, and
+        may be much slower.
+        """
+        broken = [i for i, part in enumerate(new) if part.seconds >= limit_s]
         for i in broken:
             by_mm = new[i].box_mm - parts[i].box_mm
             faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
@@ -244,7 +250,8 @@ class _Evening:
             pose: Pose | None = self._measured(piece, old)
             assert pose is not None
             fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_of(piece))
-            if not fits or pose.rank[:2] > old.rank[:2]:
+            dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
+            if not fits or dirtier or pose.rank[:2] > old.rank[:2]:
                 pose = self.problem.pose(piece)
             poses.append(pose)
         return replace(new, poses=tuple(p for p in poses if p), seconds=_slowest_s(new.pieces, poses))

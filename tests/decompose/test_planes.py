@@ -15,6 +15,7 @@ from decompose.cost import CostModel, PrinterRoom
 from decompose.effort import Effort
 from decompose.grid import CLEAR_MM, flat_coordinates
 from decompose.mesh import Model
+from decompose.orientation import Pose
 from decompose.piece import Piece, pieces_in_cells
 from decompose.planes import evened
 from decompose.problem import Problem
@@ -66,6 +67,28 @@ def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: Cost
     assert max(times) <= 1.02 * min(times)
     assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(cone.volume_mm3)
     assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
+
+
+def test_where_one_part_would_be_posed_worse_the_others_are_evened(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thin end, longer, would have to lie in another pose: it stays, and the other cut moves."""
+    asked = problem(cone, cost, 3, cells=4)
+    nx, ny, nz = asked.grid(asked.model).shape
+    thirds = [0, nx // 3, 2 * nx // 3, nx]
+    boxes = [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)]
+    end_mm = asked.grid(asked.model).planes[0][thirds[2]]
+    pose = Problem.pose
+
+    def worse(self: Problem, piece: Piece) -> Pose | None:
+        found = pose(self, piece)
+        longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
+        return replace(found, seconds=10.0 * found.seconds) if found and longer else found
+
+    monkeypatch.setattr(Problem, "pose", worse)
+    before, after = run(asked, boxes)
+    assert longest_s(asked, after) < 0.96 * longest_s(asked, before)
+    assert max(piece.solid.bounds_mm[0, 0] for piece in after) >= end_mm - 0.1
 
 
 def test_planes_move_however_late_it_is(cone: Solid, cost: CostModel) -> None:
