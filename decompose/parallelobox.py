@@ -36,8 +36,12 @@ MOST_OF_A_HALF = 100  # attempts that are combined with those of the other half
 
 
 def paper_settings(options: Options) -> Options:
-    """The paper's own settings and its own reading of the score; speeds and overhang are in `growth`."""
-    return replace(options, granularity="vfine", tries=3, score=Score.HIGH)
+    """The paper's table of settings; its speeds and its overhang tolerance are in `growth`.
+
+    The table has no reading of the score: that of the paper's text, where nobody has asked for another.
+    """
+    reading = Score.HIGH if options.score is Score.BOTH else options.score
+    return replace(options, granularity="vfine", tries=3, score=reading)
 
 
 def search(problem: Problem) -> Found:
@@ -142,7 +146,8 @@ def _search(ground: _Ground, problem: Problem) -> list[_Tried]:
     tried: list[_Tried] = []
     for halves in _halves(ground, points, len(problem.printers)):
         grown = [_grown(half, ground, problem) for half in halves]
-        papers = [each.get((0, Score.HIGH), []) for each in grown]
+        reading = problem.options.score if problem.options.faithful else Score.HIGH
+        papers = [each.get((0, reading), []) for each in grown]
         tried += _first(_ranked(papers, lambda a: a.longest), ground, problem)
         if problem.options.faithful:
             if tried:

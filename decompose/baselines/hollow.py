@@ -17,6 +17,7 @@ Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, 
 
 REACH = 2.0  # times the longest side of a cell, by which a cube may get larger on each side
 CLOSE_MM = 0.2  # to which that is found
+SURE_MM = 0.01  # by which it keeps more than the least wall, since distances are rounded
 ROUNDS = 2  # of growing it every way
 
 
@@ -121,7 +122,7 @@ def refined(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Fl
     hardly any larger cube that contains it keeps the wall; not further than `REACH` cells. What it begins as
     keeps the wall.
     """
-    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM)
+    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM) + SURE_MM
     middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
     least, most = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
     far_mm = wall_mm + CLOSE_MM

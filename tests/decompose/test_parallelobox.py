@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose import parallelobox
+from decompose import problem as problem_module
 from decompose.alignment import align, overhang_mm2
 from decompose.boxes import Boxes, all_boxes, box_index, ends
 from decompose.cost import CostModel, PrinterRoom
@@ -275,6 +278,36 @@ def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoo
     again = decompose(skewed, printers, options, cost)
     assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
     assert again.makespan_s == result.makespan_s
+
+
+def test_faithful_is_the_papers_table(
+    skewed: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Very fine, three tries, symmetry, an overhang tolerance of 1 degree, both speeds 20 mm/s; not infill,
+    of which neither the paper's formulas nor its program know anything."""
+    seen: list[tuple[str, int, float]] = []
+    build, drawn = problem_module.build_grid, parallelobox.draws
+
+    def gridded(*args: Any) -> Grid:
+        seen.append(("grid", args[1], args[4]))
+        return build(*args)
+
+    def seeded(*args: Any) -> list[Any]:
+        seen.append(("draws", args[3], args[4]))
+        return drawn(*args)
+
+    monkeypatch.setattr(problem_module, "build_grid", gridded)
+    monkeypatch.setattr(parallelobox, "draws", seeded)
+    printers = [replace(plus_room, name=str(i)) for i in range(9)]
+    options = replace(GROWN, faithful=True, tries=1, prove=False, fit_first_layer=False)
+    result = decompose(skewed, printers, options, cost)
+    assert result.options.granularity == "vfine" and result.options.tries == 3
+    assert {size for what, size, _ in seen if what == "grid"} == {15}
+    assert math.sin(math.radians(1.0)) in {steep for what, _, steep in seen if what == "grid"}
+    assert sorted(each[1:] for each in seen if each[0] == "draws") == [(4, 3), (5, 3)]  # of the two halves
+    assert SPEED_MM_S == 20.0
+    assert result.options.score is Score.HIGH
+    assert parallelobox.paper_settings(replace(options, score=Score.LOW)).score is Score.LOW
 
 
 @settings(max_examples=6, deadline=None)
