@@ -105,8 +105,14 @@ def cancel(
         return
     answer = client.cancel(int(target))
     printing = sorted({plate.printer for plate in answer.job.plates if plate.printing})
-    ends = f"; {' '.join(printing)} end safely, their beds have to be cleared" if printing else ""
-    print(f"job {target} is cancelled{ends}")
+    print(f"job {target} is cancelled{_ending(printing)}")
+
+
+def _ending(printing: list[str]) -> str:
+    if not printing:
+        return ""
+    ends = "end safely, their beds have" if len(printing) > 1 else "ends safely, its bed has"
+    return f"; {' '.join(printing)} {ends} to be cleared"
 
 
 @placed

@@ -72,7 +72,11 @@ def submit(
         what = "is a folder" if model.is_dir() else "there is no such file"
         raise FarmError(f"{model}: {what}; name the file of a model", ErrorCode.MODEL)
     client = Client(places.socket)
-    number = client.submit(model, options).job
+    try:
+        number = client.submit(model, options).job
+    except KeyboardInterrupt:
+        say(f"{model.name} may be a job all the same: look at `farm status` before it is submitted again")
+        raise
     if dry_run:
         _dry_run(client, number, json)
         return
