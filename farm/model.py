@@ -311,6 +311,7 @@ class Printer(Entity):
     look_s: float | None = None  # since when
     maintenance: str | None = None  # why a person has taken it out of use
     lost_s: float | None = None  # when its board was last found to be gone
+    restored_s: float | None = None  # when its books were last put back from a copy
     untold_since_s: float | None = (
         None  # the books are a copy, and its agent has not said what it printed since
     )

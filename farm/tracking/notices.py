@@ -31,7 +31,7 @@ def due(books: Books, now_s: float, since_s: float, told: Collection[str]) -> li
 
     What is lost is told a moment later: what went with it may make it an outage, which is told once.
     """
-    found = [*_jobs(books), *_parts(books), *_losses(books), *_nothing_left(books)]
+    found = [*_jobs(books), *_parts(books), *_losses(books), *_restored(books), *_nothing_left(books)]
     new = (one for one in found if since_s <= one.at_s <= now_s - WINDOW_S and one.key not in told)
     return sorted(new, key=lambda one: (one.at_s, one.key))
 
@@ -75,6 +75,13 @@ def _losses(books: Books) -> Iterator[Notice]:
         yield Notice(
             f"lost {name} {lost_s:.0f}", lost_s, f"{name} is lost: its board or the way to it is gone"
         )
+
+
+def _restored(books: Books) -> Iterator[Notice]:
+    moments = [p.restored_s for p in books.printers.values() if p.restored_s is not None]
+    if moments:
+        text = "the books were damaged and are a copy now: every bed has to be cleared, and every job waits"
+        yield Notice(f"restored {max(moments):.0f}", max(moments), text)
 
 
 def _nothing_left(books: Books) -> Iterator[Notice]:

@@ -14,20 +14,22 @@ HOLD = Hold(
 )
 
 
-def restore(copied_s: float, books: Books) -> Books:
+def restore(event: ev.BooksRestored, books: Books) -> Books:
     """No bed is known to be clear, and no job goes on before a person has looked what is printed of it.
 
     What the agents print, or have printed since, is taken over by their word (`tracking.recount`).
     """
-    printers = [_unsure(printer, copied_s, books) for printer in books.printers.values()]
+    printers = [_unsure(printer, event, books) for printer in books.printers.values()]
     prints = [edited(attempt, restored=True) for attempt in books.open_prints()]
     jobs = [_frozen(job) for job in books.jobs.values() if not job.state.ended]
     return put(books, *printers, *prints, *jobs)
 
 
-def _unsure(printer: Printer, copied_s: float, books: Books) -> Printer:
+def _unsure(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
     """A printer of which nobody knows what it did since."""
-    since_s = copied_s if printer.untold_since_s is None else min(copied_s, printer.untold_since_s)
+    since_s = event.copied_s
+    if printer.untold_since_s is not None:
+        since_s = min(since_s, printer.untold_since_s)
     attempt = books.open_print_on(printer.name)
     if attempt is not None:  # it may have ended before, and the copy was made before that was heard
         since_s = min(since_s, attempt.assigned_s)
@@ -36,6 +38,7 @@ def _unsure(printer: Printer, copied_s: float, books: Books) -> Printer:
         bed=Bed.NOT_CLEAR,
         filament=FilamentState.UNKNOWN,
         reel=doubted(printer.reel),
+        restored_s=event.at_s,
         untold_since_s=since_s,
     )
 

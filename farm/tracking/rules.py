@@ -352,7 +352,7 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.BooksRestored, books: Books) -> Result:
-    return restored.restore(event.copied_s, books), ()
+    return restored.restore(event, books), ()
 
 
 @apply.register

@@ -76,3 +76,10 @@ def test_a_dry_run_that_is_over_leaves_nothing_to_say():
     tried = job(2).model_copy(update={"options": job().options.model_copy(update={"dry_run": True})})
     books, _ = run(printing(), ev.JobSubmitted(at_s=3.0, job=tried), ev.JobCancelled(at_s=4.0, job=2))
     assert told(books) == []
+
+
+def test_books_that_were_put_back_are_told_once():
+    books, _ = run(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
+    (text,) = told(books)
+    assert text.startswith("the books were damaged and are a copy now")
+    assert told(books, before={notice.key for notice in due(books, LATER_S, 0.0, ())}) == []
