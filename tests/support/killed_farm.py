@@ -16,6 +16,7 @@ from urllib.parse import quote
 from drivers.agent.journal import JOURNAL
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
+from drivers.session import PARKED_MM
 from farm.cli.connection import DaemonConnection
 from farm.model import Bed, PrintState
 from farm.paths import StateFolder, read_anchor
@@ -187,7 +188,9 @@ class KilledFarm(RealFarm):
             for _, prints in itertools.groupby(sorted(in_turn, key=key), key):
                 assert all(one.ended_s <= then.started_s for one, then in itertools.pairwise(prints))
         assert {p.bed for p in books.printers.values()} == {Bed.CLEAR}
-        # What the printers themselves fed: every plate once, and of a failed print no more than a plate.
+        # What the printers themselves fed: every plate once, and of a failed print no more than a plate. A
+        # board that was reset in its last print has its filament at the nozzle yet.
         each_mm = PRIMED_MM + self.fed_mm
-        fed_mm = sum(self.emulator_status(name).filament_mm for name in self.printers)
-        assert len(done) * each_mm - 1.0 < fed_mm < len(begun) * each_mm + 1.0
+        seen = [self.emulator_status(name) for name in self.printers]
+        fed_mm = sum(one.filament_mm - (one.filament_end_mm + PARKED_MM) for one in seen)
+        assert len(done) * each_mm - 1.0 < fed_mm < len(begun) * each_mm + 1.0, (fed_mm, seen)
