@@ -6,6 +6,7 @@ import errno
 import json
 import logging
 import os
+from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from drivers.messages import Filament, PrintSnapshot
 log = logging.getLogger(__name__)
 
 JOURNAL = "journal.jsonl"  # in an agent's folder
+LATE = 1000  # prints that are kept in memory: more than a week's
 ESTOPPED = "stopped by `farm estop`"  # the look that an emergency stop leaves behind
 
 
@@ -29,7 +31,9 @@ class Memory:
     print
         The last print and how it stood; open where its phase is no end.
     ended
-        Prints that are over, by id and in order: none of them is ever started again.
+        Prints that are over: none of them is ever started again.
+    late
+        The last of them, and what became of each.
     look
         Why a person has to look at the printer, until they did.
     doubt
@@ -55,7 +59,8 @@ class Memory:
     opened: str | None = None
     reset_verified: str | None = None
     reset_refuted: str | None = None
-    ended: dict[str, PrintSnapshot] = field(default_factory=dict)
+    ended: set[str] = field(default_factory=set)
+    late: deque[PrintSnapshot] = field(default_factory=lambda: deque(maxlen=LATE))
 
     @property
     def heat(self) -> bool:
@@ -67,8 +72,9 @@ class Memory:
         if "print" in record:
             said = record["print"]
             self.print = PrintSnapshot.model_validate(said) if said is not None else None
-            if self.print is not None and self.print.phase.ended:
-                self.ended[self.print.print_id] = self.print
+            if self.print is not None and self.print.phase.ended and self.print.print_id not in self.ended:
+                self.ended.add(self.print.print_id)
+                self.late.append(self.print)
         if "filament" in record:
             self.filament = Filament(record["filament"])
         if "look" in record:

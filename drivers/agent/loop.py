@@ -50,7 +50,6 @@ EMULATOR = "emulator"
 PUSH_S = 1.0  # wall seconds between snapshots while anything is warm or prints
 IDLE_PUSH_S = 5.0
 WARM_C = 40.0
-MOST_LISTED = 1000  # prints: a client that is sent a megabyte at once is dropped
 _PARKED_SLACK_MM = 1.0
 UNPROVEN = "nobody has seen that DTR resets its board: that is tried when somebody says that it is idle"
 
@@ -237,11 +236,11 @@ class Agent:
 
     def _prints(self, since_s: float) -> tuple[PrintSnapshot, ...]:
         """All that had not ended then, the open one last."""
-        ended, told = self._journal.memory.ended, self._snapshot().print
-        late = [said for said in ended.values() if said.ended_s is None or said.ended_s >= since_s]
-        if told is not None and told.print_id not in ended:
+        memory, told = self._journal.memory, self._snapshot().print
+        late = [said for said in memory.late if said.ended_s is None or said.ended_s >= since_s]
+        if told is not None and told.print_id not in memory.ended:
             late.append(told)
-        return tuple(late[-MOST_LISTED:])
+        return tuple(late)
 
     def _obey(self, request: Request) -> None:
         told = self._journal.memory.print

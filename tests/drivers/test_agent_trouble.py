@@ -144,7 +144,7 @@ def test_a_full_disk_stops_no_print_and_starts_none(
     driven.run()
     assert m.PrintPhase.PRINTING in seen
     memory = Journal(tmp_path / "journal.jsonl").memory
-    assert set(memory.ended) == {"p-1"} and memory.filament is m.Filament.PARKED
+    assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
 
 
 @pytest.mark.system

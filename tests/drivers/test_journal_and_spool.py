@@ -24,7 +24,7 @@ def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
         end.write(b'{"at_s": 3.0, "print": nu')
     memory = Journal(path).memory
     assert memory.print == opened
-    assert (memory.ended, memory.filament, memory.look) == ({"p-1": ended}, m.Filament.PARKED, "smoke")
+    assert (list(memory.late), memory.filament, memory.look) == ([ended], m.Filament.PARKED, "smoke")
     Journal(path).write(4.0, look=None)
     assert Journal(path).memory.look is None
 
@@ -55,7 +55,7 @@ def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tm
     assert Journal(path).memory.heat  # one of them may have begun a print
     Journal(path).write(4.0, print=ended.model_dump(mode="json"))
     memory = Journal(path).memory
-    assert set(memory.ended) == {"p-1"} and not memory.heat
+    assert memory.ended == {"p-1"} and not memory.heat
     assert memory.look is not None and "journal" in memory.look
     with path.open("ab") as end:
         end.write(b"?\n")
