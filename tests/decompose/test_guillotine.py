@@ -229,6 +229,50 @@ def test_no_partition_by_random_cuts_is_better(shape: Shape, seed: int, share: f
     assert solver.parts(boxes.longest_s(found)) <= len(found)
 
 
+def greedy_partition(boxes: Boxes, printers: int) -> list[Box]:
+    """The costliest box is cut where its costlier side costs least, as long as there are printers."""
+
+    def tight(box: list[int]) -> Box | None:
+        at = int(boxes.trimmed[box_index((*box,), boxes.shape)])  # type: ignore[arg-type]
+        return None if at < 0 else box_at(at, boxes.shape)
+
+    def seconds(box: Box) -> float:
+        return float(boxes.seconds[box_index(box, boxes.shape)])
+
+    def halves(box: Box) -> list[list[Box]]:
+        found = []
+        for axis in range(3):
+            for plane in range(box[axis] + 1, box[axis + 3]):
+                near, far = list(box), list(box)
+                near[axis + 3] = far[axis] = plane
+                found.append([side for side in (tight(near), tight(far)) if side is not None])
+        return found
+
+    whole = tight([0, 0, 0, *boxes.shape])
+    parts = [] if whole is None else [whole]
+    while parts and sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in parts) < printers:
+        worst = max(parts, key=seconds)
+        cuts = halves(worst)
+        if not cuts:
+            break
+        parts.remove(worst)
+        parts += min(cuts, key=lambda sides: max(seconds(side) for side in sides))
+    return parts
+
+
+@settings(max_examples=40, deadline=None)
+@given(shape=st.tuples(*[st.integers(1, 6)] * 3), seed=st.integers(0, 10**6), printers=st.integers(1, 12))
+def test_no_greedy_partition_is_better(shape: Shape, seed: int, printers: int) -> None:
+    boxes, _ = tables(shape, seed)
+    found = greedy_partition(boxes, printers)
+    if not found or not np.isfinite(boxes.longest_s(found)):
+        return
+    count = sum(int(boxes.pieces[box_index(box, shape)]) for box in found)
+    solver = Partitioner(boxes)
+    assert solver.least_makespan(count, 0.0, tolerance_s=1e-3) is not None
+    assert solver.longest_s() <= boxes.longest_s(found) + 1e-3
+
+
 def turned(boxes: Boxes, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]) -> Boxes:
     """The tables of the same model with its axes in another order, and some of them reversed."""
     shape = (boxes.shape[axes[0]], boxes.shape[axes[1]], boxes.shape[axes[2]])
