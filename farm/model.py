@@ -196,6 +196,7 @@ class Job(Entity):
 class PlanStep(StrEnum):
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
+    NO_ROOM = "no_room"  # it failed on a full disk, and begins anew when that has room
 
 
 class PlanProgress(Entity):

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _RETRY_S = 5.0  # wall seconds
+ROOM_BYTES = 64 * 1024**2
+"""Free on the disk of the state folder, without which nobody wonders that a plan fails."""
 Done = Callable[[int, "Plan | FarmError"], None]
 Progressed = Callable[[int, PlanProgress], None]
 
@@ -80,22 +82,30 @@ class Planner:
                 task.cancel()
 
     async def _run(self, job: Job, task: DecomposeTask) -> None:
-        result: Plan | FarmError
+        """Plan a job. What fails on a full disk, whatever it says, is planned again when that has room."""
+        while isinstance(result := await self._try(job, task), FarmError) and self._is_full():
+            log.error("job %d: %s; it is planned again when %s has room", job.id, result, self._state.root)
+            self._progressed(job.id, PlanProgress(step=PlanStep.NO_ROOM))
+            while self._is_full():
+                await asyncio.sleep(_RETRY_S)
+        await self._tell(job.id, result)
+
+    async def _try(self, job: Job, task: DecomposeTask) -> Plan | FarmError:
         try:
             shutil.rmtree(task.folder, ignore_errors=True)
             task.folder.mkdir()
-            result = await self._plan(job, task)
+            return await self._plan(job, task)
         except FarmError as error:
-            result = error
-        except asyncio.CancelledError:
-            return
+            return error
         except Exception as error:
             # Whatever went wrong in one job must not stop the farm: the log has the traceback.
             log.exception("planning job %d", job.id)
-            result = FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
+            return FarmError(f"planning failed: {type(error).__name__}: {error}; see the daemon's log")
         finally:
             shutil.rmtree(task.folder, ignore_errors=True)
-        await self._tell(job.id, result)
+
+    def _is_full(self) -> bool:
+        return shutil.disk_usage(self._state.root).free < ROOM_BYTES
 
     async def _tell(self, job: int, result: Plan | FarmError) -> None:
         """Hand the plan over; where the books cannot be written (a full disk), until they can."""

@@ -19,6 +19,7 @@ from farm.model import (
     JobState,
     Link,
     PlanProgress,
+    PlanStep,
     Plate,
     Print,
     Printer,
@@ -212,8 +213,19 @@ def todo(scene: Scene) -> list[api.Todo]:
         beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
-    own = [api.Todo(code="farm", printers=[], text=scene.warning)] if scene.warning else []
+    own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(scene)]
     return [*own, *looks, *absent, *ending, *clear, *asks(scene.books)]
+
+
+def _troubles(scene: Scene) -> list[str]:
+    """What is wrong with the farm itself."""
+    found = [scene.warning] if scene.warning else []
+    for number, progress in scene.progress.items():
+        if progress.step is PlanStep.NO_ROOM:
+            found.append(
+                f"make room on the disk of {scene.state.root}: job {number} cannot be planned before"
+            )
+    return found
 
 
 def _when(scene: Scene, printer: Printer) -> str:

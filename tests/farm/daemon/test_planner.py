@@ -1,16 +1,21 @@
 """The planner with workers that work at once: what it tells while it plans, and what it does not do twice."""
 
 import asyncio
+import shutil
 
 import pytest
 import trimesh
 
 from farm.config import Fleet
-from farm.daemon.planner import Planner
+from farm.daemon import planner
+from farm.daemon.planner import ROOM_BYTES, Planner
+from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep
 from farm.paths import StateFolder
 from farm.services.models import inspect_model
 from farm.services.planning import Plan
+from farm.tracking.view import todo
+from one_core import Farm
 
 MODEL = "ultimaker2_plus"
 
@@ -35,14 +40,14 @@ def plan(state, job, factor=1.0):
 
     async def main():
         done = asyncio.get_running_loop().create_future()
-        planner = Planner(
+        making = Planner(
             state,
             SameProcess(),
             20.0,
             lambda _, result: done.set_result(result),
             lambda _, far: told.append(far),
         )
-        planner.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
+        making.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
         return await done
 
     return told, asyncio.run(main())
@@ -79,3 +84,36 @@ def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, tmp_path, mo
     longest = max(first.plates, key=lambda plate: plate.estimated_s)
     assert again.estimated_s == pytest.approx(longest.seconds(1.1))
     assert not list(state.work.iterdir())
+
+
+def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_path, monkeypatch):
+    """Jobs that wait in a night with a full disk would fail one after the other."""
+    usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
+    monkeypatch.setattr(planner, "_RETRY_S", 0.0)
+    monkeypatch.setattr(planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
+    answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
+
+    class FullDisk:
+        async def run(self, work, *args, limit=None):
+            raise next(answers)
+
+    told, scenes = [], []
+
+    def tell(number, progress):
+        told.append(progress.step)
+        farm = Farm(tmp_path / "farm")
+        farm.core.progressed(number, progress)
+        scenes.append([item.text for item in todo(farm.core.scene(state)) if item.code == "farm"])
+
+    async def main():
+        done = asyncio.get_running_loop().create_future()
+        making = Planner(state, FullDisk(), 20.0, lambda _, result: done.set_result(result), tell)
+        job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
+        making.start(job, [], 1, {})
+        return await done
+
+    result = asyncio.run(main())
+    assert told == [PlanStep.DECOMPOSING, PlanStep.NO_ROOM, PlanStep.DECOMPOSING]
+    assert "No space left" in str(result)  # the second time there was room: it is the job's own
+    assert [len(texts) for texts in scenes] == [0, 1, 0]
+    assert "make room" in scenes[1][0] and "job 7" in scenes[1][0]
