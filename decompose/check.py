@@ -24,6 +24,7 @@ OVERLAP_MM3 = 1e-3
 CRUMB_SHARE = 1e-12  # of the model: rounding, not a hollow
 STL_VOLUME_SHARE = 1e-5
 FIT_MM = 1e-6
+LAP_MM = 1e-6  # by which boxes are larger where they are joined, or rounding leaves films between them
 
 
 def check(
@@ -123,7 +124,8 @@ def check_missing(
     missing = whole - sum(p.solid.volume_mm3 for p in parts)
     hollow = None
     if len(boxes_mm):
-        hollow = model.solid.subtract(Solid.union([Solid.box(*box) for box in np.unique(boxes_mm, axis=0)]))
+        boxes = np.unique(boxes_mm, axis=0)
+        hollow = model.solid.subtract(Solid.union([Solid.box(lo - LAP_MM, hi + LAP_MM) for lo, hi in boxes]))
     left = 0.0 if hollow is None else hollow.volume_mm3
     if abs(missing - left) > SURFACE_SHARE * whole:
         raise GeometryError(

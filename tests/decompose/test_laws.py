@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from decompose.cost import CostModel, PrinterRoom
@@ -75,6 +75,7 @@ def held(result: Decomposition, model: Model, seed: int) -> None:
     seed=st.integers(0, 10**6),
     keep=st.booleans(),
 )
+@example(blocks=[], turn=(0.34124882938726064, 0.2943790231485002, 0.2307702229625077), seed=0, keep=True)
 def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     engine: Engine,
     blocks: list[tuple[tuple[int, ...], tuple[int, ...]]],
@@ -84,8 +85,8 @@ def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     cost: CostModel,
 ) -> None:
     model = model_of(blocks, turn)
-    printers = [PrinterRoom(str(i), (ROOM,)) for i in range(12)]
-    interior = Interior.KEEP if keep and engine is not Engine.CUBE_SKELETON else Interior.LEAVE
+    printers = [PrinterRoom(str(i), (ROOM,)) for i in range(16)]
+    interior = Interior.KEEP if keep else Interior.LEAVE
     options = Options(engine, 5, interior, 8.0, seed=seed, tries=1, prove=False, fit_first_layer=False)
     try:
         result = decompose(model, printers, options, cost)
