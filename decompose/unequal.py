@@ -35,7 +35,7 @@ MOST_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for e
 MOST_ROUNDS, MOST_MENDS = 4, 20  # of pricing truly what was chosen; of choices that were given up
 GAIN = 0.995  # of the makespan so far, which a partition has to reach to be worth its search
 CLOSE = 0.003  # share of it to which the least makespan is found
-MOST_OF_A_CLASS = 32  # printers that are thought of where there are too few
+MOST_MORE = 32  # printers of a class that are thought of where there are too few
 WORTH = 1.01  # as in `decompose.exact`
 
 
@@ -225,13 +225,8 @@ def _too_few(problem: Problem, grid: Grid, shared: Boxes) -> NoFit | None:
     own = [each.count for each in classes]
     found: list[tuple[int, list[int]]] = []
     for grown in range(1, len(classes)):
-        most = next(
-            others
-            for count in range(MOST_OF_A_CLASS, -1, -1)
-            for others in [[*own[1:grown], own[grown] + count, *own[grown + 1 :]]]
-            if count == 0 or sums([max(others), *others]) <= most_sums
-        )
-        others = [Others(table, count) for table, count in zip(tables[1:], most, strict=True)]
+        counts = _grown(own, grown, most_sums)
+        others = [Others(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], others)
         solver.parts(float(np.finfo(np.float32).max))  # below inf, which stands for no fit
         for state, fewest in zip(*solver.shares(), strict=True):
@@ -253,6 +248,18 @@ def _too_few(problem: Problem, grid: Grid, shared: Boxes) -> NoFit | None:
         f"free {' and '.join(wanted)}, or try --longest-side {max(1.0, math.floor(longest)):.0f}",
         printers + total,
     )
+
+
+def _grown(own: Sequence[int], which: int, most_sums: float) -> list[int]:
+    """The counts of all classes but the first, one of them by so many larger as the search allows."""
+    counts = list(own[1:])
+    for _ in range(MOST_MORE):
+        larger = list(counts)
+        larger[which - 1] += 1
+        if sums([max(larger), *larger]) > most_sums:
+            break
+        counts = larger
+    return counts
 
 
 def tables_of(problem: Problem, grid: Grid, shared: Boxes, classes: Sequence[PrinterClass]) -> list[Boxes]:
