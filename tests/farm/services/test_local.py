@@ -40,7 +40,8 @@ def bar(tmp_path):
 
 def test_an_engine_by_name(bar, tmp_path):
     out = tmp_path / "out"
-    report = decompose_to_folder(bar, out, **USUAL | {"engine": "parallelobox", "faithful": True})
+    asked = {"engine": "parallelobox", "faithful": True, "score": "both"}
+    report = decompose_to_folder(bar, out, **USUAL | asked)
     assert report["engine"] == "parallelobox"
     assert report["options"]["score"] == "high"
     assert 2 <= len(report["parts"]) <= 4
