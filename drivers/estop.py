@@ -96,7 +96,8 @@ def stop(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> 
     tell
         Hears in the meantime what a person wants to know.
     """
-    kill_holder(target.folder / AGENT_LOCK)
+    with suppress(OSError):  # another user's: its port is not free then
+        kill_holder(target.folder / AGENT_LOCK)
     lock = None
     with suppress(OSError):
         target.folder.mkdir(parents=True, exist_ok=True)
@@ -128,7 +129,7 @@ def _reset(target: Target, show_s: float, tell: Tell) -> Stopped:
     except PortError as error:
         return Stopped(name, None, False, f"cannot be stopped: {error}; switch it off")
     if port is None:
-        return Stopped(name, time.time(), True, "is switched off")
+        return Stopped(name, time.time(), True, f"is switched off: no emulator of it in {target.folder}")
     cut_s = None
     try:
         if not target.port.startswith("sim://"):  # else opening was the reset

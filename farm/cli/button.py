@@ -52,17 +52,33 @@ _heard: TypeAdapter[Said | Over] = TypeAdapter(Said | Over)
 
 
 def way(places: Places) -> Path | None:
-    """The socket, where the farm is another user's and has one.
+    """The socket, where the farm is another user's; None where it is one's own.
 
     Root goes there too, unless it was told where the farm's state folder is.
+
+    Raises
+    ------
+    FarmError
+        It is another user's and has none: what this user's own folders say is of another farm.
     """
     path = places.socket.with_name("estop.sock")
+    owners = {owner for socket in (path, places.socket) if (owner := _owner(socket)) is not None}
+    told = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
+    if told or owners <= {os.geteuid()}:
+        return None
+    if _owner(path) is None:
+        raise FarmError(
+            f"the farm at {places.socket} is another user's and has no estop.sock: its owner can stop its "
+            "printers; else switch them off by hand"
+        )
+    return path
+
+
+def _owner(path: Path) -> int | None:
     try:
-        owner = path.stat().st_uid
+        return path.stat().st_uid
     except OSError:
         return None
-    told = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
-    return None if told or owner == os.geteuid() else path
 
 
 def press(path: Path, printers: list[str], say: Say) -> None:

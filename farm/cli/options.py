@@ -16,7 +16,9 @@ from farm.paths import Places, find_places
 P = ParamSpec("P")
 
 State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
-Socket = Annotated[Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).")]
+Socket = Annotated[
+    Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).", readable=False)
+]  # who may not use it is told so by whoever connects
 FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 Why = Annotated[str, typer.Option(help="What you saw; it goes into the history.")]

@@ -157,6 +157,18 @@ def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
         os.close(master)
 
 
+def test_an_agent_of_another_user_is_no_crash_and_no_printer_that_is_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def denied(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(estop, "kill_holder", denied)
+    stopped = estop.stop(estop.Target("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01"))
+    assert not stopped.seen_off
+    assert "cannot be stopped" in stopped.text
+
+
 def test_a_simulated_printer_without_power_is_off_and_nobody_is_needed(tmp_path: Path):
     stopped = estop.stop(estop.Target("um2-01", f"sim://{MODEL}", tmp_path / "um2-01"))
     assert stopped.seen_off

@@ -74,6 +74,26 @@ def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
         button.press(path, [], lambda said: None)
 
 
+def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path, monkeypatch):
+    (tmp_path / "farm.sock").touch()
+    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
+    monkeypatch.setattr(button.os, "geteuid", lambda: 4711)
+    with pytest.raises(FarmError, match="another user's and has no"):
+        button.way(places)
+    (tmp_path / "estop.sock").touch()
+    assert button.way(places) == tmp_path / "estop.sock"
+
+
+def test_root_that_was_told_the_state_folder_needs_no_button(tmp_path, monkeypatch):
+    (tmp_path / "estop.sock").touch()
+    monkeypatch.setattr(button, "_owner", lambda path: 4711 if path.exists() else None)
+    monkeypatch.setattr(button.os, "geteuid", lambda: 0)
+    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
+    assert button.way(places) == tmp_path / "estop.sock"
+    (tmp_path / "state" / "agents").mkdir(parents=True)
+    assert button.way(places) is None
+
+
 def test_the_owner_of_a_farm_needs_no_button(tmp_path):
     (tmp_path / "estop.sock").touch()
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
