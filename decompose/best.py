@@ -50,7 +50,8 @@ def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> 
             makespan_s = found.makespan_s
             best = found if best is None else min(best, found, key=_rank)
         except (NoFit, GeometryError) as error:
-            failure, reason = failure or error, str(error)
+            failure = failure or error
+            reason = "nothing was found before the budget was spent" if effort.cut_short else str(error)
         took_s = perf_counter() - began_s
         attempts.append(
             Attempt(engine, cells, makespan_s, took_s, effort.seconds, not effort.cut_short, reason)

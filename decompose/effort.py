@@ -70,6 +70,12 @@ class Effort:
     def did(self, work: Work, units: int) -> None:
         self.done[work] += units
 
+    def affords(self, work: Work, units: int) -> bool:
+        """Whether that much may be done; what may not is not begun, which is remembered."""
+        affords = self.seconds + units * NANOSECONDS[work] / 1e9 <= self.budget_s
+        self.cut_short = self.cut_short or not affords
+        return affords
+
     def is_spent(self) -> bool:
         """Whether no more may be done; who asks and may not goes on no longer, which is remembered."""
         spent = self.seconds >= self.budget_s

@@ -180,13 +180,15 @@ def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Hal
 
 
 def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
-    """All attempts on one half, from the same seeds."""
+    """All attempts on one half, from the same seeds; none where the budget is too small to draw these."""
     terrains, points, printers = half
     options = problem.options
+    clustered = len(points) * options.tries * printers * (printers + 1) // 2
+    if not problem.effort.affords(Work.POINT_CLUSTERED, clustered):
+        return {}
     run = map if problem.executor is None else problem.executor.map
     drawn = draws(points, ground.grid, terrains[0].barred, printers, options.tries, options.seed, run)
-    clusters = options.tries * printers * (printers + 1) // 2
-    problem.effort.did(Work.POINT_CLUSTERED, len(points) * clusters)
+    problem.effort.did(Work.POINT_CLUSTERED, clustered)
     grown = len(drawn) * len(terrains) * len(options.score.readings)
     problem.effort.did(Work.CELL_GROWN, grown * ground.grid.needed.size)
     return {

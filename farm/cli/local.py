@@ -35,7 +35,7 @@ def decompose(
     interior: Annotated[str, typer.Option(help="leave or keep what lies deep inside.")] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Least wall around a hollow, mm.")] = 10.0,
     min_glue: Annotated[float, typer.Option(min=0, help="A joint of less area holds nothing, mm2.")] = 25.0,
-    engine: Annotated[str, typer.Option(help="How to cut; best: all.")] = "best",
+    engine: Annotated[str, typer.Option(help="How to cut; best: guillotine and parallelobox.")] = "best",
     budget: Annotated[float, typer.Option(min=0, help="Of best: about the seconds of one core.")] = 20.0,
     seed: Annotated[int, typer.Option(min=0, help="Of engines that draw.")] = 0,
     tries: Annotated[int, typer.Option(min=1, help="Of parallelobox, for each number of seeds.")] = 3,

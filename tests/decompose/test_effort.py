@@ -102,6 +102,24 @@ def test_a_budget_leaves_engines_out_and_says_so(within: Within, whole: Decompos
     assert whole.makespan_s <= none.makespan_s
 
 
+def test_draws_that_the_budget_cannot_pay_for_are_not_begun(within: Within, whole: Decomposition) -> None:
+    result = within(whole.attempts[0].effort_s + 1e-4)
+    second = result.attempts[1]
+    assert result.attempts[0].finished
+    assert (second.finished, second.makespan_s) == (False, None)
+    assert "before the budget was spent" in second.reason
+    assert second.effort_s < whole.attempts[1].effort_s
+
+
+@given(budget_s=st.floats(0.0, 10.0), units=st.integers(0, 10**8))
+def test_what_is_afforded_leaves_the_budget_whole(budget_s: float, units: int) -> None:
+    effort = Effort(budget_s)
+    affords = effort.affords(Work.CELL_GROWN, units)
+    assert effort.cut_short == (not affords)
+    effort.did(Work.CELL_GROWN, units)
+    assert affords == (effort.seconds <= budget_s)
+
+
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
 def test_work_adds_up_whatever_its_order(work: list[tuple[Work, int]], budget_s: float) -> None:
     there, back = Effort(budget_s), Effort(budget_s)
