@@ -44,6 +44,7 @@ from farm.tracking.store import Store
 
 PARTS = 9
 GOING = 10  # jobs that are being printed, and as many that wait for a verdict
+WAITING = 20  # jobs with no plate begun
 HOUR_S = 3600.0
 BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
 
@@ -60,10 +61,12 @@ class Hands:
 
 def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
     """A job with its parts, plates and prints: an old one, one to be judged, or one that goes on."""
-    going = number > jobs - GOING
-    judged = number <= jobs - 2 * GOING
-    state = JobState.PRINTING if going else JobState.DONE if judged else JobState.PRINTED
-    start_s = now_s - HOUR_S - (0.0 if going else (jobs - number) * HOUR_S)
+    waits = number > jobs - WAITING
+    going = not waits and number > jobs - WAITING - GOING
+    judged = number <= jobs - WAITING - 2 * GOING
+    open_ = going or waits
+    state = JobState.PRINTING if open_ else JobState.DONE if judged else JobState.PRINTED
+    start_s = now_s - HOUR_S - (0.0 if open_ else (jobs - number) * HOUR_S)
     plates = [f"{number}/{i:02d}" for i in range(1, PARTS + 1)]
     entities: list[Entity] = []
     for i, plate in enumerate(plates):
@@ -80,14 +83,15 @@ def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[En
         entry = Plate(
             id=plate, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, print_time_s=HOUR_S,
             estimated_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOX[0],
-            max_mm=BOX[1], material="generic_pla", nozzle_mm=0.4, printer=printer, prints=(attempt.id,),
+            max_mm=BOX[1], material="generic_pla", nozzle_mm=0.4, printer=printer,
+            prints=() if waits else (attempt.id,),
         )  # fmt: skip
-        entities += [part, entry, attempt]
+        entities += [part, entry] if waits else [part, entry, attempt]
     job = Job(
         id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=JobOptions(),
         state=state, submitted_s=start_s, planned_s=start_s, plates=tuple(plates),
         parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS + 1)), estimated_s=HOUR_S,
-        serial_s=9 * HOUR_S, ended_s=None if going else start_s + HOUR_S,
+        serial_s=9 * HOUR_S, ended_s=None if open_ else start_s + HOUR_S,
     )  # fmt: skip
     return [job, *entities]
 

@@ -30,7 +30,7 @@ class Foresight:
         old_s = now_s - self._at_s
         if old_s > self._apart_s and (books is not self._books or old_s > _KEPT_S):
             waiting = list(plate_views(books.waiting_plates(), books))
-            slots = forecast(waiting, printers(), self._rules, now_s).slots if waiting else ()
+            slots = forecast(waiting, printers(), self._rules, now_s, bounded=False).slots if waiting else ()
             self._books, self._at_s = books, now_s
             self._ends_s = {slot.plate: slot.ends_s for slot in slots}
         return self._ends_s

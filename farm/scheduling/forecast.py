@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.rules import Rules, Start, short_of_filament
-from farm.scheduling.snapshot import PlateView, PrinterView
+from farm.scheduling.snapshot import Kind, PlateView, PrinterView
 
 CLEARING_S = 900.0
 """A person takes a part off and says so, once somebody is there."""
@@ -45,7 +46,11 @@ class Forecast:
 
 
 def forecast(
-    plates: Iterable[PlateView], printers: Iterable[PrinterView], rules: Rules, now_s: float
+    plates: Iterable[PlateView],
+    printers: Iterable[PrinterView],
+    rules: Rules,
+    now_s: float,
+    bounded: bool = True,
 ) -> Forecast:
     """Foresee a night by list scheduling: longest first, each plate to the printer where it ends soonest.
 
@@ -62,28 +67,38 @@ def forecast(
         The house's; at most `max_heating` printers heat at once.
     now_s
         Farm time, from which the night is foreseen.
+    bounded
+        Tell a lower bound better than now.
     """
     turns = sorted(plates, key=lambda plate: plate.turn)
     fleet = sorted(printers, key=lambda printer: printer.name)
     coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _COMING] or fleet
     ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
     grams = {p.name: p.grams for p in coming}
-    can = {plate.id: [p for p in coming if _fits(plate, p, grams)] for plate in turns}
-    bound_s = _lower_bound_s(turns, can, dict(ready_s), rules, now_s)
+    kinds: dict[Kind, list[PrinterView]] = {}
+    for printer in coming:
+        kinds.setdefault(printer.kind, []).append(printer)
+    can = {plate.id: _fitting(plate, kinds, grams) for plate in turns}
+    bound_s = _lower_bound_s(turns, can, dict(ready_s), rules, now_s) if bounded else now_s
     heating: list[tuple[float, float]] = []
     slots: list[Slot] = []
     left: list[str] = []
     for plate in turns:
-        choices = []
-        for printer in (p for p in can[plate.id] if _fits(plate, p, grams)):
+        best = (math.inf, True, "", 0.0)
+        earliest = sorted((ready_s[p.name] + seconds_on(plate, p), p.name, p) for p in can[plate.id])
+        for least_s, _, printer in earliest:
+            if least_s > best[0]:
+                break  # nor would any after it end sooner
+            if short_of_filament(plate, printer, grams[printer.name]) is not None:
+                continue
             start_s = _start_s(plate, printer, ready_s[printer.name], rules, heating)
             if start_s is not None:
                 end_s = start_s + seconds_on(plate, printer)
-                choices.append((end_s, printer.name != plate.planned, printer.name, start_s))
-        if not choices:
+                best = min(best, (end_s, printer.name != plate.planned, printer.name, start_s))
+        end_s, _, name, start_s = best
+        if not name:
             left.append(plate.id)
             continue
-        end_s, _, name, start_s = min(choices)
         slots.append(Slot(plate.id, name, start_s, end_s))
         heating.append((start_s, start_s + plate.heating_s))
         ready_s[name] = rules.cleared_s(end_s, CLEARING_S)
@@ -121,10 +136,12 @@ def _ready_s(printer: PrinterView, rules: Rules, now_s: float) -> float:
     return rules.cleared_s(max(now_s, printer.free_s or now_s), CLEARING_S)
 
 
-def _fits(plate: PlateView, printer: PrinterView, grams: Mapping[str, float | None]) -> bool:
-    if not plate.need.matches(printer.kind):
-        return False
-    return short_of_filament(plate, printer, grams[printer.name]) is None
+def _fitting(
+    plate: PlateView, kinds: Mapping[Kind, Sequence[PrinterView]], grams: Mapping[str, float | None]
+) -> list[PrinterView]:
+    """The printers, given by their kinds, that hold a plate and have enough on their reels."""
+    fitting = (printer for kind, own in kinds.items() if plate.need.matches(kind) for printer in own)
+    return [printer for printer in fitting if short_of_filament(plate, printer, grams[printer.name]) is None]
 
 
 def _start_s(
