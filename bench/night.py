@@ -50,6 +50,7 @@ E_PER_MM = 0.4 * LAYER_MM / 6.38  # a line of 0.4 mm of filament of 2.85 mm
 AWAY_AFTER_S = 1800.0  # of farm time: the operator's night begins
 LOOK_S = 0.3  # wall seconds between two looks of the operator
 PATIENCE_S = 900.0  # wall seconds
+ANSWER_S = 120.0  # wall seconds for a daemon that was just started, on a busy machine
 
 
 def slow_gcode(moves: int, move_s: float) -> str:
@@ -194,10 +195,13 @@ class Night:
             self._end()
 
     def _status(self) -> api.Status:
+        give_up = time.monotonic() + ANSWER_S
         while True:
             try:
                 return self.client.status()
-            except DaemonUnreachable:
+            except DaemonUnreachable as error:
+                if time.monotonic() > give_up:
+                    raise SystemExit(f"its daemon has not come back: {error}") from error
                 time.sleep(LOOK_S)
 
     def _mishaps(self, view: api.Status, job: api.JobView) -> None:

@@ -18,9 +18,12 @@ class SmallDisk:
 
     def __init__(self, folder, megabytes):
         folder.mkdir()
-        mount = f"mount -t tmpfs -o size={megabytes}m none '{folder}' && echo ready && exec sleep infinity"
+        # `cat` ends with whoever has the other end of its input, even where that is killed.
+        mount = f"mount -t tmpfs -o size={megabytes}m none '{folder}' && echo ready && exec cat"
         self._holder = subprocess.Popen(
-            ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", mount],
+            # By `env`, which ends at once where this host has no `unshare`.
+            ["env", "unshare", "--user", "--map-root-user", "--mount", "sh", "-c", mount],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
@@ -48,5 +51,4 @@ class SmallDisk:
 
     def end(self):
         self._holder.kill()
-        self._holder.wait()
-        self._holder.stdout.close()
+        self._holder.communicate()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from contextlib import ExitStack
 
 import pytest
 
@@ -19,15 +20,15 @@ pytestmark = pytest.mark.system
 @pytest.fixture
 def disk_farm(tmp_path):
     """A farm whose state folder is on a small disk."""
-    disk = SmallDisk(tmp_path / "state", 8)
-    if not disk.there:
-        disk.end()
-        pytest.skip("this kernel lets nobody here mount a disk")
-    farm = KilledFarm(tmp_path, disk)
-    yield farm
-    disk.free()
-    farm.end()
-    disk.end()
+    with ExitStack() as ends:  # in reverse, and each of them whatever became of the others
+        disk = SmallDisk(tmp_path / "state", 8)
+        ends.callback(disk.end)
+        if not disk.there:
+            pytest.skip("nobody can mount a disk here")
+        farm = KilledFarm(tmp_path, disk)
+        ends.callback(farm.end)
+        ends.callback(disk.free)
+        yield farm
 
 
 @pytest.fixture
