@@ -105,14 +105,14 @@ class Agent:
         self._signals = self._listen_to_signals()
 
     def run(self) -> None:
-        """Until it is told to end. Whatever else ends it, the board is reset: nobody will watch its heat."""
+        """Until it is told to end. Where heat may be on then, the board is reset: nobody will watch it."""
         try:
             self._serve()
         except BaseException:
-            log.exception("the agent ends by a fault of its own: resetting the board")
-            self._board.cut()
+            log.exception("the agent ends by a fault of its own")
             raise
         finally:
+            self._board.cut()
             self._board.close()
             self._inhibitor.hold(False)
             if self._server is not None:

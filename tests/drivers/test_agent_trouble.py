@@ -191,6 +191,36 @@ def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven)
     assert "may still be hot" in str(refused[0])
 
 
+@pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
+@pytest.mark.system
+def test_an_agent_that_has_to_end_leaves_no_heat_on_that_an_ended_print_left(
+    driven: Driven, tmp_path: Path, end: m.Shutdown | signal.Signals
+):
+    heated = False
+
+    def targets() -> set[float]:
+        status = read_status(tmp_path / "emulator")
+        return {status.nozzle_target_c, status.bed_target_c}
+
+    def do(agent: Driven) -> None:
+        nonlocal heated
+        board = agent._board
+        if agent.told.link is m.LinkState.READY and not heated:
+            heated = True
+            assert board._port is not None
+            board._port.write_now(b"\nM104 S200\nM140 S60\n")
+            assert settled(tmp_path / "emulator", lambda s: s.bed_target_c == 60.0)
+            board.hot = True
+            if isinstance(end, m.Shutdown):
+                assert agent._answer(end).error is None
+            else:
+                signal.raise_signal(end)
+
+    driven.do = do
+    driven.run()
+    assert settled(tmp_path / "emulator", lambda _: targets() == {0.0})
+
+
 @pytest.mark.system
 def test_a_start_that_comes_too_late_is_refused_by_name_and_a_print_ends_by_its_hour_without_a_daemon(
     driven: Driven, tmp_path: Path
