@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Self
@@ -18,6 +19,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from yaml.constructor import ConstructorError
 
 from farm.errors import FleetFileError
 from farm.mistakes import Misplaced, Place, in_words, line_of, place_of, written, written_twice
@@ -35,7 +37,7 @@ _HOW = {
 }
 """How the keys are written that have a pattern."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
-Positive = Annotated[float, Field(gt=0)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 def _windows(written: object) -> object:
@@ -87,7 +89,7 @@ class FleetSection(_Section):
     def _known(cls, value: str) -> str:
         try:
             ZoneInfo(value)
-        except (ZoneInfoNotFoundError, ValueError) as error:
+        except (ZoneInfoNotFoundError, ValueError, OSError) as error:  # a folder of zones, like Europe
             raise ValueError(f"{value!r} is no time zone; use a name like Europe/Berlin") from error
         return value
 
@@ -125,6 +127,17 @@ class PrinterSection(_Section):
         if value.startswith("socket://"):
             raise ValueError("socket:// has no DTR, so a board could not be stopped: use rfc2217://HOST:PORT")
         raise ValueError(f"{value!r} is no port: use a device path, rfc2217://HOST:PORT or sim://MODEL")
+
+    @field_validator("power_off_cmd")
+    @classmethod
+    def _runnable(cls, value: str | None) -> str | None:
+        try:
+            words = value is None or shlex.split(value)
+        except ValueError as error:
+            raise ValueError(f"{value!r} is no command: {error}") from error
+        if not words:
+            raise ValueError("is empty: leave it out where there is no relay")
+        return value
 
     @model_validator(mode="after")
     def _simulates_itself(self) -> Self:
@@ -185,6 +198,16 @@ class Fleet(_Section):
         return ZoneInfo(self.fleet.timezone)
 
 
+class _Loader(yaml.SafeLoader):
+    """Says where a value stands that cannot be what it looks like: a 30th of February, say."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, LookupError) as error:
+            raise ConstructorError(None, None, str(error), node.start_mark) from error
+
+
 Check = Callable[["PrinterSection"], "tuple[str, str] | None"]
 """Looks a printer over: the key that is wrong, and what to write instead; None where all is well."""
 
@@ -218,12 +241,15 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
         raise FleetFileError(f"{path}: cannot be read ({why}); name another file with --fleet") from error
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
-        raw = yaml.safe_load(text)
+        raw = yaml.load(text, Loader=_Loader)  # a SafeLoader
+        twice = written_twice(node)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         where = f"{path}:{mark.line + 1}" if mark else str(path)
-        raise FleetFileError(f"{where}: not YAML: {getattr(error, 'problem', None) or error}") from error
-    twice = written_twice(node)
+        what = " ".join(str(getattr(error, "problem", None) or error).split())
+        raise FleetFileError(f"{where}: not YAML: {what}") from error
+    except RecursionError as error:
+        raise FleetFileError(f"{path}: is nested too deeply; see the example in the README") from error
     if twice is not None:
         raise FleetFileError(_mistake(path, node, twice, "is written twice"))
     if not isinstance(raw, dict) or not isinstance(raw.get("printers"), list):

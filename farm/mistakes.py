@@ -88,18 +88,26 @@ def line_of(node: yaml.Node | None, place: Place) -> int:
     return line
 
 
-def written_twice(node: yaml.Node | None, place: Place = ()) -> Place | None:
+def written_twice(node: yaml.Node | None) -> Place | None:
     """Where a key is written twice in one place: YAML takes the last one without a word."""
-    seen: set[Any] = set()
-    for key, child in _children(node):
-        here = (*place, key)
-        if key in seen:
-            return here
-        seen.add(key)
-        found = written_twice(child, here)
-        if found is not None:
-            return found
-    return None
+    looked_at: set[int] = set()  # an alias leads to a node again, even to one that it stands in
+
+    def look(node: yaml.Node | None, place: Place) -> Place | None:
+        if id(node) in looked_at:
+            return None
+        looked_at.add(id(node))
+        seen: set[Any] = set()
+        for key, child in _children(node):
+            here = (*place, key)
+            if key in seen:
+                return here
+            seen.add(key)
+            found = look(child, here)
+            if found is not None:
+                return found
+        return None
+
+    return look(node, ())
 
 
 def _find(node: yaml.Node | None, place: Place) -> yaml.Node | None:

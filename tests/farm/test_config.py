@@ -119,12 +119,23 @@ def test_the_repositorys_own_fleet_is_good():
         (GOOD + "  - um2-03\n", "fleet.yaml:7: printers.2: must be keys with values"),
         (GOOD + "colour: red\n", "fleet.yaml:7: colour: unknown key; known are fleet, printers, defaults"),
         ("fleet: lab\nprinters: []", "fleet.yaml:1: fleet: must be keys with values"),
+        (GOOD.replace("name: lab", "name: 2026-02-30"), "fleet.yaml:2: not YAML: day is out of range"),
+        (GOOD.replace("colour: blue", "nozzle_mm: " + "9" * 5000), "fleet.yaml:6: not YAML: Exceeds"),
+        (GOOD.replace("name: lab", "approve: !!bool perhaps"), "fleet.yaml:2: not YAML: 'perhaps'"),
+        (GOOD.replace("name: lab", "name: " + "[" * 2000 + "]" * 2000), "fleet.yaml: is nested too deeply"),
+        (GOOD.replace("fleet: {name: lab", "fleet: &here {name: *here"), "fleet.name: must be text"),
+        (GOOD.replace("name: lab", "name: a\0b"), "fleet.yaml: not YAML: unacceptable character"),
+        (GOOD.replace("Europe/Zurich", "Europe"), "fleet.timezone: 'Europe' is no time zone"),
+        (GOOD.replace("colour: blue", "volume_mm: [.inf, 1, 1]"), "volume_mm.0: must be a number"),
+        (GOOD.replace("colour: blue", "power_off_cmd: relay 'one"), '6: printers.1.power_off_cmd: "relay'),
+        (GOOD.replace("colour: blue", "power_off_cmd: ''"), "printers.1.power_off_cmd: is empty"),
     ],
 )
 def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
     with pytest.raises(FleetFileError) as error:
         load(tmp_path, text)
     assert said in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
     assert not re.search("Input|String|valid|instance|parse|Field", str(error.value))
     assert error.value.exit_code == ExitCode.USAGE
 
