@@ -33,7 +33,7 @@ from decompose.errors import DecomposeError
 from decompose.files import write
 from decompose.mesh import load_model
 from decompose.partition import decompose
-from decompose.report import Engine, Options
+from decompose.report import BUDGET_S, Engine, Options
 from drivers.profiles import PROFILES, part_room
 from farm.errors import FarmError
 from farm.services.booking import SliceTask
@@ -290,7 +290,7 @@ def main() -> int:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--quality", default="paper")
     parser.add_argument("--granularity", default="auto")
-    parser.add_argument("--budget", type=float, default=20.0, help="of best, about the s of one core")
+    parser.add_argument("--budget", type=float, default=BUDGET_S, help="of best, about the s of one core")
     parser.add_argument("--results", type=Path, default=Path("bench-results"))
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--no-slices", action="store_true")

@@ -35,7 +35,7 @@ def decompose(
     """Cut a model for the first of the printers, so many that printing and handling take least together.
 
     The number is chosen from the curve of what the first of them reach by the tables, with the rooms and the
-    speeds that they have; where too few are enough for the true parts, all printers are taken.
+    speeds that they have; where they turn out too few for the true parts, all printers are taken.
 
     Parameters
     ----------

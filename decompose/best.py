@@ -37,7 +37,7 @@ def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> 
     failure: DecomposeError | None = None
     left_s = options.budget_s
     for engine, cells in _tried(problem):
-        if best is not None and cells != options.granularity and best.to_gain(len(problem.printers)) < NEAR:
+        if best is not None and cells != options.granularity and best.to_gain(problem.printers) < NEAR:
             break
         if attempts and left_s <= 0.0:
             attempts.append(Attempt(engine, cells, finished=False, reason="not begun: the budget was spent"))
@@ -51,7 +51,8 @@ def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> 
             best = found if best is None else min(best, found, key=_rank)
         except (NoFit, GeometryError) as error:
             failure = failure or error
-            reason = "nothing was found before the budget was spent" if effort.cut_short else str(error)
+            late = effort.cut_short and isinstance(error, NoFit)
+            reason = "nothing was found before the budget was spent" if late else str(error)
         took_s = perf_counter() - began_s
         attempts.append(
             Attempt(engine, cells, makespan_s, took_s, effort.seconds, not effort.cut_short, reason)

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from decompose.assignment import printers_for
 from decompose.bound import makespan_bound
 from decompose.boxes import Box, Boxes, all_boxes
 from decompose.cost import INSET_AT_MOST, CostModel, PrinterRoom
@@ -57,7 +58,7 @@ class Problem:
     lap
         Told the name of each stage when it is over.
     to_beat_s
-        The makespan of a result that there is already: of one that is no better nothing is proven.
+        The makespan of a result that there is already: of one that ends later nothing is proven.
     """
 
     model: Model
@@ -79,6 +80,11 @@ class Problem:
     def alike(self) -> bool:
         """Whether all printers have the same room and the same speed."""
         return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
+
+    @property
+    def quickest(self) -> float:
+        """The time factor of the quickest printer."""
+        return min(printer.time_factor for printer in self.printers)
 
     @property
     def room_mm(self) -> list[float]:
@@ -119,24 +125,44 @@ class Problem:
     def figures(self, grid: Grid, boxes: Boxes, chosen: list[Box], pieces: Sequence[Piece]) -> GridFigures:
         """How good these boxes of a grid are: their makespan by the tables, and what none can undercut.
 
-        `pieces` are what came of them.
+        `pieces` are what came of them. The boxes fit every printer: the longest is for the quickest one. The
+        bound is proven as if all printers were as quick as that one.
         """
-        printers, makespan_s = len(self.printers), boxes.longest_s(chosen)
+        printers = len(self.printers)
+        times_s = sorted((boxes.longest_s([box]) for box in chosen), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
         if self.proves(pieces):
             self.effort.did(Work.BOX_PROVEN, len(boxes.seconds))
-            bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, makespan_s).seconds)
-        return GridFigures(makespan_s, bound_s, grid.shape)
+            bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, times_s[0]).seconds)
+        factors = sorted(printer.time_factor for printer in self.printers)
+        ends_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
+        return GridFigures(ends_s, self.quickest * bound_s, grid.shape)
 
     def proves(self, pieces: Sequence[Piece]) -> bool:
-        """Whether the bound is proven for a result of these pieces."""
-        return self.options.prove and self.ends_s(pieces) < self.to_beat_s
+        """Whether the bound is proven for a result of these pieces: where it may be the best there is."""
+        if not self.options.prove:
+            return False
+        ends_s = self.ends_s(pieces)
+        return math.isfinite(ends_s) and ends_s <= self.to_beat_s  # of two that end together one is chosen
 
     def ends_s(self, pieces: Sequence[Piece]) -> float:
-        """When the last piece ends, each truly posed and on its printer; inf where one does not fit."""
-        each = zip(pieces, self.poses(pieces), strict=True)
-        return max(math.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in each)
+        """When the last piece ends, each truly posed and on its printer of `takers`; inf where there is none.
+
+        Whatever printers they are cut for: it is the makespan of the result.
+        """
+        takers = self.takers(pieces)
+        if takers is None:
+            return math.inf
+        each = zip(self.poses(pieces), takers, strict=True)
+        return max(pose.seconds * taker.time_factor for pose, taker in each if pose is not None)
+
+    def takers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
+        """The printer of each piece, so that the last one ends soonest; None where they do not all fit."""
+        if len(pieces) > len(self.printers):
+            return None
+        posed = [pose for pose in self.poses(pieces) if pose is not None]
+        return printers_for(posed, self.printers) if len(posed) == len(pieces) else None
 
     def rooms_of(self, piece: Piece) -> tuple[PrinterRoom, ...]:
         """The rooms that a piece has to fit: its printer's, or those of all."""

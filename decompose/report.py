@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from decompose.cost import PrinterRoom
 from decompose.curve import Point
 from decompose.errors import GeometryError, Rule
 from decompose.growth import Score
@@ -25,7 +27,7 @@ Floats = npt.NDArray[np.float64]
 class Engine(StrEnum):
     """How the model is cut."""
 
-    BEST = "best"  # all of them, as far as the time budget goes
+    BEST = "best"  # `decompose.best.TRIED_BY_BEST`, then other grids, as far as the budget goes
     GUILLOTINE = "guillotine"
     PARALLELOBOX = "parallelobox"
     SYMMETRY = "symmetry"
@@ -180,7 +182,8 @@ class Decomposition:
     lower_bound_s
         Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
         lower `grid_makespan_s` (`decompose.bound`). It says nothing of other grids, cuts or poses. Of an
-        engine without a grid: no partition that prints the whole surface has a lower makespan.
+        engine without a grid: no partition that prints the whole surface has a lower makespan. Both are on
+        these printers at their speeds; the bound takes all of them for as quick as the quickest.
     gap
         (grid_makespan_s - lower_bound_s) / lower_bound_s.
     joints
@@ -193,7 +196,8 @@ class Decomposition:
     attempts
         What `best` tried, in its order; empty of a single engine.
     compute_s
-        Wall time of the decomposition, by stage; ``total`` is all.
+        Wall time by stage of the engine whose result it is; ``total`` is of all that was done for it, with
+        what `best` tried besides.
     """
 
     engine: Engine
@@ -214,9 +218,13 @@ class Decomposition:
     faults: tuple[Fault, ...] = ()
     curve: tuple[Point, ...] = ()
 
-    def to_gain(self, printers: int) -> float:
-        """The share of the makespan that partitions of its grid, or of its work, could gain at most."""
-        return 1.0 - max(self.lower_bound_s, self.sum_s / printers) / self.makespan_s
+    def to_gain(self, printers: Sequence[PrinterRoom]) -> float:
+        """About the share of the makespan that a partition of its grid could gain with no less work in all.
+
+        All printers would be busy to the end, each as quick as it is.
+        """
+        busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
+        return 1.0 - max(self.lower_bound_s, busy_s) / self.makespan_s
 
     def as_dict(self) -> dict[str, Any]:
         """The object that decomposition.json holds."""

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose import exact
-from decompose.assignment import printers_for, soonest
+from decompose.assignment import soonest
 from decompose.bound import makespan_bound
 from decompose.boxes import Box, Boxes, box_index
 from decompose.classes import PrinterClass, classes_of, sums
@@ -63,7 +63,7 @@ def search(problem: Problem) -> Found:
     except NoFit as error:
         failure = error
     problem.lap("search")
-    least_s *= min(printer.time_factor for printer in problem.printers)
+    least_s *= problem.quickest
     by_class = _ByClass(problem, grid, boxes, least_s)
     cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
@@ -84,8 +84,7 @@ def search(problem: Problem) -> Found:
 
 def _for_printers(problem: Problem, cut: Cut) -> Cut:
     """The pieces of boxes, each with its printer: the last one ends soonest then."""
-    poses = [pose for pose in problem.poses(_pieces(cut)) if pose is not None]
-    takers = printers_for(poses, problem.printers) if len(poses) == len(_pieces(cut)) else None
+    takers = problem.takers(_pieces(cut))
     return cut if takers is None else _taken(cut, takers)
 
 
@@ -201,7 +200,7 @@ class _ByClass(exact.Search):
         else:
             makespan_s = float(times[range(len(takers)), takers].max())
         if problem.proves(pieces):
-            quickest = np.float32(min(printer.time_factor for printer in problem.printers))
+            quickest = np.float32(problem.quickest)
             each = [problem.boxes(grid, [room]) for room in problem.rooms]
             best = replace(
                 each[0],

@@ -14,7 +14,6 @@ Where nothing can be hollowed, the cube is the largest deep inside, and a piece 
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -90,9 +89,7 @@ def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tupl
 
 def _rank(pieces: tuple[Piece, ...], problem: Problem) -> tuple[bool, float]:
     """Less is better: no more pieces than printers, and the last one done soonest."""
-    if len(pieces) > len(problem.printers):
-        return True, math.inf
-    return False, max(math.inf if pose is None else pose.seconds for pose in problem.poses(list(pieces)))
+    return len(pieces) > len(problem.printers), problem.ends_s(pieces)
 
 
 def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:

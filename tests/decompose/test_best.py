@@ -11,8 +11,9 @@ import pytest
 from decompose.best import OTHER_GRIDS, best_of
 from decompose.cost import CostModel, PrinterRoom
 from decompose.effort import NANOSECONDS, Work
-from decompose.errors import NoFit
+from decompose.errors import DecomposeError, GeometryError, NoFit, Rule
 from decompose.grid import cell_counts
+from decompose.joints import Fault
 from decompose.mesh import Model
 from decompose.partition import decompose
 from decompose.problem import Problem
@@ -35,8 +36,8 @@ def result(cost: CostModel) -> Decomposition:
 class Engines:
     """Engines that end when they are told to (inf: no partition), and remember what they were asked."""
 
-    def __init__(self, result: Decomposition, ends_s: Ends) -> None:
-        self.result, self.ends_s = result, ends_s
+    def __init__(self, result: Decomposition, ends_s: Ends, faulty: tuple[Engine, ...] = ()) -> None:
+        self.result, self.ends_s, self.faulty = result, ends_s, faulty
         self.asked: list[Problem] = []
 
     def __call__(self, problem: Problem) -> Decomposition:
@@ -45,7 +46,10 @@ class Engines:
         if math.isinf(makespan_s := self.ends_s(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
-        return replace(self.result, engine=engine, makespan_s=makespan_s, lower_bound_s=BOUND_S)
+        faults = (Fault(0, "is a sliver"),) if engine in self.faulty else ()
+        return replace(
+            self.result, engine=engine, makespan_s=makespan_s, lower_bound_s=BOUND_S, faults=faults
+        )
 
     @property
     def tried(self) -> list[tuple[Engine, str | int]]:
@@ -118,9 +122,57 @@ def test_another_grid_may_have_what_the_first_has_not(cost: CostModel, result: D
         best_of(problem(cost), nothing)
 
 
+def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition) -> None:
+    """All are busy to the end, ten of them half as quick: were all quick, a quarter were to gain."""
+    printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
+    engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
+    best = best_of(replace(problem(cost), printers=printers), engines)
+    assert engines.tried == FIRST_TWO
+    assert best.to_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
+    assert best.to_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
+
+
+def test_what_has_faults_is_the_last_choice_and_nothing_to_beat(
+    cost: CostModel, result: Decomposition
+) -> None:
+    def ends_s(options: Options) -> float:
+        return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
+
+    engines = Engines(result, ends_s, faulty=(Engine.GUILLOTINE,))
+    best = best_of(problem(cost, granularity=8), engines)
+    assert best.engine is Engine.PARALLELOBOX
+    assert [one.to_beat_s for one in engines.asked] == [math.inf, math.inf]
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (NoFit("one part too many"), "nothing was found before the budget was spent"),
+        (GeometryError(Rule.WALL, "p01", "is too thin"), "p01: is too thin (rule wall)"),
+    ],
+)
+def test_a_broken_rule_is_told_even_where_the_budget_was_spent(
+    error: DecomposeError, told: str, cost: CostModel, result: Decomposition
+) -> None:
+    engines = Engines(result, far)
+
+    def late(asked: Problem) -> Decomposition:
+        if asked.options.engine is Engine.GUILLOTINE:
+            return engines(asked)
+        asked.effort.did(Work.SUM, round(1e12))
+        assert asked.effort.is_spent()
+        raise error
+
+    second = best_of(problem(cost, granularity=8), late).attempts[1]
+    assert second.reason.startswith(told)
+    assert not second.finished
+
+
 def test_once_the_budget_is_spent_nothing_is_begun(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
     best = best_of(problem(cost, budget_s=1.5), engines)
     assert engines.tried == FIRST_TWO
-    assert [a.finished for a in best.attempts[2:]] == [False] * (len(best.attempts) - 2)
-    assert all("not begun" in a.reason for a in best.attempts[2:])
+    later = best.attempts[2:]
+    assert later
+    assert not any(a.finished for a in later)
+    assert all("not begun" in a.reason for a in later)
