@@ -30,6 +30,7 @@ from decompose.piece import Piece, cut_faces, pieces_in_box
 from decompose.problem import Problem
 
 Floats = npt.NDArray[np.float64]
+Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
 
 PROBE_MM = 3.0  # how far a face is moved inwards to see what that saves
 REACH = 0.9  # share of a cell that a plane may move by in all
@@ -61,6 +62,11 @@ class _Part:
     def least_mm(self) -> float:
         """The shortest side of any of its pieces."""
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
+
+    def lying(self, poses: Sequence[Pose | None]) -> _Part:
+        """The same with its pieces in these poses; None where one fits in none."""
+        found = tuple(pose for pose in poses if pose is not None)
+        return replace(self, poses=found, seconds=_slowest_s(self.pieces, poses))
 
     def is_like(self, other: _Part) -> bool:
         """Whether it has as many pieces as another, and none that is a sliver by comparison."""
@@ -115,7 +121,9 @@ class _Evening:
             return best
         self._book([i for i in range(len(best)) for _ in range(6)])
         slopes = np.array([self._slopes(i, part) for i, part in enumerate(best)])
-        for _ in range(ROUNDS):
+        for rounds in range(ROUNDS):
+            if rounds and self.problem.effort.is_spent():
+                break
             rough = self._moved(best, slopes)
             if rough is best:
                 break
@@ -123,14 +131,13 @@ class _Evening:
             if _times_s(new) >= _times_s(best):
                 if not self._barred(best, new, _longest_s(best)):
                     break
-                continue
-            if self._faulty(new):
+            elif self._faulty(new):
                 self.reach_mm = self.reach_mm / 2.0
-                continue
-            gain = 1.0 - _longest_s(new) / _longest_s(best)
-            best = new
-            if gain < WORTH or self.problem.effort.is_spent():
-                break
+            else:
+                gain = 1.0 - _longest_s(new) / _longest_s(best)
+                best = new
+                if gain < WORTH:
+                    break
         return best
 
     def _book(self, parts: Sequence[int]) -> None:
@@ -151,9 +158,7 @@ class _Evening:
             if not self.cells.partitioned(boxes):
                 step_mm *= SHORTER
                 continue
-            run = map if self.problem.executor is None else self.problem.executor.map
-            self._book([i for i, part in enumerate(parts) if (boxes[i] != part.box_mm).any()])
-            new = list(run(self._again, range(len(parts)), parts, boxes))
+            new = self._again(parts, boxes)
             for i, (old, part) in enumerate(zip(parts, new, strict=True)):
                 _learn(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
             if _times_s(new) < _times_s(parts):
@@ -163,25 +168,37 @@ class _Evening:
         return parts
 
     def _barred(self, parts: Sequence[_Part], new: Sequence[_Part], limit_s: float = math.inf) -> bool:
-        """Whether parts came to pieces, fit no longer, or take as long as this: the faces that did it stay.
+        """Bar faces by which parts come to pieces, fit no longer, or take as long as this, from moving on.
 
         Where a support comes to touch a cut face, or the brim to be too narrow, another pose is the best, and
         may be much slower.
+
+        Returns
+        -------
+        bool
+            Whether there are any that were free to: the next step is another one.
         """
-        broken = [i for i, part in enumerate(new) if part.seconds >= limit_s]
-        for i in broken:
-            by_mm = new[i].box_mm - parts[i].box_mm
+        before = self.free.copy()
+        for i, (old, part) in enumerate(zip(parts, new, strict=True)):
+            if part.seconds < limit_s:
+                continue
+            by_mm = part.box_mm - old.box_mm
             faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
-            alone = [face for face in faces if self._breaks(i, parts[i], face, float(by_mm[face]))]
+            alone = [] if part.is_like(old) else self._breaking(i, old, faces, by_mm)
             for face in alone or faces:
                 self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
-        return bool(broken)
+        return bool((self.free != before).any())
 
-    def _breaks(self, i: int, part: _Part, face: tuple[int, ...], by_mm: float) -> bool:
-        """Whether a part comes to pieces, or gets too thin, as this face alone moves."""
-        box = part.box_mm.copy()
-        box[face] += by_mm
-        return not self._cut(i, box).is_like(part)
+    def _breaking(self, i: int, part: _Part, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
+        """Those of the faces with which a part comes to pieces, or gets too thin, as they alone move."""
+        self.problem.effort.did(Work.FACE_CUT, len(faces) * self.near[i].faces)
+        found = []
+        for face in faces:
+            box = part.box_mm.copy()
+            box[face] += by_mm[face]
+            if not self._cut(i, box).is_like(part):
+                found.append(face)
+        return found
 
     def _step(self, parts: list[_Part], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
         """Where the boxes would be best, were the slopes true; and the makespan that this promises."""
@@ -233,28 +250,43 @@ class _Evening:
         new = [i for i in range(len(parts)) if i not in done]
         poses = iter(self.problem.poses([piece for i in new for piece in parts[i].pieces]))
         for i in new:
-            found = [next(poses) for _ in parts[i].pieces]
-            seconds = _slowest_s(parts[i].pieces, found)
-            done[i] = replace(parts[i], poses=tuple(p for p in found if p), seconds=seconds)
+            done[i] = parts[i].lying([next(poses) for _ in parts[i].pieces])
         return [done[i] for i in range(len(parts))]
 
-    def _again(self, i: int, part: _Part, box_mm: Floats) -> _Part:
-        """A part cut anew, its pieces in the poses they had, or in their best where those will not do."""
-        if (box_mm == part.box_mm).all():
-            return part
+    def _again(self, parts: list[_Part], boxes_mm: Floats) -> list[_Part]:
+        """Parts cut anew where their boxes moved; pieces are posed anew where their old poses will not do."""
+        moved = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
+        self._book(moved)
+        run = map if self.problem.executor is None else self.problem.executor.map
+        again = list(run(self._as_it_lay, moved, [parts[i] for i in moved], boxes_mm[moved]))
+        unposed = [
+            piece
+            for part, poses in again
+            for piece, pose in zip(part.pieces, poses, strict=False)
+            if pose is None
+        ]
+        best = iter(self.problem.poses(unposed))
+        new = list(parts)
+        for i, (part, poses) in zip(moved, again, strict=True):
+            lying = [next(best) if pose is None else pose for pose in poses]
+            new[i] = part.lying(lying) if lying else part
+        return new
+
+    def _as_it_lay(self, i: int, part: _Part, box_mm: Floats) -> tuple[_Part, list[Pose | None]]:
+        """A part cut anew, and its pieces in the poses that they had; None for one that will not do.
+
+        No poses where it came to pieces.
+        """
         new = self._cut(i, box_mm)
         if not new.is_like(part):
-            return new
+            return new, []
         poses: list[Pose | None] = []
         for piece, old in zip(new.pieces, part.poses, strict=True):
-            pose: Pose | None = self._measured(piece, old)
-            assert pose is not None
+            pose = self._measured(piece, old)
             fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_of(piece))
             dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
-            if not fits or dirtier or pose.rank[:2] > old.rank[:2]:
-                pose = self.problem.pose(piece)
-            poses.append(pose)
-        return replace(new, poses=tuple(p for p in poses if p), seconds=_slowest_s(new.pieces, poses))
+            poses.append(pose if fits and not dirtier and pose.rank[:2] <= old.rank[:2] else None)
+        return new, poses
 
     def _measured(self, piece: Piece, pose: Pose) -> Pose:
         vertices, faces = piece.solid.arrays()

@@ -10,14 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from decompose import planes
 from decompose.boxes import Box
 from decompose.cost import CostModel, PrinterRoom
-from decompose.effort import Effort
+from decompose.effort import Effort, Work
 from decompose.grid import CLEAR_MM, flat_coordinates
 from decompose.mesh import Model
 from decompose.orientation import Pose
 from decompose.piece import Piece, pieces_in_cells
-from decompose.planes import evened
+from decompose.planes import _Evening, _Part, evened
 from decompose.problem import Problem
 from decompose.report import Engine, Interior, Options
 from decompose.solid import Solid
@@ -91,11 +92,123 @@ def test_where_one_part_would_be_posed_worse_the_others_are_evened(
     assert max(piece.solid.bounds_mm[0, 0] for piece in after) >= end_mm - 0.1
 
 
-def test_planes_move_however_late_it_is(cone: Solid, cost: CostModel) -> None:
-    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+class Rounds:
+    """How often planes are moved, from one pose of all parts to the next."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.begun = 0
+        moved = _Evening._moved
+
+        def counted(evening: _Evening, parts: list[_Part], slopes: np.ndarray) -> list[_Part]:
+            self.begun += 1
+            return moved(evening, parts, slopes)
+
+        monkeypatch.setattr(_Evening, "_moved", counted)
+
+
+def halves(asked: Problem) -> list[Box]:
     nx, ny, nz = asked.grid(asked.model).shape
-    before, after = run(asked, [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)])
+    return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
+
+
+def evening(asked: Problem) -> tuple[_Evening, list[_Part]]:
+    """The search for the two halves of a model, and the halves posed."""
+    grid = asked.grid(asked.model)
+    cut = {box: pieces_in_cells(asked.model.solid, grid, box) for box in halves(asked)}
+    found = _Evening(asked, grid, cut)
+    return found, found._posed(found.start)
+
+
+def test_planes_move_once_however_late_it_is(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rounds = Rounds(monkeypatch)
+    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    before, after = run(asked, halves(asked))
     assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+    assert rounds.begun == 1
+    assert asked.effort.cut_short
+
+
+def test_the_last_round_leaves_nothing_out(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planes, "ROUNDS", 1)
+    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    before, after = run(asked, halves(asked))
+    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+    assert not asked.effort.cut_short
+
+
+@pytest.mark.parametrize("faulty", [False, True])
+def test_a_round_in_vain_is_not_made_again_once_the_budget_is_spent(
+    faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that has moved is ten times slower in its true pose, or bad to glue."""
+    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    grid = asked.grid(asked.model)
+    pose = Problem.pose
+
+    def worse(self: Problem, piece: Piece) -> Pose | None:
+        found = pose(self, piece)
+        return found and replace(found, seconds=10.0 * found.seconds)
+
+    cut = {box: pieces_in_cells(cone, grid, box) for box in halves(asked)}
+    asked.poses([piece for pieces in cut.values() for piece in pieces])
+    if faulty:
+        monkeypatch.setattr(_Evening, "_faulty", lambda *_: True)
+    else:
+        monkeypatch.setattr(Problem, "pose", worse)
+    rounds = Rounds(monkeypatch)
+    evened(asked, grid, cut)
+    assert rounds.begun == 1
+    assert asked.effort.cut_short
+
+
+def test_a_longest_part_that_stays_where_it_is_bars_nothing(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No round is made again that would be the same."""
+    begun = []
+    monkeypatch.setattr(_Evening, "_moved", lambda _, parts, slopes: begun.append(len(parts)) or [*parts])
+    asked = problem(cone, cost, 2, cells=2)
+    run(asked, halves(asked))
+    assert begun == [2]
+
+
+def test_only_what_came_to_pieces_is_cut_to_see_by_which_face(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    search, parts = evening(asked)
+    box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    slower = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
+    assert search._barred(parts, [slower, parts[1]], parts[0].seconds)
+    assert asked.effort.done[Work.FACE_CUT] == 0
+    search.free[:] = True
+    broken = replace(slower, pieces=slower.pieces * 2, seconds=np.inf)
+    assert search._barred(parts, [broken, parts[1]])
+    assert asked.effort.done[Work.FACE_CUT] == search.near[0].faces
+    assert not search._barred(parts, [broken, parts[1]])  # it is barred already
+
+
+def test_what_is_posed_anew_is_posed_once_and_booked(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No part may stay in its pose: each is posed as soon as it has moved."""
+    measured, pose, posed = _Evening._measured, Problem.pose, []
+
+    def tall(self: _Evening, piece: Piece, old: Pose) -> Pose:
+        return replace(measured(self, piece, old), size_mm=(1e4, 1e4, 1e4))
+
+    def counted(self: Problem, piece: Piece) -> Pose | None:
+        posed.append(piece.solid)
+        return pose(self, piece)
+
+    monkeypatch.setattr(_Evening, "_measured", tall)
+    monkeypatch.setattr(Problem, "pose", counted)
+    asked = problem(cone, cost, 2, cells=2)
+    before, after = run(asked, halves(asked))
+    assert after[0].solid is not before[0].solid
+    assert len({*posed}) == len(posed) == asked.effort.done[Work.PIECE_POSED] > 4
 
 
 def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
