@@ -113,7 +113,7 @@ class AgentClient:
             raise AgentError(f"no way to the agent: {_last_line(self._folder / LOG)}")
         self._listen(reader)
         with suppress(MessageError):
-            said = _parse(first)
+            said = read_line(first)
             if isinstance(said, Snapshot):
                 self._snapshots.put_nowait(said)
 
@@ -182,7 +182,7 @@ class AgentClient:
         try:
             while line := await reader.readline():
                 self._heard()
-                said = _parse(line)
+                said = read_line(line)
                 if isinstance(said, Snapshot):
                     queue.put_nowait(said)
                     continue
@@ -203,7 +203,8 @@ def _last_line(log: Path) -> str:
     return lines[-1] if lines else "it said nothing"
 
 
-def _parse(line: bytes) -> Snapshot | Reply:
+def read_line(line: bytes) -> Snapshot | Reply:
+    """What an agent says in one line. Raises MessageError where that is no message."""
     try:
         return from_agent_adapter.validate_json(line)
     except ValidationError as error:

@@ -20,7 +20,7 @@ class _Message(BaseModel):
 class _Said(_Message):
     """What an agent says. It may be of another version than who reads it: an upgrade ends no print."""
 
-    model_config = ConfigDict(extra="ignore", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
 
 class LinkState(StrEnum):

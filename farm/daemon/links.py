@@ -254,7 +254,7 @@ class AgentLink:
                     self._ahead_s = shift_s(said, self._clock)
                     if self._is_ours(said):
                         said = await self._recount(said)
-                        self._hear(self._up_to_date(translate(said, self._clock)))
+                        self._hear(self._believed(said))
                 log.info("%s: the connection to its agent is gone", self._name)
             except TimeoutError:
                 log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
@@ -273,7 +273,7 @@ class AgentLink:
         reply = await self._client.request(request)
         latest = reply.snapshot or said
         prints = [translate_print(one, self._ahead_s) for one in reply.prints]
-        self._ears.recounted(translate(latest, self._clock), prints)
+        self._ears.recounted(self._believed(latest), prints)
         return latest
 
     def _hear(self, snapshot: AgentSnapshot) -> None:
@@ -285,11 +285,14 @@ class AgentLink:
             # The books could not be written: nothing was changed, and the next word is taken afresh.
             log.error("%s: %s", self._name, error)
 
-    def _up_to_date(self, snapshot: AgentSnapshot) -> AgentSnapshot:
-        """Without a doubt that a person has just dispelled: the agent's word was on its way meanwhile."""
+    def _believed(self, said: m.Snapshot) -> AgentSnapshot:
+        """What an agent says, of this printer alone, whatever it calls itself; not all of it is believed."""
+        changes: dict[str, object] = {"printer": self._name}
+        if self._section is None or not self._section.simulated:
+            changes["bed_clear"] = None  # only an emulator can tell
         if _CLEARED in self._asked:
-            return snapshot.model_copy(update={"doubt": None})
-        return snapshot
+            changes["doubt"] = None  # a person has just dispelled it: this was on its way meanwhile
+        return translate(said, self._clock).model_copy(update=changes)
 
     def _is_ours(self, said: m.Snapshot) -> bool:
         """Whether the agent was started for what `fleet.yaml` says; an idle one that was not is replaced."""
@@ -325,7 +328,7 @@ class AgentLink:
                 if isinstance(request, m.StartPrint):
                     self._ears.refused(request.print_id, reply.error, reply.late)
             elif isinstance(request, m.CancelPrint) and reply.snapshot is not None:
-                said = self._up_to_date(translate(reply.snapshot, self._clock))
+                said = self._believed(reply.snapshot)
                 self._hear(said.model_copy(update={"heard_cancel": request.print_id}))
         except (DriverError, FarmError) as error:
             log.warning("%s: %s", self._name, error)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 from drivers import messages as m
 from drivers.clock import Clock
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
 
 _CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
+_LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
 _PHASES = {
     m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
     m.PrintPhase.CONNECTING: PrintState.HEATING,
@@ -64,22 +67,25 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
 
 
 def translate_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
-    """An agent's word on a print in the farm's, where the farm's clock is so far ahead of its own."""
+    """An agent's word on a print in the farm's, where the farm's clock is so far ahead of its own.
+
+    Whatever it says, the moments have a date, and no span is negative: both are shown to people.
+    """
 
     def moment(at_s: float | None) -> float | None:
-        return None if at_s is None else at_s + ahead_s
+        return None if at_s is None else min(max(0.0, at_s + ahead_s), _LATEST_S)
 
     return AgentPrint(
         print_id=said.print_id,
         state=_PHASES[said.phase],
         fault=said.fault,
         reason=said.reason,
-        progress_s=said.progress_s,
-        print_time_s=said.print_time_s,
+        progress_s=max(0.0, said.progress_s),
+        print_time_s=max(0.0, said.print_time_s),
         extruded=said.extruded,
         started_s=moment(said.started_s),
         ended_s=moment(said.ended_s),
-        starved_s=said.starved_s,
+        starved_s=max(0.0, said.starved_s),
         layer=said.layer,
         layers=said.layers,
         z_mm=said.z_mm,

@@ -22,7 +22,8 @@ def recount(
     snapshot
         Its agent's latest word.
     prints
-        All that had not ended when the books were copied, in order; only the last may be open.
+        All that had not ended when the books were copied, in order. Only the last can be open, and none is
+        another printer's: what is said otherwise is held for a person.
     now_s
         Farm time.
     """
@@ -38,8 +39,10 @@ def recount(
     if left is not None and left.id not in {said.print_id for said in prints}:
         yield from happened(reconcile(left, snapshot.model_copy(update={"print": None}), now_s))
     for said in prints:
-        if said.print_id not in books.prints:
-            plate = plate_of(books, name, said)
+        attempt = books.prints.get(said.print_id)
+        if attempt is None or attempt.printer != name:
+            free = attempt is None and books.open_print_on(name) is None
+            plate = plate_of(books, name, said) if free else None
             if plate is None:
                 unknown += said.state is PrintState.DONE or not said.state.ended
                 continue
@@ -47,7 +50,7 @@ def recount(
                 at_s=said.started_s or now_s, plate=plate.id, printer=name, print_id=said.print_id
             )
             yield from happened([found])
-        attempt = books.prints[said.print_id]
+            attempt = books.prints[said.print_id]
         if not attempt.state.ended:
             yield from happened(reconcile(attempt, snapshot.model_copy(update={"print": said}), now_s))
     yield ev.JournalTold(at_s=now_s, printer=name, unknown=unknown)

@@ -15,7 +15,7 @@ from drivers.client import alive, kill, pid
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch
-from farm.config import Fleet
+from farm.config import Fleet, PrinterSection
 from farm.daemon.links import AgentLink, Links
 from farm.daemon.translate import on_its_clock, translate
 from farm.daemon.translate import shift_s as shift_s_of
@@ -199,21 +199,22 @@ class FakeClient:
     def __init__(self) -> None:
         self.sent: list[m.Request] = []
         self.let = asyncio.Event()
+        self.says = m.Snapshot(printer="a", agent_pid=7, link=m.LinkState.ABSENT)
 
     async def request(self, request: m.Request) -> m.Reply:
         self.sent.append(request)
         if isinstance(request, m.Upload):
             await self.let.wait()
-        said = m.Snapshot(printer="a", agent_pid=7, link=m.LinkState.ABSENT)
-        return m.Reply(id=request.id, snapshot=said)
+        return m.Reply(id=request.id, snapshot=self.says)
 
 
-def told(tmp_path: Path, story) -> tuple[FakeClient, Ears]:  # type: ignore[no-untyped-def]
+def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, Ears]:  # type: ignore[no-untyped-def]
     """What a link sends and hears while it is told a story."""
     ears = Ears()
+    section = PrinterSection(name="a", model=MODEL, port=port)
 
     async def main() -> FakeClient:
-        link = AgentLink("a", None, StateFolder(tmp_path), Clock(), ears)
+        link = AgentLink("a", section, StateFolder(tmp_path), Clock(), ears)
         client = FakeClient()
         link._client = client  # type: ignore[assignment]
         await story(link, client)
@@ -230,6 +231,21 @@ def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path)
     _, ears = told(tmp_path, story)
     assert ears.last is not None
     assert (ears.last.link, ears.last.agent_pid, ears.last.heard_cancel) == (Link.ABSENT, 7, "x")
+
+
+@pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{MODEL}", True)])
+def test_no_agent_speaks_for_another_printer_and_only_an_emulator_knows_its_bed(
+    tmp_path: Path, port: str, bed_clear: bool | None
+):
+    lie = m.Snapshot(printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)
+
+    async def story(link, client):  # type: ignore[no-untyped-def]
+        client.says = lie
+        link.tell(m.CancelPrint(id=0, print_id="x"))
+
+    _, ears = told(tmp_path, story, port)
+    assert ears.last is not None
+    assert (ears.last.printer, ears.last.link, ears.last.bed_clear) == ("a", Link.READY, bed_clear)
 
 
 def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path: Path):
