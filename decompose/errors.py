@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from enum import StrEnum
 
 
@@ -54,6 +56,24 @@ class NoFit(DecomposeError):
     def __init__(self, message: str, printers_needed: int | None = None) -> None:
         super().__init__(message)
         self.printers_needed = printers_needed
+
+    @classmethod
+    def of_too_few(
+        cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
+    ) -> NoFit:
+        """Of parts that are more than the printers, with which `more` to free and the size that might do."""
+        sides_mm = list(extents_mm)
+        longest = max(1, math.floor(max(sides_mm) * (printers / needed) ** (1.0 / 3.0)))
+        return cls(
+            f"{size_text(sides_mm)} mm needs {needed} parts, each on a printer of its own, and there are "
+            f"{printers}: free {more}, or try --longest-side {longest}",
+            needed,
+        )
+
+
+def size_text(sides_mm: Iterable[float]) -> str:
+    """The sides of a box in whole mm, for a message."""
+    return " x ".join(f"{side:.0f}" for side in sides_mm)
 
 
 class Rule(StrEnum):

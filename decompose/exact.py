@@ -12,7 +12,7 @@ import numpy as np
 
 from decompose.boxes import Box, Boxes, box_index
 from decompose.effort import Work
-from decompose.errors import NoFit
+from decompose.errors import NoFit, size_text
 from decompose.grid import VOLUME, Grid
 from decompose.guillotine import UNREACHABLE, Partitioner
 from decompose.joints import faults
@@ -160,20 +160,12 @@ class Search:
                 f"{self.mends[-1]}: take more printers, a greater --longest-side, or (farm decompose) a "
                 "lower --min-glue"
             )
-        printers = len(problem.printers)
         needed = self.solver.parts(sys.float_info.max)  # below inf, which stands for no fit
-        size = " x ".join(f"{v:.0f}" for v in model.extents_mm)
         if needed >= UNREACHABLE:
             least_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
-            room = " x ".join(f"{v:.0f}" for v in problem.room_mm)
             return NoFit(
-                f"{size} mm is cut into blocks of {least_mm:.0f} mm at least, and a part has room for "
-                f"{room} mm (clips and brim are off): printers with room for {math.ceil(least_mm)} mm "
-                f"each way would do"
+                f"{size_text(model.extents_mm)} mm is cut into blocks of {least_mm:.0f} mm at least, and a "
+                f"part has room for {size_text(problem.room_mm)} mm (clips and brim are off): printers with "
+                f"room for {math.ceil(least_mm)} mm each way would do"
             )
-        longest = float(model.extents_mm.max()) * (printers / needed) ** (1.0 / 3.0)
-        return NoFit(
-            f"{size} mm needs {needed} parts, each on a printer of its own, and there are {printers}: free "
-            f"more printers, or try --longest-side {max(1.0, math.floor(longest)):.0f}",
-            needed,
-        )
+        return NoFit.of_too_few(model.extents_mm, needed, len(problem.printers))

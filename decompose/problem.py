@@ -16,7 +16,7 @@ from decompose.bound import makespan_bound
 from decompose.boxes import Box, Boxes, all_boxes
 from decompose.cost import INSET_AT_MOST, CostModel, PrinterRoom
 from decompose.effort import Effort, Work
-from decompose.errors import DecomposeError, NoFit
+from decompose.errors import DecomposeError, NoFit, size_text
 from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
 from decompose.mesh import Model
 from decompose.orientation import Pose, best_pose
@@ -268,11 +268,10 @@ def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
         solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())  # without gaps
         if solid_mm > reach_mm:
             least = math.ceil(solid_mm / reach_mm * len(printers))
-            size = " x ".join(f"{v:.0f}" for v in model.extents_mm)
             longest = max(1, math.floor(float(model.extents_mm.max()) * reach_mm / solid_mm / math.sqrt(3.0)))
             raise NoFit(
-                f"{size} mm needs {least} parts at least, each on a printer of its own, and there are "
-                f"{len(printers)}: free more printers, or try --longest-side {longest}",
+                f"{size_text(model.extents_mm)} mm needs {least} parts at least, each on a printer of its "
+                f"own, and there are {len(printers)}: free more printers, or try --longest-side {longest}",
                 least if least <= MOST_PARTS else None,
             )
 

@@ -22,7 +22,7 @@ from decompose.boxes import Box, Boxes, box_index
 from decompose.classes import PrinterClass, classes_of, sums
 from decompose.cost import PrinterRoom
 from decompose.effort import Work
-from decompose.errors import NoFit
+from decompose.errors import NoFit, size_text
 from decompose.grid import VOLUME, Grid
 from decompose.guillotine import UNREACHABLE, Others, Partitioner
 from decompose.piece import Piece
@@ -234,19 +234,13 @@ def _too_few(problem: Problem, grid: Grid, shared: Boxes) -> NoFit | None:
     total, more = min(found, default=(0, []))
     if total == 0:
         return None
-    printers, extents_mm = len(problem.printers), problem.model.extents_mm
-    size = " x ".join(f"{v:.0f}" for v in extents_mm)
     wanted = [
-        f"{count} more with room for {' x '.join(f'{v:.0f}' for v in np.max(each.boxes, axis=0))} mm"
+        f"{count} more with room for {size_text(np.max(each.boxes, axis=0))} mm"
         for count, each in zip(more, classes, strict=True)
         if count
     ]
-    longest = float(extents_mm.max()) * (printers / (printers + total)) ** (1.0 / 3.0)
-    return NoFit(
-        f"{size} mm needs {printers + total} parts, each on a printer of its own, and there are {printers}: "
-        f"free {' and '.join(wanted)}, or try --longest-side {max(1.0, math.floor(longest)):.0f}",
-        printers + total,
-    )
+    printers = len(problem.printers)
+    return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(wanted))
 
 
 def _grown(own: Sequence[int], which: int, most_sums: float) -> list[int]:

@@ -70,7 +70,7 @@ def search(problem: Problem) -> Found:
         planes, cube = planes_at(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, *settings)
         other = _cut(problem, grid, hollow(model.solid, grid, cube), cube)
-        found = min(other, found, key=lambda pieces: _rank(pieces, problem))
+        found = min(other, found, key=lambda own: (len(own) > len(problem.printers), problem.ends_s(own)))
     problem.lap("cut")
     refuse_misfits("cube-skeleton", found, problem, would_do=len(found))
     return Found(found, model, np.eye(3))
@@ -85,11 +85,6 @@ def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tupl
     if not problem.options.faithful:
         pieces = [part for piece in pieces for part in _fitting(piece, problem)]
     return (*_merged(pieces, len(problem.printers) - len(skeleton), problem), *skeleton)
-
-
-def _rank(pieces: tuple[Piece, ...], problem: Problem) -> tuple[bool, float]:
-    """Less is better: no more pieces than printers, and the last one done soonest."""
-    return len(pieces) > len(problem.printers), problem.ends_s(pieces)
 
 
 def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -156,15 +157,44 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
     assert hollow(solid, grid, cube).cavity[inside].all()
 
 
-def test_that_cube_is_taken_whose_pieces_end_sooner(cost: CostModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a ball the larger one; and where refining does not pay, it is as if there were none."""
-    options = replace(MENDED, interior=Interior.KEEP)
-    refining = decompose(ball(95.0), printers(40), options, cost)
-    monkeypatch.setattr(cube_skeleton, "refined", lambda solid, cube_mm, *_: cube_mm)
-    without = decompose(ball(95.0), printers(40), options, cost)
-    cubes = [max(p.solid.volume_mm3 for p in result.parts) for result in (refining, without)]
-    assert refining.makespan_s <= without.makespan_s
-    assert cubes[0] == cubes[1] or cubes[0] > 1.2 * cubes[1]
+@pytest.mark.parametrize(("share", "taken"), [(0.4, 1), (1.3, 0)])
+def test_that_cube_is_taken_whose_pieces_end_sooner(
+    share: float, taken: int, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a ball a cube that is refined to be smaller; not one that is larger."""
+    cuts, cut = [], cube_skeleton._cut
+
+    def scaled(_: Solid, cube_mm: np.ndarray, *__: object) -> np.ndarray:
+        middle = cube_mm.mean(axis=0)
+        return np.asarray(middle + share * (cube_mm - middle))
+
+    def recorded(*args: Any) -> tuple[Piece, ...]:
+        cuts.append(cut(*args))
+        return cuts[-1]
+
+    monkeypatch.setattr(cube_skeleton, "refined", scaled)
+    monkeypatch.setattr(cube_skeleton, "_cut", recorded)
+    problem = Problem(ball(95.0), tuple(printers(40)), cost, MENDED)
+    assert cube_skeleton.search(problem).pieces is cuts[taken]
+    assert problem.ends_s(cuts[taken]) < problem.ends_s(cuts[1 - taken])
+
+
+def test_a_cube_is_as_good_as_its_pieces_on_their_printers(
+    cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two equal pieces end later than a larger and a smaller one, where one printer is quick."""
+
+    def cubes(*sizes_mm: float) -> tuple[Piece, ...]:
+        boxes = [np.array([(0.0,) * 3, (size,) * 3]) for size in sizes_mm]
+        return tuple(Piece(Solid.box(*box), box_planes(box), box[None]) for box in boxes)
+
+    equal, unequal = cubes(55.0, 55.0), cubes(60.0, 30.0)
+    slow, quick = replace(ROOM, name="slow", time_factor=1.5), replace(ROOM, name="quick", time_factor=0.5)
+    for found in ([equal, unequal], [unequal, equal]):
+        cuts = iter(found)
+        monkeypatch.setattr(cube_skeleton, "_cut", lambda *_, cuts=cuts: next(cuts))
+        problem = Problem(ball(95.0), (slow, quick), cost, MENDED)
+        assert cube_skeleton.search(problem).pieces is unequal
 
 
 @pytest.mark.parametrize("interior", Interior)

@@ -9,7 +9,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 from box_tables import Shape, tables
-from hypothesis import given, settings
+from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
 from decompose.assignment import soonest
@@ -221,7 +221,7 @@ def test_no_partition_by_random_cuts_is_better(shape: Shape, seed: int, share: f
     rng = np.random.default_rng(seed)
     found = random_partition(boxes, (0, 0, 0, *shape), share * 130.0 * float(np.prod(shape)), rng)
     if found is None or not needed.any():
-        return
+        reject()
     solver = Partitioner(boxes)
     least = solver.least_makespan(len(found), 0.0, tolerance_s=1e-3)
     assert least is not None
@@ -265,8 +265,7 @@ def greedy_partition(boxes: Boxes, printers: int) -> list[Box]:
 def test_no_greedy_partition_is_better(shape: Shape, seed: int, printers: int) -> None:
     boxes, _ = tables(shape, seed)
     found = greedy_partition(boxes, printers)
-    if not found or not np.isfinite(boxes.longest_s(found)):
-        return
+    assume(found and np.isfinite(boxes.longest_s(found)))
     count = sum(int(boxes.pieces[box_index(box, shape)]) for box in found)
     solver = Partitioner(boxes)
     assert solver.least_makespan(count, 0.0, tolerance_s=1e-3) is not None

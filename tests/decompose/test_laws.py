@@ -19,6 +19,8 @@ from decompose.report import Decomposition, Engine, Interior, Options
 from decompose.solid import Solid
 
 ROOM = (110.0, 100.0, 120.0)
+PRINTERS = [PrinterRoom(str(i), (ROOM,)) for i in range(16)]
+ENGINES = [engine for engine in Engine if engine is not Engine.BEST]
 corners = st.tuples(*[st.integers(-60, 40)] * 3)
 sizes = st.tuples(*[st.integers(15, 90)] * 3)
 turns = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
@@ -67,7 +69,18 @@ def held(result: Decomposition, model: Model, seed: int) -> None:
     assert (owners[deep] == 1).all()
 
 
-@pytest.mark.parametrize("engine", [e for e in Engine if e is not Engine.BEST])
+def options_of(engine: Engine, interior: Interior, seed: int) -> Options:
+    return Options(engine, 5, interior, 8.0, seed=seed, tries=1, prove=False, fit_first_layer=False)
+
+
+@pytest.mark.parametrize("interior", Interior)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_each_engine_cuts_a_ball(engine: Engine, interior: Interior, cost: CostModel) -> None:
+    model = model_of([], (0.3, 0.2, 0.1))
+    held(decompose(model, PRINTERS, options_of(engine, interior, 0), cost), model, 0)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 @settings(max_examples=4, deadline=None)
 @given(
     blocks=st.lists(st.tuples(corners, sizes), max_size=2),
@@ -85,11 +98,9 @@ def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     cost: CostModel,
 ) -> None:
     model = model_of(blocks, turn)
-    printers = [PrinterRoom(str(i), (ROOM,)) for i in range(16)]
     interior = Interior.KEEP if keep else Interior.LEAVE
-    options = Options(engine, 5, interior, 8.0, seed=seed, tries=1, prove=False, fit_first_layer=False)
     try:
-        result = decompose(model, printers, options, cost)
+        result = decompose(model, PRINTERS, options_of(engine, interior, seed), cost)
     except NoFit:
         assert engine is not Engine.GUILLOTINE  # which finds parts wherever there are any
         return
