@@ -10,6 +10,7 @@ from farm.model import JobOptions
 from farm.scheduling.rules import Rules
 from farm.windows import DAYS
 
+_FARTHEST_S = 366 * 86400.0
 _TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
@@ -19,7 +20,7 @@ def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
     Raises
     ------
     ValueError
-        Where it cannot be read, or has passed, with what to write instead.
+        Where it cannot be read, has passed, or is more than a year ahead, with what to write instead.
     """
     now = datetime.fromtimestamp(now_s, zone)
     found = _TIME.fullmatch(text.strip().lower())
@@ -38,6 +39,8 @@ def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
         raise ValueError(f"{text!r} is no time{why}; {example}") from error
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
+    if at_s > now_s + _FARTHEST_S:
+        raise ValueError(f"{text!r} is more than a year ahead: it is {now:%a %Y-%m-%d %H:%M}")
     return at_s
 
 
