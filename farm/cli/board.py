@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
+from farm.cli.screen import table
 from farm.cli.words import moment, off_plan, planning
 from farm.model import Bed, HoldCode, JobState, Link, PrintState
 from farm.words import count, mass, span
@@ -134,9 +135,7 @@ def _course(job: api.JobView) -> list[str]:
 
 
 def _printers(printers: list[api.PrinterView], now: datetime) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for heading in _HEADINGS:
-        table.add_column(heading, no_wrap=True)
+    rows = table(*_HEADINGS)
     for printer in printers:
         part, end, off = "", "", ""
         state, last = printer.state, printer.last
@@ -148,7 +147,7 @@ def _printers(printers: list[api.PrinterView], now: datetime) -> Table:
             off = off_plan(last.off) if last.off is not None else ""
             if state == "idle":
                 state = "remove" if last.state == PrintState.DONE else "to clear"
-        table.add_row(
+        rows.add_row(
             printer.name,
             state,
             part,
@@ -160,7 +159,7 @@ def _printers(printers: list[api.PrinterView], now: datetime) -> Table:
             _degrees(printer.bed_c, printer.targets.bed_c),
             _needs(printer),
         )
-    return table
+    return rows
 
 
 def _ended(iso: str | None, now: datetime) -> str:

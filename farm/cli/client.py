@@ -10,16 +10,17 @@ from collections.abc import Mapping
 from contextlib import closing, suppress
 from http.client import HTTPException
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeVar
 from urllib.parse import quote, urlencode
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from farm import api
 from farm.cli.connection import DaemonConnection
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
 
+View = TypeVar("View", bound=BaseModel)
 CONNECT_S, ANSWER_S = 5.0, 60.0
 SUBMISSION_S = 600.0
 """A large broken model is repaired before its submission is answered."""
@@ -33,37 +34,36 @@ class Client:
         self._socket, self._answer_s = socket, answer_s
 
     def status(self) -> api.Status:
-        return api.Status.model_validate(self._call("GET", "/status"))
+        return self._ask(api.Status, "GET", "/status")
 
     def job(self, number: int) -> api.JobStatus:
-        return api.JobStatus.model_validate(self._call("GET", f"/jobs/{number}"))
+        return self._ask(api.JobStatus, "GET", f"/jobs/{number}")
 
     def cancel(self, number: int) -> api.JobStatus:
-        return api.JobStatus.model_validate(self._call("POST", f"/jobs/{number}/cancel"))
+        return self._ask(api.JobStatus, "POST", f"/jobs/{number}/cancel")
 
     def cleared(self, printer: str, request: api.ClearedRequest) -> api.Cleared:
-        answer = self._call("POST", f"/printers/{printer}/cleared", body=request)
-        return api.Cleared.model_validate(answer)
+        return self._ask(api.Cleared, "POST", f"/printers/{printer}/cleared", body=request)
 
     def history(self, job: int | None, printer: str | None, last: int) -> api.History:
         asked = {"job": job, "printer": printer, "last": last}
         params = {name: value for name, value in asked.items() if value is not None}
-        return api.History.model_validate(self._call("GET", "/history", params=params))
+        return self._ask(api.History, "GET", "/history", params=params)
 
     def tell(self, path: str, why: str | None = None) -> str:
         """Ask something of a job, a part or a printer; the name of what was meant."""
         body = None if why is None else api.Reason(why=why)
         answer = self._call("POST", path, body=body)
-        return api.Named.model_validate(answer).name if answer else ""
+        return _read(api.Named, answer).name if answer else ""
 
     def load(self, printer: str, request: api.LoadRequest) -> api.Reel:
-        return api.Reel.model_validate(self._call("POST", f"/printers/{printer}/load", body=request))
+        return self._ask(api.Reel, "POST", f"/printers/{printer}/load", body=request)
 
     def approve(self, number: int, request: api.ApproveRequest) -> None:
         self._call("POST", f"/jobs/{number}/approve", body=request)
 
     def night(self, number: int) -> api.Night:
-        return api.Night.model_validate(self._call("GET", f"/jobs/{number}/night"))
+        return self._ask(api.Night, "GET", f"/jobs/{number}/night")
 
     def down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
@@ -82,11 +82,22 @@ class Client:
             try:
                 with model.open("rb") as file:
                     answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
-                return api.Submitted.model_validate(answer)
+                return _read(api.Submitted, answer)
             except DaemonUnreachable:
                 if time.monotonic() > give_up:
                     raise
                 time.sleep(0.5)
+
+    def _ask(
+        self,
+        view: type[View],
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, str | int] | None = None,
+        body: BaseModel | None = None,
+    ) -> View:
+        return _read(view, self._call(method, path, params=params, body=body))
 
     def _call(
         self,
@@ -127,7 +138,21 @@ class Client:
             if answer.status < 400:
                 return said
             problem = api.Problem.model_validate(said)
+            code = ErrorCode(problem.code)
         except ValueError:
             words = text.decode(errors="replace")[:200]
             raise FarmError(f"the daemon answered {answer.status}: {words}") from None
-        raise FarmError(problem.error, ErrorCode(problem.code))
+        raise FarmError(problem.error, code)
+
+
+def _read(view: type[View], answer: object) -> View:
+    """What the daemon answered. Raises FarmError where that is of another version."""
+    try:
+        return view.model_validate(answer)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"]))
+        raise FarmError(
+            f"the daemon is of another version than this command ({place}: {first['msg']}): restart it; a "
+            "SIGTERM ends the daemon and no print, and `farm up` starts it"
+        ) from error

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from farm import api
 from farm.cli.client import Client
+from farm.cli.screen import console
 from farm.cli.words import filament, from_cache, planning
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanStep, PrintState
@@ -44,10 +45,10 @@ def patiently(ask: Callable[[], T]) -> T:
 
 def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
     """Follow a job until its last part is printed, or until it ends otherwise. Ctrl-C leaves it running."""
-    console = Console(stderr=True)
-    lines = Lines(console, quiet)
+    screen = console(stderr=True)
+    lines = Lines(screen, quiet)
     columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
-    with Progress(*columns, console=console, disable=quiet or not sys.stderr.isatty()) as bar:
+    with Progress(*columns, console=screen, disable=quiet or not sys.stderr.isatty()) as bar:
         task = bar.add_task(f"job {number}", total=1.0, text="")
         while True:
             answer = patiently(lambda: client.job(number))
@@ -63,8 +64,8 @@ def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
 class Lines:
     """Says each thing once, when it becomes true."""
 
-    def __init__(self, console: Console, quiet: bool) -> None:
-        self._console = console
+    def __init__(self, screen: Console, quiet: bool) -> None:
+        self._screen = screen
         self._quiet = quiet
         self._said: set[str] = set()
 
@@ -93,7 +94,7 @@ class Lines:
     def _say(self, line: str, loud: bool = False) -> None:
         if line not in self._said and (loud or not self._quiet):
             self._said.add(line)
-            self._console.print(f"  {line}", highlight=False, markup=False, soft_wrap=True)
+            self._screen.print(f"  {line}")
 
 
 def _progress(view: api.JobView) -> tuple[float, str]:

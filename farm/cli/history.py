@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-import sys
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.table import Table
 
 from farm import api
 from farm.cli import complete
 from farm.cli.client import Client
 from farm.cli.options import Job, Json, placed
+from farm.cli.screen import console, table
 from farm.cli.words import moment, off_plan, say
 from farm.errors import FarmError
 from farm.paths import Places
@@ -39,9 +37,7 @@ def history(
     if json:
         print(past.model_dump_json(by_alias=True, indent=2))
         return
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for heading in ("ENDED", "PRINTER", "PART", "MODEL", "TOOK", "VS PLAN", "USED", "BY", "OUTCOME"):
-        table.add_column(heading, no_wrap=True)
+    rows = table("ENDED", "PRINTER", "PART", "MODEL", "TOOK", "VS PLAN", "USED", "BY", "OUTCOME")
     for row in past.prints:
         done = row.state == "done" and row.expected_s
         off = off_plan(row.took_s / row.expected_s - 1) if done else ""
@@ -50,12 +46,11 @@ def history(
         used = f"{mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
         name = row.name[:20]
         took, by = span(row.took_s), row.submitted_by or ""
-        table.add_row(moment(row.ended), row.printer, row.part, name, took, off, used, by, outcome)
-    wide = None if sys.stdout.isatty() else 200
-    console = Console(highlight=False, soft_wrap=True, width=wide)
-    console.print(table)
+        rows.add_row(moment(row.ended), row.printer, row.part, name, took, off, used, by, outcome)
+    screen = console()
+    screen.print(rows)
     lost = [row for row in past.prints if row.wasted]
-    console.print(
+    screen.print(
         f"{count(len(past.prints), 'print')}, {len(lost)} of them wasted: "
         f"{span(sum(row.took_s for row in lost))}, {mass(sum(row.grams for row in lost))}"
     )

@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Annotated, NoReturn
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from farm.cli.count import count_or_auto
 from farm.cli.decomposition import decomposition_lines
 from farm.cli.options import Json
+from farm.cli.screen import console
 from farm.cli.words import filament
 from farm.errors import ErrorCode, FarmError
 from farm.words import span
@@ -139,8 +139,9 @@ def _end(number: int, _: object) -> NoReturn:
 def _working() -> Iterator[Callable[[str], None]]:
     """Shows on a terminal what is being done, and for how long already."""
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not sys.stderr.isatty()) as shown:
+    with Progress(
+        *columns, console=console(stderr=True), transient=True, disable=not sys.stderr.isatty()
+    ) as shown:
         task = shown.add_task("starting")
         yield lambda text: shown.update(task, description=escape(text))
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from rich.console import Console, Group, RenderableType
-from rich.table import Table
+from rich.console import Group, RenderableType
 from rich.text import Text
 
 from farm import api
+from farm.cli.screen import console, table
 from farm.cli.words import moment
 from farm.words import count, span
 
@@ -16,17 +16,15 @@ _WIDTH = 64  # characters of the line of time
 
 
 def show(view: api.Night) -> None:
-    Console(highlight=False, soft_wrap=True).print(night(view))
+    console().print(night(view))
 
 
 def night(view: api.Night) -> RenderableType:
     """Parts, printers, times, grams and price; then who prints when."""
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for heading in ("PARTS", "PRINTER", "STARTS", "ENDS", "TAKES", "GRAMS", "PRICE"):
-        table.add_column(heading, no_wrap=True)
+    times = table("PARTS", "PRINTER", "STARTS", "ENDS", "TAKES", "GRAMS", "PRICE")
     for slot in view.slots:
         takes_s = (_at(slot.ends) - _at(slot.starts)).total_seconds()
-        table.add_row(
+        times.add_row(
             " ".join(slot.parts),
             slot.printer,
             moment(slot.starts),
@@ -36,7 +34,7 @@ def night(view: api.Night) -> RenderableType:
             _money(slot.price, view.currency),
         )
     price = f", {_money(view.price, view.currency)}" if view.price is not None else ""
-    rows: list[RenderableType] = [*map(Text, view.notices), table, Text()]
+    rows: list[RenderableType] = [*map(Text, view.notices), times, Text()]
     rows += [Text(line) for line in gantt(view.slots)]
     rows.append(Text())
     rows.append(

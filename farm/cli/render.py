@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 import time
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -14,6 +13,7 @@ from farm import api
 from farm.cli.board import board
 from farm.cli.client import Client
 from farm.cli.follow import patiently
+from farm.cli.screen import console, table
 from farm.cli.words import filament, from_cache, moment, planning
 from farm.model import JobState, PrintState
 from farm.words import mass, span
@@ -21,38 +21,25 @@ from farm.words import mass, span
 _REFRESH_S = 1.0
 
 
-def _console() -> Console:
-    """As wide as the terminal; into a file or a pipe as wide as it takes."""
-    return Console(highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() else 200)
-
-
-def _table(*headings: str) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
-    for heading in headings:
-        table.add_column(heading, no_wrap=True)
-    return table
-
-
 def status(view: api.Status) -> None:
-    console = _console()
-    console.print(board(view, console.width))
+    screen = console()
+    screen.print(board(view, screen.width))
 
 
 def job(view: api.JobView) -> None:
-    _console().print(_job(view))
+    console().print(_job(view))
 
 
 def watch(client: Client, number: int | None) -> None:
     """Show the status anew every second until Ctrl-C."""
-
-    console = _console()
+    screen = console()
 
     def draw() -> RenderableType:
         if number is not None:
             return _job(client.job(number).job)
-        return board(client.status(), console.width)
+        return board(client.status(), screen.width)
 
-    with Live(patiently(draw), console=console, auto_refresh=False, screen=False) as live:
+    with Live(patiently(draw), console=screen, auto_refresh=False, screen=False) as live:
         while True:
             time.sleep(_REFRESH_S)
             live.update(patiently(draw), refresh=True)
@@ -60,14 +47,14 @@ def watch(client: Client, number: int | None) -> None:
 
 def submitted(view: api.JobView, wait: bool) -> None:
     """What was done to a model to make a job of it; how to follow it, where nobody waits for it."""
-    console = _console()
-    console.print(f"job {view.id}: {view.name} submitted", markup=False)
+    screen = console()
+    screen.print(f"job {view.id}: {view.name} submitted")
     for line in _changes(view):
-        console.print(f"  {line}", markup=False)
+        screen.print(f"  {line}")
     if not wait:
         if view.hold is not None:
-            console.print(f"  waits: {view.hold.text}", markup=False)
-        console.print(f"  `farm status {view.id}` shows how it goes", markup=False)
+            screen.print(f"  waits: {view.hold.text}")
+        screen.print(f"  `farm status {view.id}` shows how it goes")
 
 
 def _changes(view: api.JobView) -> list[str]:
@@ -78,11 +65,11 @@ def _changes(view: api.JobView) -> list[str]:
 
 def result(view: api.JobView) -> None:
     """The end of a job."""
-    console = _console()
-    console.print(_job(view))
+    screen = console()
+    screen.print(_job(view))
     if view.state in (JobState.PRINTED, JobState.DONE):
         printers = " ".join(sorted({plate.printer for plate in view.plates}))
-        console.print(f"Now: take the parts off, then `farm cleared {printers}`.")
+        screen.print(f"Now: take the parts off, then `farm cleared {printers}`.")
 
 
 def _job(view: api.JobView) -> RenderableType:
@@ -133,7 +120,7 @@ def _job(view: api.JobView) -> RenderableType:
         )
     rows.append(facts)
     if view.parts:
-        parts = _table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "FILAMENT")
+        parts = table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "FILAMENT")
         plates = {plate.id: plate for plate in view.plates}
         for part in view.parts:
             plate = plates[part.plate]

@@ -8,13 +8,13 @@ from typing import Annotated
 
 import typer
 from pydantic import ValidationError
-from rich.console import Console
 
 from farm import api
 from farm.cli import follow, night, render
 from farm.cli.client import Client
 from farm.cli.count import count_or_auto
 from farm.cli.options import Json, placed
+from farm.cli.screen import console
 from farm.cli.words import say
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Engine, JobOptions, JobState
@@ -107,7 +107,7 @@ def _end_as(job: api.JobView) -> None:
 
 def _dry_run(client: Client, number: int, json: bool) -> None:
     """Show a job's plan and its night, and take the job back, whatever becomes of it."""
-    lines = follow.Lines(Console(stderr=True), quiet=json)
+    lines = follow.Lines(console(stderr=True), quiet=json)
     try:
         while True:
             job = follow.patiently(lambda: client.job(number)).job

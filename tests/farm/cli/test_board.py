@@ -3,10 +3,10 @@
 import io
 
 import pytest
-from rich.console import Console
 
 from farm import api
 from farm.cli.board import board, names, night
+from farm.cli.screen import console
 from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.tracking import events as ev
 from farm.tracking.books import Books
@@ -16,9 +16,10 @@ from morning import PRINTERS, night_books, scene_of, status_of
 
 
 def shown(view, width=120):
-    console = Console(width=width, record=True, file=io.StringIO())
-    console.print(board(view, width))
-    return [line.rstrip() for line in console.export_text().splitlines()]
+    screen = console()
+    screen.width, screen.file, screen.record = width, io.StringIO(), True
+    screen.print(board(view, width))
+    return [line.rstrip() for line in screen.export_text().splitlines()]
 
 
 def test_it_begins_with_what_a_person_has_to_do_now():
@@ -38,6 +39,12 @@ def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
     assert lines[1].startswith(
         "DO NOW   take off 2: um2-01..02     look at: um2-03 used at its LCD 06:30, um2-04"
     )
+
+
+def test_what_a_person_wrote_is_shown_as_it_was_written():
+    begun = ev.MaintenanceBegun(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
+    books, _ = run(night_books(), begun)
+    assert any(line.endswith("maintenance --done ([/b] new [belt])") for line in shown(status_of(books), 200))
 
 
 def test_a_job_that_has_not_begun_says_only_what_is_known():

@@ -107,9 +107,16 @@ def test_what_the_daemon_refuses_keeps_its_code_and_its_words(daemon, client):
     with pytest.raises(FarmError, match="there is no job 9") as told:
         client.job(9)
     assert told.value.exit_code == NoSuchThing("").exit_code
-    for text in (b"<html>", b'{"detail": "no"}'):
+    for text in (b"<html>", b'{"detail": "no"}', b'{"error": "no", "code": "a newer one", "exit_code": 9}'):
         daemon.answer = (502, text)
         with pytest.raises(FarmError, match="the daemon answered 502: "):
+            client.job(9)
+
+
+def test_a_daemon_of_another_version_is_called_so(daemon, client):
+    for text in (b"{}", b"[]", b'{"daemon": {"pid": 1, "version": "9", "since": "", "news": 1}, "job": 3}'):
+        daemon.answer = (200, text)
+        with pytest.raises(FarmError, match=r"of another version than this command .*: restart it"):
             client.job(9)
 
 
