@@ -5,11 +5,16 @@ Moments are ISO 8601 in the fleet's time zone on the farm's clock; spans are sec
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
+from farm.words import one_line
 
 SCHEMA = 1
+Line = Annotated[str, AfterValidator(one_line)]
+"""What a person writes, and others are shown."""
 
 
 class _View(BaseModel):
@@ -269,7 +274,7 @@ class Problem(_View):
 class Reason(_View):
     """Why a person does something."""
 
-    why: str = Field(default="", max_length=200)
+    why: Line = Field(default="", max_length=200)
 
 
 class ClearedRequest(_View):
@@ -277,7 +282,7 @@ class ClearedRequest(_View):
 
     filament: FilamentState | None = None
     bad: bool = False
-    why: str | None = Field(default=None, max_length=200)
+    why: Line | None = Field(default=None, max_length=200)
 
 
 class Cleared(_View):
@@ -296,7 +301,7 @@ class LoadRequest(_View):
     """What is on a printer now; what is not said stays as it was."""
 
     material: str | None = Field(default=None, max_length=100)
-    colour: str | None = Field(default=None, max_length=40)
+    colour: Line | None = Field(default=None, max_length=40)
     grams: float | None = Field(default=None, ge=0, allow_inf_nan=False)
     nozzle_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
 

@@ -19,6 +19,11 @@ def mass(grams: float) -> str:
     return f"{grams / 1000:.2f} kg" if grams >= 1000 else f"{grams:.0f} g"
 
 
+def one_line(text: str) -> str:
+    """Text without what would move a terminal's cursor: printable, on one line."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
 def count(number: int, what: str) -> str:
     """1 part, 2 parts."""
     return f"{number} {what}" if number == 1 else f"{number} {what}s"

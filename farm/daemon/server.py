@@ -29,6 +29,7 @@ from farm.scheduling.moments import wished_s
 from farm.services.work import inspect
 from farm.tracking.chronicle import history, night_view, shown_jobs
 from farm.tracking.view import Scene, job_view, printer_view, todo
+from farm.words import one_line
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 _LARGEST_MODEL = 2 * 1024**3  # bytes
@@ -39,7 +40,7 @@ _LONGEST_NAME = 60  # characters, so that it can be a file's name too
 def display_name(name: str) -> str:
     """What a model is called, never where it lies: printable, on one line, fit for a file's name."""
     last = name.replace("\\", "/").rpartition("/")[2]
-    plain = " ".join("".join(c if c.isprintable() else " " for c in last).split()).lstrip(".")
+    plain = one_line(last).lstrip(".")
     return plain[-_LONGEST_NAME:] or "model"
 
 

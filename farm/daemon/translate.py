@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from drivers import messages as m
 from drivers.clock import Clock
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+from farm.words import one_line
 
 _CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
 _LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
@@ -52,7 +53,7 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
         printer=said.printer,
         link=Link(said.link),
         agent_pid=said.agent_pid,
-        reason=said.reason,
+        reason=_line(said.reason),
         nozzle_c=said.nozzle.now_c if said.nozzle else None,
         bed_c=said.bed.now_c if said.bed else None,
         nozzle_target_c=said.nozzle.target_c if said.nozzle else None,
@@ -60,7 +61,7 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
         heaters_off=said.heaters_off,
         filament=FilamentState(said.filament),
         bed_clear=said.bed_clear,
-        doubt=said.doubt,
+        doubt=_line(said.doubt),
         reset_verified=said.reset_verified,
         print=None if said.print is None else translate_print(said.print, shift_s(said, clock)),
     )
@@ -79,7 +80,7 @@ def translate_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
         print_id=said.print_id,
         state=_PHASES[said.phase],
         fault=said.fault,
-        reason=said.reason,
+        reason=_line(said.reason),
         progress_s=max(0.0, said.progress_s),
         print_time_s=max(0.0, said.print_time_s),
         extruded=said.extruded,
@@ -94,3 +95,8 @@ def translate_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
         ends_by_s=moment(said.ends_by_s),
         sha256=said.sha256,
     )
+
+
+def _line(text: str | None) -> str | None:
+    """Fit for a terminal: noise on a serial line may be in it."""
+    return None if text is None else one_line(text)

@@ -67,7 +67,7 @@ snapshots = st.fixed_dictionaries(
         "now_s": numbers,
         "filament": st.sampled_from(list(Filament)),
         "bed_clear": st.sampled_from([None, True, False]),
-        "doubt": st.sampled_from([None, "it was moved"]),
+        "doubt": st.sampled_from([None, "it was moved\x1b[2J"]),
         "nozzle": st.fixed_dictionaries({"now_c": numbers, "target_c": numbers}),
         "print": st.none() | prints,
     },
@@ -93,7 +93,7 @@ def look(core, folder):
     shown += [*todo(scene), *history(scene)]
     night = night_view(scene)
     for view in [*shown, *([night] if night else [])]:
-        json.loads(view.model_dump_json())
+        assert "\\u001b" not in view.model_dump_json()
 
 
 def busy(folder):

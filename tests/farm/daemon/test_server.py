@@ -206,10 +206,10 @@ def test_down_goes_down(daemon):
 
 
 def test_what_a_person_asks_of_prints_goes_to_the_desk(daemon):
-    said = {"why": "a new belt"}
+    said = {"why": "a\x1b[2J\nnew belt"}
     assert ask(daemon, "POST", "/printers/a/maintenance", json=said).status_code == 200
     printer = ask(daemon, "GET", "/status").json()["printers"][0]
-    assert (printer["state"], printer["maintenance"]) == ("maintenance", "a new belt")
+    assert (printer["state"], printer["maintenance"]) == ("maintenance", "a [2J new belt")
     assert ask(daemon, "POST", "/printers/a/maintained", json=said).status_code == 200
     submit(daemon, stl())
     assert ask(daemon, "POST", "/jobs/1/pause").status_code == 200
