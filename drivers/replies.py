@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 from drivers.errors import Fault
 
-_REPORT = re.compile(rb"T:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)\s+B:\s*(-?[\d.]+)\s*/\s*(-?[\d.]+)")
-_LAST_LINE = re.compile(rb"Last Line: (\d+)\s*\Z")
-_RESEND = re.compile(rb"Resend: ?(\d+)\s*\Z")
+_DEGREES, _NUMBER = rb"\s*(-?[\d.]{1,12})", rb"(\d{1,12})"  # no board says more, but noise may
+_REPORT = re.compile(rb"T:%b\s*/%b\s+B:%b\s*/%b(?![\d.])" % ((_DEGREES,) * 4))
+_LAST_LINE = re.compile(rb"Last Line: %b\s*\Z" % _NUMBER)
+_RESEND = re.compile(rb"Resend: ?%b\s*\Z" % _NUMBER)
 _VERSION = re.compile(rb"Vers:_([\w.]+?)(ex)?\s*$", re.MULTILINE)
 _OFFSET = re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE)
 _TROUBLES = (

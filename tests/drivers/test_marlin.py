@@ -183,6 +183,20 @@ def test_whatever_a_board_says_the_link_never_raises(noise: list[bytes]):
         bench.link.tick(bench.now_s)
 
 
+@pytest.mark.parametrize(
+    "answer", [b"Resend: %b", b"ok T:%b /0.0 B:20.0 /0.0 @:0 B@:0", b"ok T:20.0 /0.0 B:20.0 /%b @:0 B@:0"]
+)
+def test_a_number_without_end_is_noise(answer: bytes):
+    link = Link()
+    link.opened(0.0)
+    link.receive(BANNER, 0.0)
+    assert link.tick(10.0) is not None
+    link.poll(10.0)
+    link.receive(b"ok\n", 10.0)
+    events = link.receive(answer % (b"9" * 5000) + b"\n", 10.0)
+    assert not [event for event in events or () if isinstance(event, Report)]
+
+
 def test_after_the_banner_the_link_sets_the_line_number_and_says_that_it_is_up():
     bench = Bench().boot()
     assert bench.link.take() == b"N0 M110*35\n"
