@@ -179,7 +179,8 @@ def _show(port: Port, show_s: float, tell: Tell) -> tuple[str, bool]:
         heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
         return f"still shows targets ({heats}): switch it off", False
     how = "its board was reset" if up.restarted else "by command: its board was not reset"
-    tell(f"shows both targets 0 ({how}); it is watched until it cools")
+    with suppress(OSError):  # nobody listens any more: it is watched all the same
+        tell(f"shows both targets 0 ({how}); it is watched until it cools")
     for now_s, event in talk(port, link, _COOL_S, anew=False):
         if isinstance(event, Report):
             report = event

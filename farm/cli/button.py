@@ -10,9 +10,9 @@ import os
 import socket
 from collections.abc import Callable
 from pathlib import Path
-from typing import TextIO
+from typing import Literal, TextIO
 
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter
 
 from farm.errors import ErrorCode, FarmError
 from farm.paths import Places
@@ -43,6 +43,7 @@ class Said(_Line):
 class Over(_Line):
     """All of them have been looked at."""
 
+    over: Literal[True]
     error: str | None = None
     code: ErrorCode | None = None
 
@@ -105,7 +106,7 @@ def press(path: Path, printers: list[str], say: Say) -> None:
                     say(heard)
     except PermissionError as error:
         raise FarmError(trouble.format("only the members of its group may")) from error
-    except (OSError, ValidationError) as error:
+    except (OSError, ValueError) as error:  # what is no text is no line of ours either
         raise FarmError(trouble.format(error)) from error
     raise FarmError(trouble.format("it ended before it had said what came of it"))
 
@@ -120,11 +121,14 @@ def answer(asked: TextIO, said: TextIO, stop: Callable[[list[str], Say], None]) 
         except OSError:
             pass
 
-    over = Over()
     try:
-        stop(Pressed.model_validate_json(asked.readline(_LONGEST)).printers, tell)
-    except ValidationError as error:
-        over = Over(error=f"what was asked is no {error.title}", code=ErrorCode.REFUSED)
+        pressed = Pressed.model_validate_json(asked.readline(_LONGEST))
+    except ValueError:
+        tell(Over(over=True, error="what was asked cannot be read", code=ErrorCode.REFUSED))
+        return
+    over = Over(over=True)
+    try:
+        stop(pressed.printers, tell)
     except FarmError as error:
-        over = Over(error=str(error), code=error.code)
+        over = Over(over=True, error=str(error), code=error.code)
     tell(over)

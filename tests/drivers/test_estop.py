@@ -130,8 +130,9 @@ def test_a_board_that_does_not_show_its_heaters_off_loses_its_mains(tmp_path: Pa
         os.close(master)
 
 
+@pytest.mark.parametrize("listens", [True, False], ids=["", "nobody listens any more"])
 def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listens: bool
 ):
     for name, rule in tuple(watch.RULES.items()):
         monkeypatch.setitem(watch.RULES, name, replace(rule, falls_s=1.0))
@@ -146,9 +147,15 @@ def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
                     os.write(master, b"ok T:200.0 /0.0 B:60.0 /0.0\n" if b"M105" in line else b"ok\n")
 
     heard: list[str] = []
+
+    def tell(text: str) -> None:
+        heard.append(text)
+        if not listens:
+            raise BrokenPipeError
+
     threading.Timer(0.2, board).start()
     try:
-        stopped = estop.stop(estop.Target("a", os.ttyname(slave), tmp_path / "a"), tell=heard.append)
+        stopped = estop.stop(estop.Target("a", os.ttyname(slave), tmp_path / "a"), tell=tell)
         assert not stopped.seen_off and "not seen to cool" in stopped.text
         assert len(heard) == 1 and "both targets 0" in heard[0]
         assert Journal(tmp_path / "a" / "journal.jsonl").memory.hot

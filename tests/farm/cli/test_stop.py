@@ -1,5 +1,6 @@
 """`farm estop` of somebody who may not touch the agents: a button with two ends."""
 
+import io
 import socket
 import threading
 
@@ -23,7 +24,7 @@ def pressed(tmp_path):
 
             def serve():
                 talk, _ = listening.accept()
-                with talk, talk.makefile("r") as asked, talk.makefile("w") as said:
+                with talk, talk.makefile("r", encoding="utf-8") as asked, talk.makefile("w") as said:
                     button.answer(asked, said, stop)
 
             serving = threading.Thread(target=serve)
@@ -58,6 +59,32 @@ def test_what_went_wrong_at_the_other_end_goes_wrong_here(pressed):
     with pytest.raises(FarmError, match="there is no printer z") as caught:
         pressed(stop, ["z"])
     assert caught.value.code is ErrorCode.NO_SUCH_THING
+
+
+@pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
+def test_what_is_no_wish_is_refused_and_stops_nothing(tmp_path, rubbish):
+    asked, said = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
+    button.answer(asked, said, lambda printers, say: pytest.fail(f"stopped {printers}"))
+    assert '"code":"refused"' in said.getvalue()
+
+
+@pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"{}\n", b"\n"])
+def test_an_end_that_answers_rubbish_is_no_printer_that_is_off(tmp_path, rubbish):
+    path = tmp_path / "estop.sock"
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(path))
+        listening.listen()
+
+        def answer():
+            talk, _ = listening.accept()
+            with talk:
+                talk.sendall(rubbish)
+
+        answering = threading.Thread(target=answer)
+        answering.start()
+        with pytest.raises(FarmError, match="switch the printers off by hand"):
+            button.press(path, [], lambda said: None)
+        answering.join()
 
 
 def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
