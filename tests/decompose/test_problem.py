@@ -70,7 +70,7 @@ def test_a_bound_is_proven_of_what_may_be_the_best(factor: float, cost: CostMode
     assert not replace(problem, options=OPTIONS).proves(pieces)
 
 
-@pytest.mark.parametrize("engine", [e for e in Engine if e is not Engine.BEST])
+@pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.CUBE_SKELETON])
 def test_twice_as_quick_printers_take_half_as_long_and_can_take_no_less(
     engine: Engine, lump: Solid, cost: CostModel
 ) -> None:
