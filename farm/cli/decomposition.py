@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from farm.words import span
+from farm.words import count, span
 
 
 def decomposition_lines(report: dict[str, Any], printers: int, out: Path) -> list[str]:
@@ -15,11 +15,11 @@ def decomposition_lines(report: dict[str, Any], printers: int, out: Path) -> lis
     """
     parts, makespan_s = report["parts"], report["makespan_s"]
     used = report["serial_as_is_s"] / (printers * makespan_s)
-    count = f"{len(parts)} part{'s' if len(parts) > 1 else ''}"
     alone = span(report["serial_s"])
     lines = [" ".join(report["repairs"])] if report["repairs"] else []
     lines.append(
-        f"{count}: {span(makespan_s)} on {printers} printers, {alone} on one large one; E {used:.2f}"
+        f"{count(len(parts), 'part')}: {span(makespan_s)} on {count(printers, 'printer')}, "
+        f"{alone} on one large one; E {used:.2f}"
     )
     least = f"at most {report['gap']:.0%} above the least that is possible"
     lines.append(f"By {report['engine']}: {least}{', by cuts along its grid' if report['cells'] else ''}")
@@ -27,7 +27,7 @@ def decomposition_lines(report: dict[str, Any], printers: int, out: Path) -> lis
     if glued:
         small = min(glued, key=lambda joint: float(joint["area_mm2"]))
         lines.append(
-            f"{len(glued)} joints; the smallest, {small['a']} to {small['b']}, has "
+            f"{count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
             f"{small['area_mm2']:.0f} mm2 of glue and is {small['width_mm']:.1f} mm wide"
         )
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]

@@ -97,7 +97,8 @@ def _job(view: api.JobView) -> RenderableType:
         facts.add_row("parallel printing time expected", span(view.estimated_s))
     if view.elapsed_s is not None:
         reached = view.state in (JobState.PRINTED, JobState.DONE)
-        words = "parallel printing time reached" if reached else "printing for"
+        ended = "parallel printing time reached" if reached else "printed for"
+        words = ended if view.state.ended else "printing for"
         off = ""
         if reached and view.estimated_s:
             off = f"  ({view.elapsed_s / view.estimated_s - 1:+.1%} against expected)"

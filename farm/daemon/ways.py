@@ -46,9 +46,9 @@ def kept_way(folder: Path, section: PrinterSection | None, farm: str, clock: Clo
     if section is None:
         try:
             words, errand = json.loads(kept.read_text())
-        except (OSError, ValueError):
+            return list(map(str, words)), str(errand).encode()
+        except (OSError, ValueError, TypeError):
             return None
-        return words, errand.encode()
     way = _way(section, farm, clock)
     if way is None:
         kept.unlink(missing_ok=True)

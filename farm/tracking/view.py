@@ -75,6 +75,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
         makespan_s = makespan_s or job.estimated_s
     busy_s = sum(_busy_s(scene, plate) for plate in plates)
+    reached_s = sum(map(took_s, prints))
     used = {attempt.printer for attempt in prints} | {p.printer for p in plates if not p.prints}
     exit_code = EXIT_CODES[job.error] if job.error else ExitCode.DONE
     if job.state is JobState.FAILED and job.planned_s is not None:
@@ -114,7 +115,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         filament_mm=sum(plate.filament_mm for plate in plates) if plates else None,
         price=_price(plates),
         currency=scene.fleet.fleet.currency,
-        starved_share=sum(p.starved_s for p in prints) / busy_s if busy_s and prints else None,
+        starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
         folder=str(scene.state.job(job.id)) if job.plates else None,
         waits_for_person=_waits_for_person(books, job, plates),
     )

@@ -52,7 +52,13 @@ def test_all_that_can_be_said_is_six_lines() -> None:
     )
 
 
+def test_two_parts_have_one_joint() -> None:
+    (_, _, joint, _) = decomposition_lines(report(joints=report()["joints"][1:]), 4, Path("out"))
+    assert joint == "1 joint; the smallest, p02 to p03, has 900 mm2 of glue and is 30.0 mm wide"
+
+
 def test_one_part_has_no_joint() -> None:
     lines = decomposition_lines(report(parts=report()["parts"][:1], joints=[], cells=None), 1, Path("out"))
     assert [line.split()[0] for line in lines] == ["1", "By", "In"]
+    assert lines[0].startswith("1 part: 1h00 on 1 printer, ")
     assert lines[2] == "In out: p01.stl, assembly.png, assembly.glb, decomposition.json"

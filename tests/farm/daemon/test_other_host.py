@@ -26,7 +26,7 @@ from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import AgentError
 from drivers.start import Start
 from farm.config import Fleet, PrinterSection
-from farm.daemon import links
+from farm.daemon import links, ways
 from farm.daemon.links import AgentLink, Links
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
@@ -318,6 +318,12 @@ def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_an
             kept.write_text(kept_way)
 
     asyncio.run(story())
+
+
+@pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])
+def test_a_way_that_was_damaged_is_no_crash(text, tmp_path):
+    (tmp_path / "way.json").write_text(text)
+    ways.reaching(ways.kept_way(tmp_path, None, "", Clock()))
 
 
 def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():

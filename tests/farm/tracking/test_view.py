@@ -45,6 +45,19 @@ def test_a_job_costs_what_its_plates_cost():
     assert (seen.grams, seen.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
 
 
+def test_no_printer_waited_for_longer_than_it_printed():
+    """Of a part that was printed twice, all that was waited is of all that it took."""
+    books = printing(plates=1)
+    assert view(books).starved_share is None
+    for name, begun_s in (("p", 2.0), ("q", 202.0)):
+        given = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
+        done = ended(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
+        cleared = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
+        again = ev.ReprintAsked(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
+        books, _ = run(books, given, done, cleared, again)
+    assert view(books).starved_share == pytest.approx(0.8)
+
+
 def test_a_job_has_no_price_where_one_reel_has_none():
     assert view(priced(1.25, None)).price is None
 
