@@ -284,6 +284,8 @@ class AgentLink:
         except FarmError as error:
             # The books could not be written: nothing was changed, and the next word is taken afresh.
             log.error("%s: %s", self._name, error)
+        except Exception:  # a fault of ours must not leave this printer without anybody who listens
+            log.exception("%s: booking what its agent said", self._name)
 
     def _believed(self, said: m.Snapshot) -> AgentSnapshot:
         """What an agent says, of this printer alone, whatever it calls itself; not all of it is believed."""

@@ -6,6 +6,7 @@ import os
 import time
 import uuid
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +14,7 @@ from fastapi import FastAPI, Query, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import ValidationError
+from starlette.requests import ClientDisconnect
 
 import farm
 from farm import api
@@ -141,7 +143,7 @@ def make_app(
         upload = state.work / f"upload-{uuid.uuid4().hex}"
         try:
             received = 0
-            with upload.open("wb") as file:
+            with upload.open("wb") as file, suppress(ClientDisconnect):  # what came is too little then
                 async for chunk in request.stream():
                     received += len(chunk)
                     if received > size:

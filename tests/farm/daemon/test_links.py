@@ -4,11 +4,12 @@ import asyncio
 import os
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
 from pathlib import Path
 
 import pytest
 
+from drivers import client as client_module
 from drivers import heartbeat
 from drivers import messages as m
 from drivers.client import alive, kill, pid
@@ -231,6 +232,47 @@ def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path)
     _, ears = told(tmp_path, story)
     assert ears.last is not None
     assert (ears.last.link, ears.last.agent_pid, ears.last.heard_cancel) == (Link.ABSENT, 7, "x")
+
+
+class TalkingClient(FakeClient):
+    """An agent that says a word whenever somebody connects."""
+
+    connected = 0
+
+    async def connect(self) -> None:
+        self.connected += 1
+
+    async def snapshots(self) -> AsyncIterator[m.Snapshot]:
+        yield self.says
+
+    async def close(self) -> None:
+        pass
+
+
+def test_a_fault_of_the_farms_own_makes_no_link_deaf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(client_module, "RETRY_S", 0.001)
+
+    class Faulty(Ears):
+        words = 0
+
+        def heard(self, snapshot: AgentSnapshot) -> None:
+            self.words += 1
+            if self.words < 5:
+                raise ZeroDivisionError("a fault of ours")
+            super().heard(snapshot)
+
+    async def main(ears: Faulty) -> None:
+        link = AgentLink("a", None, StateFolder(tmp_path), Clock(), ears)
+        link._client = TalkingClient()  # type: ignore[assignment]
+        listening = asyncio.ensure_future(link._listen())
+        async with asyncio.timeout(DEADLINE_S):
+            while ears.last is None:
+                assert not listening.done()
+                await asyncio.sleep(0.001)
+        link._stopping = True
+        await listening
+
+    asyncio.run(main(Faulty()))
 
 
 @pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{MODEL}", True)])

@@ -115,6 +115,25 @@ def test_a_cut_upload_is_no_job_and_leaves_no_file(daemon, size):
     assert not list(daemon.state.folder.work.iterdir())
 
 
+def test_an_upload_that_is_given_up_is_refused_and_leaves_no_file(daemon):
+    """Ctrl-C at `farm submit`: the connection ends in the middle of the body."""
+    words = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
+    said = []
+
+    async def receive():
+        return words.pop(0)
+
+    async def send(message):
+        said.append(message)
+
+    query = b"request_id=rrrrrrrr&name=box.stl&size=100"
+    scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": "/jobs", "query_string": query}
+    asyncio.run(daemon({**scope, "headers": [], "state": {}}, receive, send))
+    assert said[0]["status"] == 409
+    assert not daemon.state.core.books.jobs
+    assert not list(daemon.state.folder.work.iterdir())
+
+
 NAMES = {
     "../../evil.stl": "evil.stl",
     "/etc/passwd.stl": "passwd.stl",
