@@ -1,11 +1,17 @@
-"""The engine `best`: others in a fixed order, then the guillotine engine on more grids, within a budget."""
+"""The engine `best`: others in a fixed order, then the guillotine engine on more grids, within a budget.
+
+What fits a grid is partly luck, and so is how the model lies in it: grids with more or fewer cells are tried,
+then the model turned about z, then the other grids where it lies best.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from time import perf_counter
+
+from scipy.spatial.transform import Rotation
 
 from decompose.effort import Effort
 from decompose.errors import DecomposeError, GeometryError, NoFit
@@ -14,7 +20,8 @@ from decompose.problem import FINEST, Problem
 from decompose.report import Attempt, Decomposition, Engine
 
 TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
-OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid: what fits a grid is partly luck
+OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid
+OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
 NEAR = 0.03  # share of the makespan that has to be left to gain, so that another grid is worth its work
 
 
@@ -32,52 +39,87 @@ def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> 
         Of the first engine, where none has a result.
     """
     options = problem.options
+    so_far = _SoFar(problem, by_engine, options.budget_s)
+    for engine in TRIED_BY_BEST:
+        so_far.tries(engine, options.granularity)
+    if options.granularity == "auto" and len(problem.printers) > 1:
+        so_far.tries_other_grids()
+        for yaw_deg in OTHER_YAWS_DEG:
+            so_far.tries(Engine.GUILLOTINE, options.granularity, yaw_deg)
+        if so_far.yaw_deg:
+            so_far.tries_other_grids()
+    return so_far.result()
+
+
+@dataclass(slots=True)
+class _SoFar:
+    """What was tried, and the best of it; `yaw_deg` is how the model lies there."""
+
+    problem: Problem
+    by_engine: Callable[[Problem], Decomposition]
+    left_s: float
     best: Decomposition | None = None
-    attempts: list[Attempt] = []
+    yaw_deg: float = 0.0
+    attempts: list[Attempt] = field(default_factory=list)
     failure: DecomposeError | None = None
-    left_s = options.budget_s
-    for engine, cells in _tried(problem):
-        if best is not None and cells != options.granularity and best.to_gain(problem.printers) < NEAR:
-            break
-        if attempts and left_s <= 0.0:
-            attempts.append(Attempt(engine, cells, finished=False, reason="not begun: the budget was spent"))
-            continue
-        began_s, effort, makespan_s, reason = perf_counter(), Effort(left_s), None, ""
-        of_one = replace(options, engine=engine, granularity=cells)
-        to_beat_s = math.inf if best is None or best.faults else best.makespan_s
+
+    def result(self) -> Decomposition:
+        """The best; the error of the first engine where there is none."""
+        if self.best is None:
+            assert self.failure is not None  # the first engine is always tried
+            raise self.failure
+        return replace(self.best, options=self.problem.options, attempts=tuple(self.attempts))
+
+    def tries(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
+        """Add an engine's attempt, as far as the budget goes."""
+        if self.attempts and self.left_s <= 0.0:
+            why = "not begun: the budget was spent"
+            self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=why))
+            return
+        began_s, effort, makespan_s, reason = perf_counter(), Effort(self.left_s), None, ""
+        to_beat_s = math.inf if self.best is None or self.best.faults else self.best.makespan_s
+        options = replace(self.problem.options, engine=engine, granularity=cells)
+        trial = replace(turned(self.problem, yaw_deg), options=options, effort=effort, to_beat_s=to_beat_s)
         try:
-            found = by_engine(replace(problem, options=of_one, effort=effort, to_beat_s=to_beat_s))
+            found = self.by_engine(trial)
             makespan_s = found.makespan_s
-            best = found if best is None else min(best, found, key=_rank)
+            if self.best is None or _rank(found) < _rank(self.best):
+                self.best, self.yaw_deg = found, yaw_deg
         except (NoFit, GeometryError) as error:
-            failure = failure or error
+            self.failure = self.failure or error
             late = effort.cut_short and isinstance(error, NoFit)
             reason = "nothing was found before the budget was spent" if late else str(error)
-        took_s = perf_counter() - began_s
-        attempts.append(
-            Attempt(engine, cells, makespan_s, took_s, effort.seconds, not effort.cut_short, reason)
+        took_s, finished = perf_counter() - began_s, not effort.cut_short
+        self.attempts.append(
+            Attempt(engine, cells, yaw_deg, makespan_s, took_s, effort.seconds, finished, reason)
         )
-        left_s -= effort.seconds
-    if best is None:
-        assert failure is not None  # the first engine is always tried
-        raise failure
-    return replace(best, options=options, attempts=tuple(attempts))
+        self.left_s -= effort.seconds
+
+    def tries_other_grids(self) -> None:
+        """Add the guillotine engine on other grids, none twice, where enough is left to be gained."""
+        problem, yaw_deg = turned(self.problem, self.yaw_deg), self.yaw_deg
+        extents_mm, first = problem.model.extents_mm, problem.granularity(problem.model)
+        shapes = {cell_counts(extents_mm, first)}
+        for share in OTHER_GRIDS:
+            cells = min(FINEST, round(share * first))
+            shape = cell_counts(extents_mm, cells)
+            if self.best is not None and self.best.to_gain(problem.printers) < NEAR:
+                break
+            if shape not in shapes:
+                shapes.add(shape)
+                self.tries(Engine.GUILLOTINE, cells, yaw_deg)
 
 
-def _tried(problem: Problem) -> Iterator[tuple[Engine, str | int]]:
-    """Engines, each with its granularity; where nobody asked for one, other grids after them, none twice."""
-    options, extents_mm = problem.options, problem.model.extents_mm
-    yield from ((engine, options.granularity) for engine in TRIED_BY_BEST)
-    if options.granularity != "auto" or len(problem.printers) == 1:
-        return
-    first = problem.granularity(problem.model)
-    shapes = {cell_counts(extents_mm, first)}
-    for share in OTHER_GRIDS:
-        cells = min(FINEST, round(share * first))
-        shape = cell_counts(extents_mm, cells)
-        if shape not in shapes:
-            shapes.add(shape)
-            yield Engine.GUILLOTINE, cells
+def turned(problem: Problem, yaw_deg: float) -> Problem:
+    """The same problem, its model turned about z."""
+    if yaw_deg == 0.0:
+        return problem
+    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
+    return replace(
+        problem,
+        model=replace(problem.model, solid=problem.model.solid.turned(turn)),
+        frame=turn @ problem.frame,
+    )
 
 
 def _rank(result: Decomposition) -> tuple[bool, float, int]:

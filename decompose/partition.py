@@ -120,7 +120,7 @@ def _report(
         lower_bound_s=grid.lower_bound_s,
         gap=(grid.makespan_s - grid.lower_bound_s) / grid.lower_bound_s,
         compute_s=laps,
-        parts=tuple(_turned_back(part, found.rotation) for part in parts),
+        parts=tuple(_turned_back(part, found.rotation @ problem.frame) for part in parts),
         coverage=coverage,
         cells=grid.cells,
         joints=tuple(touching),

@@ -59,6 +59,8 @@ class Problem:
         Told the name of each stage when it is over.
     to_beat_s
         The makespan of a result that there is already: of one that ends later nothing is proven.
+    frame
+        (3, 3) ``v_cut = frame @ v_model``: how the model was turned before.
     """
 
     model: Model
@@ -69,6 +71,7 @@ class Problem:
     effort: Effort = field(default_factory=Effort)
     lap: Callable[[str], None] = lambda stage: None
     to_beat_s: float = math.inf
+    frame: Floats = field(default_factory=lambda: np.eye(3))
     _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property

@@ -27,7 +27,7 @@ Floats = npt.NDArray[np.float64]
 class Engine(StrEnum):
     """How the model is cut."""
 
-    BEST = "best"  # `decompose.best.TRIED_BY_BEST`, then other grids, as far as the budget goes
+    BEST = "best"  # `decompose.best`: several, and on other grids, as far as the budget goes
     GUILLOTINE = "guillotine"
     PARALLELOBOX = "parallelobox"
     SYMMETRY = "symmetry"
@@ -148,6 +148,8 @@ class Attempt:
 
     Attributes
     ----------
+    yaw_deg
+        By how much the model was turned about z for it.
     makespan_s
         None where it reached nothing, and why is in `reason`.
     compute_s, effort_s
@@ -158,6 +160,7 @@ class Attempt:
 
     engine: Engine
     granularity: str | int
+    yaw_deg: float = 0.0
     makespan_s: float | None = None
     compute_s: float = 0.0
     effort_s: float = 0.0

@@ -6,9 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from decompose.best import OTHER_GRIDS, best_of
+from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, best_of
 from decompose.cost import CostModel, PrinterRoom
 from decompose.effort import NANOSECONDS, Work
 from decompose.errors import DecomposeError, GeometryError, NoFit, Rule
@@ -60,6 +62,11 @@ def problem(cost: CostModel, printers: int = 20, **options: object) -> Problem:
     return Problem(BLOCK, tuple(ROOMS[:printers]), cost, Options(Engine.BEST, **options))  # type: ignore[arg-type]
 
 
+def yaws_deg(result: Decomposition) -> list[float]:
+    """How the model lay in each attempt."""
+    return [attempt.yaw_deg for attempt in result.attempts]
+
+
 def far(options: Options) -> float:
     """Well above the bound, and less so on finer grids."""
     finer = options.granularity if isinstance(options.granularity, int) else 0
@@ -73,7 +80,8 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
     engines = Engines(result, far)
     best = best_of(problem(cost), engines)
     grids = [cells for _, cells in engines.tried[2:] if isinstance(cells, int)]
-    assert engines.tried == FIRST_TWO + [(Engine.GUILLOTINE, cells) for cells in grids]
+    turned = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
+    assert engines.tried == FIRST_TWO + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
     shapes = [cell_counts(BLOCK.extents_mm, cells) for cells in grids]
     shapes.append(cell_counts(BLOCK.extents_mm, problem(cost).granularity(BLOCK)))
     assert len({*shapes}) == len(shapes) > 1
@@ -98,8 +106,10 @@ def test_where_little_is_to_be_gained_no_other_grid_is_tried(
 ) -> None:
     """Near the bound, or where all printers are used to the end."""
     engines = Engines(replace(result, sum_s=20.0 * work * BOUND_S), lambda _: (work or 1.0) * 1.02 * BOUND_S)
-    assert len(best_of(problem(cost), engines).attempts) == 2
-    assert engines.tried == FIRST_TWO
+    best = best_of(problem(cost), engines)
+    assert engines.tried[:2] == FIRST_TWO
+    assert {cells for _, cells in engines.tried} == {"auto"}
+    assert yaws_deg(best) == [0.0, 0.0, *OTHER_YAWS_DEG]
 
 
 @pytest.mark.parametrize(("printers", "options"), [(20, {"granularity": 8}), (1, {})])
@@ -110,6 +120,46 @@ def test_a_grid_that_was_asked_for_is_the_only_one(
     best_of(problem(cost, printers, **options), engines)
     assert len(engines.tried) == 2
     assert {cells for _, cells in engines.tried} == {options.get("granularity", "auto")}
+
+
+def test_where_the_model_lies_best_other_grids_are_tried_too(cost: CostModel, result: Decomposition) -> None:
+    def ends_s(options: Options) -> float:
+        return BOUND_S * (1.2 if len(engines.asked) == 2 + len(first) + 2 else 1.3)  # the second yaw
+
+    first: list[object] = []
+    engines = Engines(result, lambda options: 1.3 * BOUND_S)
+    best_of(problem(cost), engines)
+    first += [cells for _, cells in engines.tried if cells != "auto"]
+    engines = Engines(result, ends_s)
+    best = best_of(problem(cost), engines)
+    yaw_deg = OTHER_YAWS_DEG[1]
+    later = best.attempts[2 + len(first) + len(OTHER_YAWS_DEG) :]
+    assert best.makespan_s == 1.2 * BOUND_S
+    assert later
+    assert {attempt.yaw_deg for attempt in later} == {yaw_deg}
+    lengths = [one.model.extents_mm[0] for one in engines.asked]
+    assert lengths[-1] == pytest.approx(lengths[2 + len(first) + 1])
+    assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
+
+
+def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> None:
+    """A bar that fits two printers only along its own length: the parts are in its own frame."""
+    turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
+    bar = replace(BLOCK, solid=BLOCK.solid.turned(turn))
+    options = Options(Engine.BEST, prove=False, budget_s=1000.0)
+    found = decompose(bar, ROOMS[:2], options, cost)
+    straight = next(a for a in found.attempts if a.yaw_deg == 45.0)
+    assert straight.makespan_s == found.makespan_s
+    whole = np.concatenate([part.solid.bounds_mm for part in found.parts])
+    np.testing.assert_allclose([whole.min(axis=0), whole.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
+    for part in found.parts:
+        points, _ = part.printed()
+        back = points @ part.to_model[:3, :3].T + part.to_model[:3, 3]
+        own, _ = part.solid.arrays()
+        np.testing.assert_allclose(back, own, atol=1e-4)
+        cuts = [n for *n, d in part.planes.tolist() if np.abs(own @ n - d).min() < 1e-6]
+        assert len(cuts) == 1  # across the bar
+        assert abs(cuts[0] @ turn[:, 0]) == pytest.approx(1.0)
 
 
 def test_another_grid_may_have_what_the_first_has_not(cost: CostModel, result: Decomposition) -> None:
@@ -127,7 +177,7 @@ def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition)
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
     best = best_of(replace(problem(cost), printers=printers), engines)
-    assert engines.tried == FIRST_TWO
+    assert {cells for _, cells in engines.tried} == {"auto"}
     assert best.to_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
     assert best.to_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
 
