@@ -22,6 +22,7 @@ from decompose.report import Attempt, Decomposition, Engine
 TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
+WORTH_TURNING = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
 NEAR = 0.03  # share of the makespan that has to be left to gain, so that another grid is worth its work
 
 
@@ -83,7 +84,7 @@ class _SoFar:
         try:
             found = self.by_engine(trial)
             makespan_s = found.makespan_s
-            if self.best is None or _rank(found) < _rank(self.best):
+            if self._is_better(found, yaw_deg):
                 self.best, self.yaw_deg = found, yaw_deg
         except (NoFit, GeometryError) as error:
             self.failure = self.failure or error
@@ -94,6 +95,13 @@ class _SoFar:
             Attempt(engine, cells, yaw_deg, makespan_s, took_s, effort.seconds, finished, reason)
         )
         self.left_s -= effort.seconds
+
+    def _is_better(self, found: Decomposition, yaw_deg: float) -> bool:
+        if self.best is None:
+            return True
+        if yaw_deg and not self.yaw_deg:
+            found = replace(found, makespan_s=found.makespan_s / (1.0 - WORTH_TURNING))
+        return _rank(found) < _rank(self.best)
 
     def tries_other_grids(self) -> None:
         """Add the guillotine engine on other grids, none twice, where enough is left to be gained."""

@@ -142,6 +142,16 @@ def test_where_the_model_lies_best_other_grids_are_tried_too(cost: CostModel, re
     assert lengths[-1] == pytest.approx(300 * math.cos(math.radians(15)) + 90 * math.sin(math.radians(15)))
 
 
+@pytest.mark.parametrize(("share", "taken"), [(0.995, False), (0.985, True)])
+def test_cuts_that_are_askew_have_to_be_worth_it(
+    share: float, taken: bool, cost: CostModel, result: Decomposition
+) -> None:
+    engines = Engines(result, lambda _: BOUND_S * (share if len(engines.asked) > 2 else 1.0))
+    best = best_of(problem(cost), engines)
+    assert best.makespan_s == BOUND_S * (share if taken else 1.0)
+    assert [a.makespan_s for a in best.attempts[2:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
+
+
 def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> None:
     """A bar that fits two printers only along its own length: the parts are in its own frame."""
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()

@@ -17,6 +17,7 @@ from drivers.emulator.status import read_status
 FARM = Path(sys.executable).with_name("farm")
 PATIENCE_S = 240.0
 TIME_SCALE = 150
+BUDGET_S = 2  # of the search for parts: little is gained on models as small
 
 
 def wait_for(what, condition, patience_s=PATIENCE_S):
@@ -42,7 +43,8 @@ class RealFarm:
 
     def write_fleet(self, printers):
         rows = "".join(f"  - {{name: {n}, model: {m}, port: {p!r}}}\n" for n, (m, p) in printers.items())
-        self.fleet.write_text(f"fleet: {{name: test, time_scale: {TIME_SCALE}}}\nprinters:\n{rows}")
+        house = f"name: test, time_scale: {TIME_SCALE}, compute: {{budget_s: {BUDGET_S}}}"
+        self.fleet.write_text(f"fleet: {{{house}}}\nprinters:\n{rows}")
 
     def run(self, *arguments, **env):
         """Run a farm command to its end; a result with code, out and err."""
