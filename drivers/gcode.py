@@ -149,10 +149,6 @@ class Program:
         """How far the print is when `line` lines are done."""
         return self.timeline.at(line, self.count)
 
-    def seconds_at(self, line: int) -> float:
-        """Print time in seconds when `line` lines are done, by the slicer's clock."""
-        return self.at(line).seconds
-
     def target_c(self, heater: HeaterName, line: int) -> float | None:
         """What a heater was last set to when `line` lines are done; None before the first."""
         for heat in reversed(self.heats):

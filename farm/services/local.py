@@ -26,7 +26,6 @@ from slicing.settings import SettingsRequest, resolve_settings
 
 MOST_PRINTERS = 100
 """That a number is chosen from, where a person names none."""
-_DEFAULT_MODEL = "ultimaker2_plus"
 
 
 def decompose_to_folder(

@@ -60,10 +60,10 @@ def test_progress_is_by_time_and_linear_in_a_layer():
     p = program(SLICED)
     assert p.homes == 1
     assert p.extrudes == 5
-    assert p.seconds_at(0) == 0.0
-    assert p.seconds_at(7) == 10.0
-    assert p.seconds_at(8) == 20.0
-    assert p.seconds_at(p.count) == 30.0
+    assert p.at(0).seconds == 0.0
+    assert p.at(7).seconds == 10.0
+    assert p.at(8).seconds == 20.0
+    assert p.at(p.count).seconds == 30.0
     assert [p.at(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
     assert p.layers == 2
 
@@ -131,7 +131,7 @@ def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: li
     marks = [(mark.line, mark.seconds) for mark in p.timeline]
     assert marks == sorted(marks)
     assert len({line for line, _ in marks}) == len(marks)
-    times = [p.seconds_at(line) for line in range(p.count + 1)]
+    times = [p.at(line).seconds for line in range(p.count + 1)]
     assert times == sorted(times)
     assert times[-1] == p.time_s == max((s for _, s in marks), default=0.0)
 
@@ -204,7 +204,7 @@ def test_any_slice_of_the_lines_is_that_of_the_list(values: list[int], start: in
     p = strip(line + b" ; c\n" for line in lines)
     assert p.lines(start, stop) == lines[start:stop]
     assert p.count == len(lines)
-    times = [p.seconds_at(n) for n in range(0, p.count + 1, 50)]
+    times = [p.at(n).seconds for n in range(0, p.count + 1, 50)]
     assert times == sorted(times)
 
 
