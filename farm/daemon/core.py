@@ -48,8 +48,8 @@ from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.recount import recount
 from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
+from farm.tracking.scene import Scene
 from farm.tracking.store import Store, StoreError
-from farm.tracking.view import Scene
 
 log = logging.getLogger(__name__)
 

@@ -30,7 +30,9 @@ from farm.paths import StateFolder
 from farm.scheduling.moments import wished_s
 from farm.services.work import inspect
 from farm.tracking.chronicle import history, night_view, shown_jobs
-from farm.tracking.view import Scene, job_view, printer_view, todo
+from farm.tracking.scene import Scene
+from farm.tracking.todo import todo
+from farm.tracking.view import job_view, printer_view
 from farm.words import one_line
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}

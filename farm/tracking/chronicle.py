@@ -6,7 +6,8 @@ from farm import api
 from farm.model import Job, JobState, Print
 from farm.tracking.account import night, took_s, wasted
 from farm.tracking.books import Books
-from farm.tracking.view import Scene, print_view
+from farm.tracking.scene import Scene
+from farm.tracking.view import print_view
 
 ENDED_SHOWN = 10
 """Jobs that are over: `farm history` has their prints."""

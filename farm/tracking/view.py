@@ -1,64 +1,33 @@
-"""What the books and the agents' latest words look like to a person. Pure."""
+"""What jobs and printers look like to a person. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from datetime import datetime
-
 from farm import api
-from farm.config import Fleet, PrinterSection
+from farm.config import PrinterSection
 from farm.errors import EXIT_CODES, ExitCode
 from farm.model import (
-    AgentPrint,
     AgentSnapshot,
-    Bed,
     Hold,
     HoldCode,
     Job,
     JobState,
     Link,
-    PlanProgress,
-    PlanStep,
     Plate,
     Print,
     Printer,
     PrintState,
     Verdict,
 )
-from farm.paths import StateFolder
 from farm.tracking.account import job_account, took_s
-from farm.tracking.asks import asks
 from farm.tracking.books import Books
-from farm.tracking.deadlines import deadlines
 from farm.tracking.outcome import Standing
+from farm.tracking.scene import Scene
 
 _PASSING_HOLDS = {
     HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
     HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
     HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.CUT_AGAIN,
 }  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """All that a view is drawn from."""
-
-    fleet: Fleet
-    books: Books
-    snapshots: Mapping[str, AgentSnapshot]
-    state: StateFolder
-    now_s: float
-    ends_s: Mapping[str, float] = field(default_factory=dict)  # of waiting plates, as far as it is foreseen
-    settled: bool = True  # the farm has been up long enough for every printer to have connected
-    progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
-    warning: str | None = None  # what is wrong with the farm itself
-
-    def moment(self, at_s: float | None) -> str | None:
-        """ISO 8601 in the fleet's zone."""
-        return (
-            None if at_s is None else datetime.fromtimestamp(at_s, self.fleet.zone).isoformat("T", "seconds")
-        )
 
 
 def job_view(scene: Scene, job: Job) -> api.JobView:
@@ -124,7 +93,7 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
 def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
     """Everything about a printer; `hold` is what keeps it from a plate, if anything."""
     entry = scene.books.printer(section.name)
-    snapshot = _snapshot(scene, section.name)
+    snapshot = scene.snapshot(section.name)
     attempt = scene.books.open_print_on(section.name)
     return api.PrinterView(
         name=section.name,
@@ -173,73 +142,6 @@ def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
     )
 
 
-def todo(scene: Scene) -> list[api.Todo]:
-    """What a person has to do now: look, connect, clear; each printer once."""
-    looks, absent, full, ending = [], [], [], []
-    outage = scene.books.outage
-    if outage is not None:
-        names = " ".join(outage.printers)
-        text = f"{names} were lost at once (power, a hub, the host?): look at them, then `farm resume`"
-        looks.append(api.Todo(code="outage", printers=list(outage.printers), text=text))
-    for section in scene.fleet.printers:
-        entry, snapshot = scene.books.printer(section.name), _snapshot(scene, section.name)
-        attempt = scene.books.open_print_on(section.name)
-        away = snapshot.link is Link.ABSENT or (
-            snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
-        )
-        if entry.maintenance is not None and attempt is None:
-            continue  # a person has it in hand
-        if outage is not None and section.name in outage.printers:
-            continue  # told once, for all of them
-        why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
-        if section.enabled and away:
-            also = f"; and look at it: {entry.look}" if entry.look else ""
-            if entry.untold_since_s is not None:
-                also += "; the books are a copy: what it printed since is not known"
-            what = f"{section.name}: {snapshot.reason or 'no answer from it'}"
-            text = f"connect {what}{also}"
-            absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
-        elif why:
-            what = f"{section.name} {why}{_when(scene, entry)}"
-            text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
-            looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
-        elif attempt is not None:
-            left_s = _print_remaining_s(scene, attempt, scene.books.plates[attempt.plate])
-            said, zone = _said(scene, attempt), scene.fleet.zone
-            ending += deadlines(attempt, said, left_s, scene.now_s, zone)
-        elif entry.bed is not Bed.CLEAR:
-            full.append(section.name)
-    clear = []
-    if full:
-        beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
-        text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
-        clear = [api.Todo(code="clear", printers=full, text=text)]
-    own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(scene)]
-    return [*own, *looks, *absent, *ending, *clear, *asks(scene.books)]
-
-
-def _troubles(scene: Scene) -> list[str]:
-    """What is wrong with the farm itself."""
-    found = [scene.warning] if scene.warning else []
-    for number, progress in scene.progress.items():
-        if progress.step is PlanStep.NO_ROOM:
-            found.append(
-                f"make room on the disk of {scene.state.root}: job {number} cannot be planned before"
-            )
-    return found
-
-
-def _when(scene: Scene, printer: Printer) -> str:
-    """Since when a printer has to be looked at."""
-    if printer.look is None or printer.look_s is None:
-        return ""
-    return datetime.fromtimestamp(printer.look_s, scene.fleet.zone).strftime(" %H:%M")
-
-
-def _snapshot(scene: Scene, name: str) -> AgentSnapshot:
-    return scene.snapshots.get(name) or AgentSnapshot(printer=name, link=Link.STARTING)
-
-
 def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
     """Parallel printing time: from the first print command to the end of the last part."""
     started = [p.started_s for p in prints if p.started_s is not None]
@@ -260,23 +162,7 @@ def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
     if stands is not Standing.PRINTING:
         return 0.0
     attempt = _last(scene.books, plate)
-    return plate.estimated_s if attempt.started_s is None else _print_remaining_s(scene, attempt, plate)
-
-
-def _print_remaining_s(scene: Scene, attempt: Print, plate: Plate) -> float:
-    """By the timeline once it prints (heat-up is over then), by the estimate before."""
-    factor = scene.books.printer(attempt.printer).time_factor
-    said = _said(scene, attempt)
-    if said is not None and said.progress_s > 0:
-        return max(0.0, plate.print_time_s - said.progress_s) * factor
-    return max(0.0, plate.seconds(factor) - (scene.now_s - (attempt.started_s or scene.now_s)))
-
-
-def _said(scene: Scene, attempt: Print) -> AgentPrint | None:
-    """What the printer's agent says of it."""
-    snapshot = scene.snapshots.get(attempt.printer)
-    said = snapshot.print if snapshot is not None else None
-    return said if said is not None and said.print_id == attempt.id else None
+    return plate.estimated_s if attempt.started_s is None else scene.remaining_s(attempt)
 
 
 def _eta_s(scene: Scene, job: Job, remaining_s: float | None) -> float | None:
@@ -371,8 +257,8 @@ def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
 
 def _progress(scene: Scene, attempt: Print) -> api.PrintProgress:
     plate = scene.books.plates[attempt.plate]
-    remaining_s = _print_remaining_s(scene, attempt, plate)
-    said = _said(scene, attempt)
+    remaining_s = scene.remaining_s(attempt)
+    said = scene.said(attempt)
     return api.PrintProgress(
         job=attempt.job,
         plate=attempt.plate,

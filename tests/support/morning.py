@@ -9,7 +9,9 @@ from farm.paths import StateFolder
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.chronicle import night_view, shown_jobs
-from farm.tracking.view import Scene, job_view, printer_view, todo
+from farm.tracking.scene import Scene
+from farm.tracking.todo import todo
+from farm.tracking.view import job_view, printer_view
 from make_books import ended, job, plan, run
 
 PRINTERS = [f"um2-{i:02d}" for i in range(1, 6)]

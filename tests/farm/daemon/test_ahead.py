@@ -17,7 +17,8 @@ from farm.services.files import sha256_of
 from farm.services.planning import Inspected, Plan
 from farm.tracking import events as ev
 from farm.tracking.books import put
-from farm.tracking.view import job_view, todo
+from farm.tracking.todo import todo
+from farm.tracking.view import job_view
 from make_books import plan as planned
 from one_core import MODEL, Farm
 

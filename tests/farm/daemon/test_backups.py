@@ -18,7 +18,7 @@ from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.rules import apply
 from farm.tracking.store import Store, StoreError
-from farm.tracking.view import todo
+from farm.tracking.todo import todo
 from make_books import fleet, job, run
 from make_books import plan as planned
 from one_core import MODEL, Farm

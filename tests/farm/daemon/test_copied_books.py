@@ -21,7 +21,7 @@ from farm.paths import StateFolder
 from farm.tracking import events as ev
 from farm.tracking.recount import recount
 from farm.tracking.store import copy_books
-from farm.tracking.view import todo
+from farm.tracking.todo import todo
 from make_books import plan as planned
 from one_core import MODEL, Farm
 from small_world import World

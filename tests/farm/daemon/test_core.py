@@ -19,7 +19,8 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.services.planning import Inspected, Plan, TooFewPrinters
 from farm.tracking import events as ev
-from farm.tracking.view import job_view, printer_view, todo
+from farm.tracking.todo import todo
+from farm.tracking.view import job_view, printer_view
 from make_books import plan as planned
 from one_core import MODEL, PLUS, Farm
 

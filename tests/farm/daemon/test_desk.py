@@ -23,7 +23,8 @@ from farm.paths import StateFolder
 from farm.scheduling.forecast import CLEARING_S
 from farm.services.planning import Plan
 from farm.tracking import events as ev
-from farm.tracking.view import job_view, todo
+from farm.tracking.todo import todo
+from farm.tracking.view import job_view
 from make_books import plan as planned
 from one_core import MODEL, Farm
 

@@ -10,7 +10,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, JobOptions, Link, PrintSt
 from farm.paths import StateFolder
 from farm.services.planning import Plan
 from farm.tracking import events as ev
-from farm.tracking.view import todo
+from farm.tracking.todo import todo
 from make_books import plan as planned
 from one_core import MODEL, Farm
 

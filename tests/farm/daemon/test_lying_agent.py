@@ -15,7 +15,8 @@ from farm.paths import StateFolder
 from farm.tracking import events as ev
 from farm.tracking.chronicle import history, night_view
 from farm.tracking.store import Store
-from farm.tracking.view import job_view, printer_view, todo
+from farm.tracking.todo import todo
+from farm.tracking.view import job_view, printer_view
 from make_books import plan as planned
 from one_core import MODEL, Farm
 

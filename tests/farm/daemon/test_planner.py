@@ -14,7 +14,7 @@ from farm.model import Job, JobOptions, PlanProgress, PlanStep
 from farm.paths import StateFolder
 from farm.services.models import inspect_model
 from farm.services.planning import Plan
-from farm.tracking.view import todo
+from farm.tracking.todo import todo
 from one_core import Farm
 
 MODEL = "ultimaker2_plus"

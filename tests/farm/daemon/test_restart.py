@@ -12,7 +12,7 @@ from farm.model import JobOptions, JobState, PrintState, Verdict
 from farm.paths import StateFolder
 from farm.services.planning import Plan
 from farm.tracking.store import Store, StoreError
-from farm.tracking.view import todo
+from farm.tracking.todo import todo
 from make_books import plan as planned
 from one_core import MODEL, PLUS, Farm
 from small_world import World

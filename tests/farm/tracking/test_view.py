@@ -13,7 +13,8 @@ from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, 
 from farm.paths import StateFolder
 from farm.tracking import events as ev
 from farm.tracking.books import Books
-from farm.tracking.view import Scene, job_view, printer_view
+from farm.tracking.scene import Scene
+from farm.tracking.view import job_view, printer_view
 from make_books import ended, fleet, job, plan, printing, run
 
 FLEET = Fleet.model_validate(
