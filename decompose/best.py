@@ -69,7 +69,8 @@ class _SoFar:
         if self.best is None:
             assert self.failure is not None  # the first engine is always tried
             raise self.failure
-        return replace(self.best, options=self.problem.options, attempts=tuple(self.attempts))
+        options = self.problem.options
+        return replace(self.best, options=options, yaw_deg=self.yaw_deg, attempts=tuple(self.attempts))
 
     def tries(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
         """Add an engine's attempt, as far as the budget goes."""

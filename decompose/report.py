@@ -196,6 +196,8 @@ class Decomposition:
         two rivals and of what is `--faithful` they are told.
     curve
         Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
+    yaw_deg
+        By how much `best` turned the model about z, against which it is cut askew.
     attempts
         What `best` tried, in its order; empty of a single engine.
     compute_s
@@ -216,6 +218,7 @@ class Decomposition:
     parts: tuple[Part, ...]
     coverage: Coverage
     cells: tuple[int, int, int] | None
+    yaw_deg: float = 0.0
     attempts: tuple[Attempt, ...] = ()
     joints: tuple[Joint, ...] = ()
     faults: tuple[Fault, ...] = ()
@@ -245,6 +248,7 @@ class Decomposition:
             "compute_s": self.compute_s["total"],
             "stages_s": self.compute_s,
             "cells": None if self.cells is None else list(self.cells),
+            "yaw_deg": self.yaw_deg,
             "attempts": [asdict(attempt) for attempt in self.attempts],
             "parts": [p.as_dict() for p in self.parts],
             "coverage": asdict(self.coverage),

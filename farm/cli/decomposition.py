@@ -22,7 +22,9 @@ def decomposition_lines(report: dict[str, Any], printers: int, out: Path) -> lis
         f"{alone} on one large one; E {used:.2f}"
     )
     least = f"at most {report['gap']:.0%} above the least that is possible"
-    lines.append(f"By {report['engine']}: {least}{', by cuts along its grid' if report['cells'] else ''}")
+    askew = f", turned by {report['yaw_deg']:.0f} degrees about z" if report["yaw_deg"] else ""
+    along = ", by cuts along its grid" if report["cells"] else ""
+    lines.append(f"By {report['engine']}{askew}: {least}{along}")
     glued = [joint for joint in report["joints"] if joint["glued"]]
     if glued:
         small = min(glued, key=lambda joint: float(joint["area_mm2"]))

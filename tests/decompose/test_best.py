@@ -160,6 +160,7 @@ def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> 
     found = decompose(bar, ROOMS[:2], options, cost)
     straight = next(a for a in found.attempts if a.yaw_deg == 45.0)
     assert straight.makespan_s == found.makespan_s
+    assert found.yaw_deg == 45.0
     whole = np.concatenate([part.solid.bounds_mm for part in found.parts])
     np.testing.assert_allclose([whole.min(axis=0), whole.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
     for part in found.parts:

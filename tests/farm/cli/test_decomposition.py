@@ -26,6 +26,7 @@ def report(**more: Any) -> dict[str, Any]:
             {"a": "p01", "b": "p03", "area_mm2": 4.0, "width_mm": 1.0, "glued": False},
         ],
         "faults": [],
+        "yaw_deg": 0.0,
     } | more
 
 
@@ -36,6 +37,11 @@ def test_a_good_result() -> None:
         "2 joints; the smallest, p01 to p02, has 120 mm2 of glue and is 8.0 mm wide",
         "In out: p01.stl to p03.stl, assembly.png, assembly.glb, decomposition.json",
     ]
+
+
+def test_cuts_askew_are_told() -> None:
+    (_, said, *_) = decomposition_lines(report(yaw_deg=15.0), 4, Path("out"))
+    assert said.startswith("By guillotine, turned by 15 degrees about z: at most 8%")
 
 
 def test_all_that_can_be_said_is_six_lines() -> None:
