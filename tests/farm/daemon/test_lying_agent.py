@@ -99,7 +99,7 @@ def look(core, folder):
 
 def busy(folder):
     """A job on both printers, `a` of which lies."""
-    farm = Farm(folder, clock=Clock())
+    farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
     farm.store._db.execute("PRAGMA synchronous = OFF")
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
     farm.core.happened(
@@ -113,7 +113,7 @@ def busy(folder):
     return farm
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(said=st.lists(snapshots, max_size=4))
 def test_whatever_an_agent_says_can_be_booked_shown_and_read_again(said, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
@@ -128,7 +128,7 @@ def test_whatever_an_agent_says_can_be_booked_shown_and_read_again(said, tmp_pat
     farm.store.close()
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(last=snapshots, told=st.lists(alike, max_size=4))
 def test_whatever_an_agent_says_that_it_printed_since_the_books_were_copied_can_be_booked(
     last, told, tmp_path_factory
