@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json as jsonlib
+import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -150,5 +151,7 @@ def _three(text: str) -> tuple[float, float, float]:
     try:
         x, y, z = (float(side) for side in text.split(","))
     except ValueError:
-        raise typer.BadParameter("three numbers in mm: X,Y,Z", param_hint="--volume") from None
+        x = y = z = math.nan
+    if not all(0 < side < math.inf for side in (x, y, z)):
+        raise typer.BadParameter("three numbers above 0, in mm: X,Y,Z", param_hint="--volume")
     return x, y, z

@@ -5,6 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+import typer
+
+from farm.cli import local
 from farm.cli.decomposition import decomposition_lines
 
 
@@ -68,3 +72,9 @@ def test_one_part_has_no_joint() -> None:
     assert [line.split()[0] for line in lines] == ["1", "By", "In"]
     assert lines[0].startswith("1 part: 1h00 on 1 printer, ")
     assert lines[2] == "In out: p01.stl, assembly.png, assembly.glb, decomposition.json"
+
+
+@pytest.mark.parametrize("text", ["1,2", "a,b,c", "nan,nan,nan", "200,200,-1", "0,200,200", "inf,200,200"])
+def test_what_is_no_volume_is_refused(text: str, tmp_path: Path) -> None:
+    with pytest.raises(typer.BadParameter, match="three numbers above 0"):
+        local.decompose(tmp_path / "none.stl", out=tmp_path, printers=2, volume=text)
