@@ -70,6 +70,9 @@ INSET = 8.0
 """A loop is shorter by so many mm for each mm that it lies inside the outline: two at each right angle."""
 INSET_AT_MOST = 0.1
 """Share of the walls that is lost so at most: beyond it they are as thick as the part."""
+OUTLINE_MM = 0.004
+"""By so much less than it may a layer reach out beyond the one below, and is supported: outlines are rounded,
+and a line that is left grows to the whole face. A face at just the support angle would be priced bare."""
 TURNED = 0.5
 """What a line of infill loses where it turns along the wall, as a share of where it ends."""
 
@@ -145,6 +148,12 @@ class Recipe:
         return self.skin_layers / self.skin_mm_s + (first - layers / self.skin_mm_s) / 2.0
 
     @property
+    def supported_deg(self) -> float:
+        """Faces that lean out further from the vertical are supported: by a hair sooner than they are to."""
+        out_mm = self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MM
+        return math.degrees(math.atan2(max(0.0, out_mm), self.layer_height_mm))
+
+    @property
     def skin_cos(self) -> float:
         """Faces with a larger |n| get skin: there the next few layers leave bare more than the walls."""
         bare_mm = self.skin_layers * self.layer_height_mm
@@ -211,7 +220,7 @@ class CostModel:
     brim_s_mm2: float
     least_s_mm: float  # the least time of the layers in a mm of height
     brim_mm: float
-    support_angle_deg: float = 45.0
+    supported_deg: float = 45.0  # faces that lean out further from the vertical get support
     skin_cos: float = 0.7  # faces with a larger |n| get skin
     inset_s_mm: float = 0.0
     skin_rim_s_mm: float = 0.0
@@ -224,7 +233,7 @@ class CostModel:
     @property
     def overhang_cos(self) -> float:
         """Faces whose normal points down by more than this get support."""
-        return math.sin(math.radians(self.support_angle_deg))
+        return math.sin(math.radians(self.supported_deg))
 
     @classmethod
     def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
@@ -243,7 +252,7 @@ class CostModel:
             brim_s_mm2=seconds["brim_mm2"],
             least_s_mm=recipe.least_layer_s / recipe.layer_height_mm,
             brim_mm=recipe.brim_mm,
-            support_angle_deg=recipe.support_angle_deg,
+            supported_deg=recipe.supported_deg,
             shrinkage=recipe.shrinkage,
             skin_cos=recipe.skin_cos,
             inset_s_mm=max(0.0, -seconds["height_mm"]),

@@ -21,6 +21,7 @@ from decompose.convex import convex_outline, rectangles, smallest_rectangle
 from decompose.cost import ADDITIVE, POSE_ROTATIONS, CostModel, PrinterRoom, pose_features
 from decompose.footing import FIRST_LAYER_MM, Footing
 from decompose.jit import jit
+from decompose.layers import short_layers_s
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -202,7 +203,8 @@ def _measured(
         seconds=priced.seconds([*features[:COLUMN], 0.0], hi - lo)
         + cost.support_seconds(
             inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
-        ),
+        )
+        + short_layers_s(triangles, cost),
         footing=footing,
         strain=_strain(footing, inside, height, leans),
         lean_mm=leans[-1],
