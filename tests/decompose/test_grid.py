@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -36,8 +37,8 @@ def grid(triangles: Triangles) -> Grid:
 
 @pytest.fixture(scope="module")
 def recipe_cost() -> CostModel:
-    cost = CostModel.from_recipe(Recipe(support_angle_deg=np.degrees(np.arcsin(0.7))))
-    return replace(cost, skin_cos=0.75)
+    supported_deg = math.degrees(math.asin(0.7))
+    return replace(CostModel.from_recipe(Recipe()), supported_deg=supported_deg, skin_cos=0.75)
 
 
 @pytest.fixture(scope="module")

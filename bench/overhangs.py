@@ -1,0 +1,92 @@
+"""How far a face may lean out before CuraEngine supports it, and what the cost takes it for.
+
+Usage: python -m bench.overhangs [--json]
+
+A block whose one side leans out is sliced at angles that close in on the first that is supported, along an
+axis of the bed and across it, where outlines are rounded otherwise.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from bench.print_time_parts import ANYWHERE, PRINTER, kind_seconds
+from farm.services.recipe import recipe
+from slicing.plate import PlateRequest, slice_plate
+from slicing.resources import find_engine, find_resources
+from slicing.settings import Settings, SettingsRequest, resolve_settings
+
+CASES = ((0.25, 45.0), (0.1, 45.0), (0.25, 60.0))  # layer height in mm, support angle in degrees
+YAWS_DEG = (0.0, 33.0)
+HEIGHT_MM, SIDE_MM = 20.0, 30.0
+BELOW_DEG, STEPS = 3.0, 6  # where the search begins, and how often it halves
+
+
+def leaning(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
+    """A block whose one side leans out by that from the vertical, turned on the bed."""
+    out_mm = HEIGHT_MM * math.tan(math.radians(angle_deg))
+    outline = [(0, 0), (SIDE_MM, 0), (SIDE_MM + out_mm, HEIGHT_MM), (0, HEIGHT_MM)]
+    block = trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, SIDE_MM)]))
+    block.apply_transform(trimesh.transformations.rotation_matrix(math.radians(yaw_deg), [0, 0, 1]))
+    block.apply_translation([*-block.bounds.mean(axis=0)[:2], -block.bounds[0, 2]])
+    return block
+
+
+def is_supported(block: trimesh.Trimesh, settings: Settings, folder: Path) -> bool:
+    """Whether CuraEngine prints any support."""
+    stl, out = folder / "block.stl", folder / "block.gcode"
+    block.export(stl)
+    slice_plate(PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE))
+    return kind_seconds(out.read_text(encoding="utf-8"))["support_s"] > 0.0
+
+
+def row(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict[str, Any]:
+    """The angles that are bare and supported, as close as they were told apart."""
+    overrides = {"layer_height": layer_mm, "support_angle": angle_deg}
+    settings = resolve_settings(SettingsRequest(PRINTER, "paper", overrides=overrides), find_resources())
+    bare_deg, supported_deg = angle_deg - BELOW_DEG, angle_deg
+    for _ in range(STEPS):
+        middle_deg = (bare_deg + supported_deg) / 2.0
+        if is_supported(leaning(middle_deg, yaw_deg), settings, folder):
+            supported_deg = middle_deg
+        else:
+            bare_deg = middle_deg
+    return {
+        "layer_height_mm": layer_mm,
+        "support_angle_deg": angle_deg,
+        "yaw_deg": yaw_deg,
+        "bare_deg": bare_deg,
+        "supported_deg": supported_deg,
+        "cost_deg": recipe(settings, prelude_s=0.0).supported_deg,
+    }
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [row(*case, yaw_deg, Path(folder)) for case in CASES for yaw_deg in YAWS_DEG]
+    if args.json:
+        print(json.dumps({"schema": 1, "rows": rows}, indent=1))
+        return 0
+    for each in rows:
+        print(
+            f"layer {each['layer_height_mm']} mm, support angle {each['support_angle_deg']:g}, turned by "
+            f"{each['yaw_deg']:g}: bare up to {each['bare_deg']:.2f}, supported from "
+            f"{each['supported_deg']:.2f} degrees; the cost says {each['cost_deg']:.2f}"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
