@@ -161,7 +161,7 @@ def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.
         name = np.round(turn * plane, SAME_DIGITS) + 0.0
         side = np.cross(np.eye(3)[int(np.abs(name[:3]).argmin())], name[:3])
         frame = np.stack([side, np.cross(name[:3], side)]) / np.linalg.norm(side)
-        corners = (vertices @ frame.T)[flat]
+        corners = np.round((vertices @ frame.T)[flat], SAME_DIGITS)  # a hair beside 0 has no inverse
         rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
         whole = shapely.union_all(rings[shapely.area(rings) > 0.0])
         if whole.area > 0.0:

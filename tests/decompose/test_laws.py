@@ -88,6 +88,7 @@ def test_each_engine_cuts_a_ball(engine: Engine, interior: Interior, cost: CostM
     seed=st.integers(0, 10**6),
     keep=st.booleans(),
 )
+@example(blocks=[((15, 15, 15), (15, 15, 15))], turn=(0.0, 1.7e-197, -4e-58), seed=0, keep=False)
 @example(blocks=[], turn=(0.34124882938726064, 0.2943790231485002, 0.2307702229625077), seed=0, keep=True)
 def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     engine: Engine,
