@@ -108,15 +108,24 @@ class Planner:
         return shutil.disk_usage(self._state.root).free < ROOM_BYTES
 
     async def _tell(self, job: int, result: Plan | FarmError) -> None:
-        """Hand the plan over; where the books cannot be written (a full disk), until they can."""
+        """Hand the plan over; where the books cannot be written (a full disk), until they can.
+
+        What is wrong with a plan so that it cannot be booked is told in its stead: the job fails by it.
+        """
         while True:
             try:
                 self._done(job, result)
+                return
             except FarmError as error:
                 log.error("job %d: %s; its plan is kept", job, error)
                 await asyncio.sleep(_RETRY_S)
-            else:
-                return
+            except Exception as error:
+                log.exception("job %d", job)
+                if isinstance(result, FarmError):
+                    return
+                result = FarmError(
+                    f"its plan is not taken: {type(error).__name__}: {error}; see the daemon's log"
+                )
 
     async def _plan(self, job: Job, task: DecomposeTask) -> Plan:
         if job.own_gcode is not None:

@@ -117,3 +117,26 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
     assert "No space left" in str(result)  # the second time there was room: it is the job's own
     assert [len(texts) for texts in scenes] == [0, 1, 0]
     assert "make room" in scenes[1][0] and "job 7" in scenes[1][0]
+
+
+def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
+    """It was left planning until the next daemon, with nothing but a line in the log."""
+    monkeypatch.setattr(planner.Planner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
+    told = []
+
+    def done(number, result):
+        told.append(result)
+        if isinstance(result, Plan):
+            raise KeyError("p07")
+
+    async def main():
+        making = Planner(state, SameProcess(), 20.0, done, lambda *_: None)
+        job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
+        making.start(job, [], 1, {})
+        while asyncio.all_tasks() - {asyncio.current_task()}:
+            await asyncio.sleep(0)
+
+    asyncio.run(main())
+    assert isinstance(told[0], Plan)
+    assert str(told[1]).startswith("its plan is not taken: KeyError: 'p07'")
+    assert len(told) == 2
