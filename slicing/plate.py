@@ -13,6 +13,7 @@ import os
 import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from slicing.startcode import PARKED_MM
 from slicing.timeline import with_times
 from slicing.toolpath import read_toolpath
 from slicing.walls import lines_of
+from slicing.waves import waved
 
 _FORMAT = "farm-slice-4"
 """Part of the cache's key: changes where what is stored or checked changes."""
@@ -129,13 +131,14 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
 
 
 def _slice(request: PlateRequest, triangles: stl.Triangles, progress: Progress | None) -> _Sliced:
-    """As the settings say; where that leaves something out, a hair wider or narrower."""
+    """As the settings say; where that leaves something out, a hair wider or narrower, or with a wave."""
     check_versions(request.engine, request.settings.extruder)
     first: SliceRejected | None = None
     with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
-        for share, offset_mm in _GROWN:
+        ways = [partial(_grown, request, share, offset_mm, Path(folder)) for share, offset_mm in _GROWN]
+        for way in (*ways, partial(_waved, request, triangles, Path(folder))):
             try:
-                return _slice_once(_grown(request, share, offset_mm, Path(folder)), triangles, progress)
+                return _slice_once(way(), triangles, progress)
             except SliceRejected as rejected:
                 first = first or rejected
                 if rejected.rule not in _BY_CHANCE:
@@ -156,6 +159,13 @@ def _grown(request: PlateRequest, share: float, offset_mm: float, folder: Path) 
         for key in ("xy_offset", "xy_offset_layer_0")
     }
     return replace(request, stl=wider, settings=replace(settings, extruder={**settings.extruder, **offsets}))
+
+
+def _waved(request: PlateRequest, triangles: stl.Triangles, folder: Path) -> PlateRequest:
+    """The same for a part whose long sides have a wave of hundredths of a mm."""
+    path = folder / request.stl.name
+    path.write_bytes(stl.binary_stl(waved(triangles.corners)))
+    return replace(request, stl=path)
 
 
 def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progress | None) -> _Sliced:

@@ -77,3 +77,10 @@ def grown(stl: bytes, share: float) -> bytes:
     facets = np.frombuffer(stl, _FACET, offset=_HEADER_BYTES).copy()
     facets["vertices"][..., :2] *= 1.0 + share
     return stl[:_HEADER_BYTES] + facets.tobytes()
+
+
+def binary_stl(corners: npt.NDArray[np.float64]) -> bytes:
+    """A binary STL of triangles (n, 3, 3); its normals are left to whoever reads it."""
+    facets = np.zeros(len(corners), _FACET)
+    facets["vertices"] = corners
+    return bytes(_HEADER_BYTES - 4) + len(corners).to_bytes(4, "little") + facets.tobytes()

@@ -1,0 +1,65 @@
+"""A mesh whose long flat sides have a wave of hundredths of a mm, so that no two of them make a corner.
+
+CuraEngine 4.13 loses a corner whose two sides multiply to 2**32 um2, see `slicing.plate`. Where a part widens
+slowly with its height, some layer always has such a corner, however much the part is grown.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+STEPS_MM = (29.0, 23.0)  # along x and y, from crest to trough: a corner's sides multiply to less then
+WAVE_MM = 0.03  # what is smaller CuraEngine may take for straight
+SAME_MM = 1e-6
+
+
+def waved(corners: Floats) -> Floats:
+    """Triangles (n, 3, 3) in mm, cut where a wave turns, and each point moved by it along x and y.
+
+    The wave is linear between the cuts: what was flat there stays so, and a closed mesh stays closed.
+    """
+    for axis, step_mm in enumerate(STEPS_MM):
+        first, last = corners[..., axis].min() / step_mm, corners[..., axis].max() / step_mm
+        for turn in range(int(np.ceil(first)), int(np.floor(last)) + 1):
+            corners = _cut(corners, axis, turn * step_mm)
+    moved = corners.copy()
+    for axis, across in ((0, 1), (1, 0)):
+        along = corners[..., across] / STEPS_MM[across]
+        moved[..., axis] += WAVE_MM * np.abs(along % 2.0 - 1.0)
+    return moved
+
+
+def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
+    """The same triangles, none of them on both sides of a plane.
+
+    An edge is cut at the very same point for both of its triangles.
+    """
+    side = np.sign(np.where(np.abs(corners[..., axis] - at_mm) < SAME_MM, 0.0, corners[..., axis] - at_mm))
+    across = (side.max(axis=1) > 0.0) & (side.min(axis=1) < 0.0)
+    touching = across & (side == 0.0).any(axis=1)
+    through = across & ~touching
+    on, a, b = _rolled(corners[touching], side[touching] == 0.0)
+    middle = _between(a, b, axis, at_mm)
+    alone, c, d = _rolled(corners[through], side[through] == -np.sign(side[through].sum(axis=1))[:, None])
+    p, q = _between(alone, c, axis, at_mm), _between(alone, d, axis, at_mm)
+    new = [(on, a, middle), (on, middle, b), (alone, p, q), (p, c, d), (p, d, q)]
+    return np.concatenate([corners[~across], *(np.stack(each, axis=1) for each in new)])
+
+
+def _rolled(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
+    """The corners (n, 3) of each triangle in their order, from the one that is marked."""
+    rows, start = np.arange(len(corners)), first.argmax(axis=1)
+    return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
+
+
+def _between(a: Floats, b: Floats, axis: int, at_mm: float) -> Floats:
+    """(n, 3) Where edges meet a plane; the ends may come in either order."""
+    swap = (a[:, axis] > b[:, axis])[:, None]
+    low, high = np.where(swap, b, a), np.where(swap, a, b)
+    share = (at_mm - low[:, axis]) / (high[:, axis] - low[:, axis])
+    found: Floats = low + share[:, None] * (high - low)
+    found[:, axis] = at_mm
+    return found
