@@ -1,6 +1,10 @@
-"""Spans and amounts as a person reads them. Pure."""
+"""Spans, amounts and mistakes as a person reads them. Pure."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydantic_core import ErrorDetails
 
 
 def span(seconds: float | None) -> str:
@@ -27,3 +31,8 @@ def one_line(text: str) -> str:
 def count(number: int, what: str) -> str:
     """1 part, 2 parts."""
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def first_of(mistakes: Sequence[ErrorDetails]) -> str:
+    """Where the first mistake in some data is, and what it is, as the library that found it says."""
+    return f"{'.'.join(map(str, mistakes[0]['loc']))}: {mistakes[0]['msg']}"

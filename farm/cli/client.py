@@ -19,6 +19,7 @@ from farm import api
 from farm.cli.connection import DaemonConnection
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
+from farm.words import first_of
 
 View = TypeVar("View", bound=BaseModel)
 CONNECT_S, ANSWER_S = 5.0, 60.0
@@ -150,9 +151,7 @@ def _read(view: type[View], answer: object) -> View:
     try:
         return view.model_validate(answer)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
         raise FarmError(
-            f"the daemon is of another version than this command ({place}: {first['msg']}): restart it; a "
+            f"the daemon is of another version than this command ({first_of(error.errors())}): restart it; a "
             "SIGTERM ends the daemon and no print, and `farm up` starts it"
         ) from error

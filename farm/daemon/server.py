@@ -33,7 +33,7 @@ from farm.tracking.chronicle import history, night_view, shown_jobs
 from farm.tracking.scene import Scene
 from farm.tracking.todo import todo
 from farm.tracking.view import job_view, printer_view
-from farm.words import one_line
+from farm.words import first_of, one_line
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 _LARGEST_MODEL = 2 * 1024**3  # bytes
@@ -70,8 +70,7 @@ def make_app(
 
     @app.exception_handler(RequestValidationError)
     async def misused(_: Request, error: RequestValidationError) -> Response:
-        first = error.errors()[0]
-        said = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+        said = first_of(error.errors())
         problem = api.Problem(error=said, code=ErrorCode.SETTINGS, exit_code=int(ExitCode.USAGE))
         return JSONResponse(problem.model_dump(), status_code=400)
 

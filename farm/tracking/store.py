@@ -16,6 +16,7 @@ from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
 from farm.tracking.books import Books, changed
 from farm.tracking.events import BooksRestored, Event
 from farm.tracking.forms import CHANGED, COPIED, FORM, STEPS, TABLES, WRITTEN
+from farm.words import first_of
 
 E = TypeVar("E", bound=Entity)
 
@@ -179,10 +180,8 @@ class Store:
             try:
                 entities.append(kind.model_validate_json(body))
             except ValidationError as error:
-                first = error.errors()[0]
-                place = ".".join(map(str, first["loc"]))
                 raise StoreError(
-                    f"the books cannot be read: {TABLES[kind]} {key}, {place}: {first['msg']}; "
+                    f"the books cannot be read: {TABLES[kind]} {key}, {first_of(error.errors())}; "
                     "were they written by another version of farm?"
                 ) from error
         return entities
