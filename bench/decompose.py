@@ -4,9 +4,10 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
        [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
 
 Engines other than `best` run at the first number of printers alone; where one that knows of no number answers
-k parts, `best` is run for k printers too, so that they can be compared part for part. Each run is a file in
---results and is not made again; slices are kept by content. A model as it stands is sliced whole, once, on a
-bed without limits (--no-whole: its time is the cost's estimate).
+k parts, `best` is run for k printers too, so that they can be compared part for part. What the guillotine
+engine cut is levelled again by what its slices take (`decompose.again`) wherever that gains. Each run is a
+file in --results and is not made again; slices are kept by content. A model as it stands is sliced whole,
+once, on a bed without limits (--no-whole: its time is the cost's estimate).
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import argparse
 import json
 import math
 import os
+import pickle
 import resource
 import sys
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
@@ -28,12 +31,13 @@ import numpy as np
 import trimesh
 
 from bench.print_time_parts import ANYWHERE, recipe_of
+from decompose.again import level_again
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import DecomposeError
 from decompose.files import write
 from decompose.mesh import load_model
 from decompose.partition import decompose
-from decompose.report import BUDGET_S, Engine, Options
+from decompose.report import BUDGET_S, Decomposition, Engine, Options
 from drivers.profiles import PROFILES, part_room
 from farm.errors import FarmError
 from farm.services.booking import SliceTask
@@ -51,6 +55,8 @@ PRINTER = "ultimaker2_plus"
 FAITHFUL = "-faithful"  # after an engine's name
 BY_PARTS = ("symmetry", "cube-skeleton")  # rivals that do not know of a number of printers
 WHOLE_TIMEOUT_S = 3600.0
+CUTTING = "cutting.pickle"
+LEVELLED = 2  # times at most, by what the slices tell
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +94,30 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             result = decompose(model, printers, options, cost, executor)
         wall_s = perf_counter() - start
-        report = write(result, folder).as_dict()
     except DecomposeError as error:
         return {"refused": f"{type(error).__name__}: {error}"}
+    return _written(result, folder, wall_s)
+
+
+def cut_again(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
+    """What was written to a folder, levelled by what its parts take; None: as it was."""
+    was = pickle.loads((folder / CUTTING).read_bytes())
+    start = perf_counter()
+    model = load_model(run.path, longest_side_mm=run.side_mm)
+    cost = CostModel.from_recipe(recipe_of(run.quality))
+    try:
+        with ThreadPoolExecutor(os.cpu_count()) as executor:
+            result = level_again(model, was, took_s, cost, executor)
+    except DecomposeError as error:
+        print(f"{run.name}, levelled again: {error}", file=sys.stderr)
+        return None
+    return None if result is None else _written(result, folder / "levelled", perf_counter() - start)
+
+
+def _written(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
+    """The report, with the parts in a folder, and what `cut_again` needs of them."""
+    report = write(result, folder).as_dict()
+    (folder / CUTTING).write_bytes(pickle.dumps(result.bare()))
     report["wall_s"] = wall_s
     report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     return report
@@ -196,16 +223,32 @@ def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         row: dict[str, Any] = json.loads(kept.read_text())
         if row.get("sliced") or args.no_slices or "refused" in row:
             return row
-    folder = args.results / run.name
-    context = get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context) as process:
-        report = process.submit(cut, run, folder).result()
+    folder, cache = args.results / run.name, args.results / "slices"
+    report = _apart(cut, run, folder)
     sliced = None
     if not args.no_slices and "refused" not in report:
-        sliced = slice_parts(report, run, folder, args.results / "slices", args.jobs)
+        sliced = slice_parts(report, run, folder, cache, args.jobs)
     row = figures(run, report, sliced)
+    while row.get("sliced") and row.get("levelled", 0) < LEVELLED and (folder / CUTTING).is_file():
+        report = _apart(cut_again, run, folder, sliced)
+        if report is None:
+            break
+        folder = folder / "levelled"
+        sliced = slice_parts(report, run, folder, cache, args.jobs)
+        again = figures(run, report, sliced)
+        if not again["sliced"] or again["parallel_s"] >= row["parallel_s"]:
+            break
+        count = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": again["wall_s"]}
+        first_s = row.get("first_s", row["parallel_s"])
+        row = again | count | {"first_s": first_s, "wall_s": row["wall_s"], "peak_mb": row["peak_mb"]}
     kept.write_text(json.dumps(row, indent=1))
     return row
+
+
+def _apart(work: Callable[..., Any], *args: Any) -> Any:
+    """What work answers in a process of its own, so that its peak of memory is its own."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
+        return process.submit(work, *args).result()
 
 
 def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
@@ -238,8 +281,9 @@ def line(row: dict[str, Any]) -> str:
         return f"{head} refused: {row['refused']}"
     error = f"{row['cost_error']:.1%}" if "cost_error" in row else "-"
     sliced = f", E sliced {row['efficiency_sliced']:.3f}" if "efficiency_sliced" in row else ""
+    took = f"{row['parallel_s']:6.0f} s" + (f" (first {row['first_s']:.0f})" if "first_s" in row else "")
     return (
-        f"{head} {row['parts']:3} parts, {row['parallel_s']:6.0f} s, E {row['efficiency']:.3f}{sliced}, "
+        f"{head} {row['parts']:3} parts, {took}, E {row['efficiency']:.3f}{sliced}, "
         f"balance {row['balance']:.3f}, gap {row['gap']:.1%} (result {row['above_bound']:+.1%}), "
         f"cost error {error}, {row['wall_s']:.0f} s, "
         f"{row['peak_mb']:.0f} MB"

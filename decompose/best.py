@@ -81,7 +81,9 @@ class _SoFar:
         began_s, effort, makespan_s, reason = perf_counter(), Effort(self.left_s), None, ""
         to_beat_s = math.inf if self.best is None or self.best.faults else self.best.makespan_s
         options = replace(self.problem.options, engine=engine, granularity=cells)
-        trial = replace(turned(self.problem, yaw_deg), options=options, effort=effort, to_beat_s=to_beat_s)
+        trial = replace(
+            turned(self.problem, yaw_deg), options=options, effort=effort, to_beat_s=to_beat_s, thorough=True
+        )
         try:
             found = self.by_engine(trial)
             makespan_s = found.makespan_s
@@ -121,14 +123,7 @@ class _SoFar:
 
 def turned(problem: Problem, yaw_deg: float) -> Problem:
     """The same problem, its model turned about z."""
-    if yaw_deg == 0.0:
-        return problem
-    turn = Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix()
-    return replace(
-        problem,
-        model=replace(problem.model, solid=problem.model.solid.turned(turn)),
-        frame=turn @ problem.frame,
-    )
+    return problem.turned(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())
 
 
 def _rank(result: Decomposition) -> tuple[bool, float, int]:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +26,9 @@ from decompose.problem import Found, Problem, surface_bound_s
 MOST_ROUNDS = 8  # of pricing truly what was chosen, and choosing again
 MOST_MENDS = 40  # choices that are given up for a sliver or a weak joint
 WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
+LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
+LOOSEST = 1.06  # where there is none for one less: of the least makespan
+NEAR = 1.03  # of the makespan to beat: what ends later than that is not worth looking on
 
 
 def search(problem: Problem) -> Found:
@@ -41,9 +46,16 @@ def search(problem: Problem) -> Found:
     problem.lap("boxes")
     needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
     bound_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
-    chosen = Search(problem, grid, boxes, bound_s).run()
+    engine = Search(problem, grid, boxes, bound_s)
+    chosen = engine.run()
     problem.lap("search")
     pieces = tuple(evened(problem, grid, chosen))
+    near = problem.thorough and problem.ends_s(pieces) < NEAR * problem.to_beat_s
+    if near and not problem.effort.is_spent():
+        for looser in engine.looser(list(chosen)):
+            pieces = min(pieces, tuple(evened(problem, grid, looser)), key=problem.ends_s)
+            if problem.effort.is_spent():
+                break
     problem.lap("planes")
     figures = problem.figures(grid, boxes, list(chosen), pieces)
     problem.lap("bound")
@@ -91,6 +103,48 @@ class Search:
             if longest_s <= WORTH * makespan_s or rounds == MOST_ROUNDS or effort.is_spent():
                 break
         return {box: self.cut[box] for box in self._neighbour(best)}
+
+    def looser(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
+        """Other partitions than the best, of less work, with boxes that are a little longer than need be.
+
+        What ends soonest on the grid need not once its planes move: they level what is long, and it is the
+        work in all that is left. Each has the fewest boxes, and of those the least work, within a limit.
+        """
+        if len(best) < 2:
+            return
+        seconds, pieces = self.boxes.seconds.copy(), self.boxes.pieces.copy()  # the tables stay as they are
+        own = Search(
+            self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.least_s
+        )
+        own.cut, own.posed_s = self.cut, self.posed_s
+        printers = len(self.problem.printers)
+        least_s, fewer_s = own._solved(printers), own._solved(printers - 1)
+        if least_s is None:
+            return
+        seen = {frozenset(best)}
+        for share in LOOSER:
+            chosen = own._within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
+            if chosen and frozenset(chosen) not in seen:
+                seen.add(frozenset(chosen))
+                yield {box: self.cut[box] for box in chosen}
+
+    def _within(self, limit_s: float) -> list[Box]:
+        """The partition of least work whose boxes truly take at most about that; none where there is none."""
+        found: list[Box] = []
+        for _ in range(MOST_ROUNDS):
+            before = self.solver.sums
+            parts = self.solver.parts(limit_s, ties=self.solver.can_tie)
+            self.problem.effort.did(Work.SUM, self.solver.sums - before)
+            if parts > len(self.problem.printers) or len(self.mends) > MOST_MENDS:
+                break
+            chosen = self.solver.chosen()
+            if self._more_pieces(chosen) or self._mended(chosen):
+                continue
+            longest_s = self._truly_s(chosen)
+            found = chosen if math.isfinite(longest_s) else found
+            if longest_s <= WORTH * limit_s or self.problem.effort.is_spent():
+                break
+        return found
 
     def _solved(self, printers: int, *limits_s: float) -> float | None:
         """The least makespan by the tables, see `Partitioner.least_makespan`; the work is booked."""

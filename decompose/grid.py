@@ -64,6 +64,8 @@ class Grid:
         (nx, ny, nz) of the model's surface in a cell, in mm2.
     extents
         (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf where empty.
+    surface
+        The same of its surface alone.
     cuts
         For each axis the area in mm2 of solid on each plane, by cell: (n+1 along that axis).
     """
@@ -74,6 +76,7 @@ class Grid:
     sums: Floats
     area: Floats
     extents: Floats
+    surface: Floats
     cuts: tuple[Floats, Floats, Floats]
 
     @property
@@ -310,7 +313,7 @@ def fill_grid(
     """The grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`."""
     px, py, pz = planes
     area, flux, sums, extents = _clip_into_cells(triangles, px, py, pz, skin_cos, overhang_cos)
-    surface = extents.copy()  # the solid's follow from it
+    surface = extents.copy()  # the solid's extents follow from it
     steps = [np.diff(p) for p in planes]
     cuts = []
     for axis in range(3):
@@ -337,7 +340,7 @@ def fill_grid(
     needed = cells != Cell.EXTERNAL
     if not keep_interior:
         needed = (cells == Cell.BOUNDARY) | _wall(cells, surface, planes, min_wall_mm)
-    return Grid(planes, cells, needed, sums, area, extents, (cuts[0], cuts[1], cuts[2]))
+    return Grid(planes, cells, needed, sums, area, extents, surface, (cuts[0], cuts[1], cuts[2]))
 
 
 def _wall(

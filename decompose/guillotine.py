@@ -197,6 +197,11 @@ class Partitioner:
         self.sums += len(self._sums) * sums_of(self.boxes.shape)
         return min(int(self.counts[box_index(self._root, self.boxes.shape)]), UNREACHABLE)
 
+    @property
+    def can_tie(self) -> bool:
+        """Whether there is memory to choose among partitions of as few parts."""
+        return len(self._states) * len(self.boxes.seconds) <= MOST_TIED
+
     def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
         """What the boxes at these indices are worth in a state where they are not cut."""
         seconds, pieces = self.boxes.seconds[at], self.boxes.pieces[at]
@@ -297,7 +302,7 @@ class Partitioner:
                 high = middle if self.others else min(middle, self.longest_s())
             else:
                 low = middle
-        self.parts(high, ties=len(self._value) <= MOST_TIED)
+        self.parts(high, ties=self.can_tie)
         return high
 
     def longest_s(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,17 +33,25 @@ class Piece:
         otherwise. What lies in no box of any piece was left out.
     printer
         That it is cut for; None: any, so that it has to fit them all.
+    slower
+        How many times as long it takes as the cost says, as far as a slicer has shown it.
     """
 
     solid: Solid
     planes: Floats
     boxes_mm: Floats
     printer: PrinterRoom | None = None
+    slower: float = 1.0
 
     @property
     def time_factor(self) -> float:
         """How many times as long its printer takes for it as the cost says."""
-        return 1.0 if self.printer is None else self.printer.time_factor
+        return self.slower * (1.0 if self.printer is None else self.printer.time_factor)
+
+
+def in_order(pieces: Iterable[Piece]) -> list[Piece]:
+    """Pieces by position, from the bottom up: so parts are numbered."""
+    return sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
 
 
 def pieces_in_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:

@@ -28,6 +28,8 @@ from decompose.levelling import levelled
 from decompose.orientation import Pose, measure
 from decompose.piece import Piece, cut_faces, pieces_in_box
 from decompose.problem import Problem
+from decompose.report import Interior
+from decompose.walls import finer
 
 Floats = npt.NDArray[np.float64]
 Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
@@ -40,8 +42,11 @@ ROUNDS, ROUNDS_EACH = 4, 8
 SHORTER = 0.6  # times as long is the next step, where one was no gain
 NOISE_MM = 2.0  # moves shorter than this teach little: supports, and so times, change by jumps
 WORTH = 0.0015  # share of the makespan that a step has to promise
+WORTH_MORE = 0.003  # share that a search has to gain, so that another one begins where it has ended
 PLANE_DIGITS = 6  # of a plane that moved, in mm
 UNMOVED_MM = 0.02
+MOST_COVERED = 20_000_000  # fine cells, for each box, that are looked at to see whether all is covered
+MOST_KEPT = 4  # times that a step is found anew around planes that flat faces keep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,29 +89,61 @@ def evened(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> 
     Returns
     -------
     list[Piece]
-        As many pieces, and none slower than the slowest was; the same ones where nothing was gained. Every
-        needed cell is in the same number of boxes as before: one.
+        As many pieces, and none slower than the slowest was; the same ones where nothing was gained. What
+        was in one box is in one box or, where it need not be printed (`decompose.walls`), in none.
     """
-    return [piece for part in _Evening(problem, grid, cut).run() for piece in part.pieces]
+    filled = filled_out(list(cut), grid.cells == Cell.EXTERNAL)
+    return evened_from(problem, grid, np.array([grid.bounds_mm(box) for box in filled]), list(cut.values()))
+
+
+def evened_from(
+    problem: Problem, grid: Grid, boxes_mm: Floats, pieces: Sequence[Sequence[Piece]]
+) -> list[Piece]:
+    """The same from boxes (n, 2, 3) in mm wherever their planes are, with the pieces in each.
+
+    What barred a face at one start, or was out of its reach, may not from where that has led to: as long as
+    it is worth it, planes are moved again from there.
+    """
+    vertices, faces = problem.model.solid.arrays()
+    keep = problem.options.interior is Interior.KEEP
+    problem.effort.did(Work.FACE_GRIDDED, len(faces))
+    cells = finer(grid, vertices[faces], problem.options.min_wall_mm, keep, MOST_COVERED // len(boxes_mm))
+    cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
+    while True:
+        evening = _Evening(problem, cells, cell_mm, boxes_mm, pieces)
+        before = evening.posed()
+        parts = evening.run(before)
+        gained = math.isfinite(_longest_s(parts)) and (
+            _longest_s(parts) <= (1.0 - WORTH_MORE) * _longest_s(before)
+        )
+        if not (gained and problem.thorough) or problem.effort.is_spent():
+            return [piece for part in parts for piece in part.pieces]
+        boxes_mm = np.array([part.box_mm for part in parts])
+        pieces = [part.pieces for part in parts]
 
 
 class _Evening:
-    """The search for one partition: what may move, and what the parts are cut from."""
+    """The search from one partition: what may move, by how much, and what the parts are cut from."""
 
-    def __init__(self, problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        cells: Cells,
+        cell_mm: Floats,
+        boxes_mm: Floats,
+        pieces: Sequence[Sequence[Piece]],
+    ) -> None:
         self.problem = problem
-        self.cells = Cells(grid.planes, grid.needed)
-        filled = filled_out(list(cut), grid.cells == Cell.EXTERNAL)
-        self.start_mm = np.array([grid.bounds_mm(box) for box in filled])
+        self.cells = cells
+        self.start_mm = boxes_mm
         self.start = [
-            _Part(box, tuple(replace(piece, boxes_mm=box[None]) for piece in pieces), (), math.inf)
-            for box, pieces in zip(self.start_mm, cut.values(), strict=True)
+            _Part(box, tuple(replace(piece, boxes_mm=box[None]) for piece in inside), (), math.inf)
+            for box, inside in zip(boxes_mm, pieces, strict=True)
         ]
         self.groups = moving_together(self.start_mm)
         self.free = directions(self.start_mm, self.groups, self.cells, TRY_MM)
         self.axes = np.zeros(len(self.free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
-        cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
         self.reach_mm = (REACH * cell_mm)[self.axes]
         vertices, faces = problem.model.solid.arrays()
         self.flats_mm = [flat_coordinates(vertices[faces], axis) for axis in range(3)]
@@ -114,9 +151,12 @@ class _Evening:
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]
 
-    def run(self) -> list[_Part]:
-        """The parts of the best partition that was found."""
-        best = self._posed(self.start)
+    def posed(self) -> list[_Part]:
+        """The parts as they are at first, in their best poses."""
+        return self._posed(self.start)
+
+    def run(self, best: list[_Part]) -> list[_Part]:
+        """The parts of the best partition that was found, from these on."""
         if not (self.free.any() and math.isfinite(_longest_s(best))):
             return best
         self._book([i for i in range(len(best)) for _ in range(6)])
@@ -201,21 +241,32 @@ class _Evening:
         return found
 
     def _step(self, parts: list[_Part], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
-        """Where the boxes would be best, were the slopes true; and the makespan that this promises."""
+        """Where the boxes would be best, were the slopes true; and the makespan that this promises.
+
+        A plane that a flat face keeps from where it would be best stays where that leaves it, and the others
+        make the best of it.
+        """
         now = np.array([part.box_mm for part in parts])
-        at = self._places(now) - self._places(self.start_mm)
-        low_mm = np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0)
-        high_mm = np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0)
-        by_mm, promised_s = levelled(
-            np.array([part.seconds for part in parts]),
-            slopes,
-            self.groups,
-            np.array([_longer_mm(part.size_mm, self._rooms(part)) for part in parts]),
-            np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM),
-            np.minimum(low_mm, 0.0),
-            np.maximum(high_mm, 0.0),
-        )
-        return self._clear(now, moved(now, self.groups, by_mm)), promised_s
+        places = self._places(now)
+        at = places - self._places(self.start_mm)
+        low_mm = np.minimum(np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0), 0.0)
+        high_mm = np.maximum(np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0), 0.0)
+        longer_mm = np.array([_longer_mm(part.size_mm, self._rooms(part)) for part in parts])
+        shorter_mm = np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM)
+        seconds = np.array([part.seconds for part in parts])
+        boxes_mm, promised_s = now, math.inf
+        for _ in range(MOST_KEPT):
+            by_mm, least_s = levelled(seconds, slopes, self.groups, longer_mm, shorter_mm, low_mm, high_mm)
+            if not math.isfinite(least_s):  # not with all of these kept: what was found before has to do
+                break
+            promised_s = least_s
+            boxes_mm = self._clear(now, moved(now, self.groups, by_mm))
+            really_mm = self._places(boxes_mm) - places
+            kept = np.abs(really_mm - by_mm) > UNMOVED_MM
+            if not kept.any():
+                break
+            low_mm[kept] = high_mm[kept] = really_mm[kept]
+        return boxes_mm, promised_s
 
     def _places(self, boxes_mm: Floats) -> Floats:
         """(groups,) The coordinate of each group."""
@@ -239,9 +290,12 @@ class _Evening:
 
     def _cut(self, i: int, box_mm: Floats) -> _Part:
         pieces = pieces_in_box(self.near[i], *box_mm)
-        printers = [piece.printer for piece in self.start[i].pieces]
-        if len(pieces) == len(printers):
-            pieces = [replace(piece, printer=own) for piece, own in zip(pieces, printers, strict=True)]
+        before = self.start[i].pieces
+        if len(pieces) == len(before):
+            pieces = [
+                replace(piece, printer=own.printer, slower=own.slower)
+                for piece, own in zip(pieces, before, strict=True)
+            ]
         return _Part(box_mm, tuple(pieces), (), math.inf)
 
     def _posed(self, parts: list[_Part], before: Sequence[_Part] = ()) -> list[_Part]:

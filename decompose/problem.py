@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,6 +59,9 @@ class Problem:
         Told the name of each stage when it is over.
     to_beat_s
         The makespan of a result that there is already: of one that ends later nothing is proven.
+    thorough
+        Whether other partitions of a grid are evened besides its best, and planes that have moved are moved
+        again from there, as far as the budget goes.
     frame
         (3, 3) ``v_cut = frame @ v_model``: how the model was turned before.
     """
@@ -71,6 +74,7 @@ class Problem:
     effort: Effort = field(default_factory=Effort)
     lap: Callable[[str], None] = lambda stage: None
     to_beat_s: float = math.inf
+    thorough: bool = False
     frame: Floats = field(default_factory=lambda: np.eye(3))
     _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
 
@@ -93,6 +97,13 @@ class Problem:
     def room_mm(self) -> list[float]:
         """The longest sides that a part may have on every printer."""
         return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
+
+    def turned(self, rotation: Floats) -> Problem:
+        """The same with the model turned by (3, 3); itself where that is not at all."""
+        if (rotation == np.eye(3)).all():
+            return self
+        model = replace(self.model, solid=self.model.solid.turned(rotation))
+        return replace(self, model=model, frame=rotation @ self.frame)
 
     def granularity(self, model: Model) -> int:
         """The cube root of the number of cells that is asked for over a model in the frame of the cut."""
@@ -128,8 +139,8 @@ class Problem:
     def figures(self, grid: Grid, boxes: Boxes, chosen: list[Box], pieces: Sequence[Piece]) -> GridFigures:
         """How good these boxes of a grid are: their makespan by the tables, and what none can undercut.
 
-        `pieces` are what came of them. The boxes fit every printer: the longest is for the quickest one. The
-        bound is proven as if all printers were as quick as that one.
+        `pieces` are what came of them, or of others like them, in the end. The boxes fit every printer: the
+        longest is for the quickest one. The bound is proven as if all printers were as quick as that one.
         """
         printers = len(self.printers)
         times_s = sorted((boxes.longest_s([box]) for box in chosen), reverse=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -168,6 +168,31 @@ class Attempt:
     reason: str = ""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Cutting:
+    """How the parts were cut, so that they can be levelled again (`decompose.again`).
+
+    Attributes
+    ----------
+    granularity
+        Of the grid.
+    frame
+        (3, 3) ``v_cut = frame @ v_model``.
+    boxes_mm
+        (parts, 2, 3) corners of the box whose content each part is of, in the frame of the cut.
+    cut_for
+        The printer that each part was cut for; None: any.
+    printers
+        Those that were free.
+    """
+
+    granularity: str | int
+    frame: Floats
+    boxes_mm: Floats
+    cut_for: tuple[PrinterRoom | None, ...]
+    printers: tuple[PrinterRoom, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Decomposition:
     """A checked result. All times are estimates of the cost model, in seconds.
@@ -194,6 +219,8 @@ class Decomposition:
     faults
         Slivers, and parts that joints of enough glue do not hold. What has any is given up; of the
         two rivals and of what is `--faithful` they are told.
+    cutting
+        Of the engine `guillotine`: what its parts can be levelled again from.
     curve
         Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
     yaw_deg
@@ -223,14 +250,19 @@ class Decomposition:
     joints: tuple[Joint, ...] = ()
     faults: tuple[Fault, ...] = ()
     curve: tuple[Point, ...] = ()
+    cutting: Cutting | None = None
 
     def to_gain(self, printers: Sequence[PrinterRoom]) -> float:
-        """About the share of the makespan that a partition of its grid could gain with no less work in all.
+        """About the share of the makespan that could be gained with no less work in all.
 
         All printers would be busy to the end, each as quick as it is.
         """
         busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
-        return 1.0 - max(self.lower_bound_s, busy_s) / self.makespan_s
+        return 1.0 - busy_s / self.makespan_s
+
+    def bare(self) -> Decomposition:
+        """The same without its parts and what is told of them: figures alone, for another process."""
+        return replace(self, parts=(), joints=(), faults=())
 
     def as_dict(self) -> dict[str, Any]:
         """The object that decomposition.json holds."""

@@ -15,6 +15,7 @@ from decompose.boxes import Box
 from decompose.cost import CostModel, PrinterRoom
 from decompose.effort import Effort, Work
 from decompose.grid import CLEAR_MM, flat_coordinates
+from decompose.interfaces import Cells
 from decompose.mesh import Model
 from decompose.orientation import Pose
 from decompose.piece import Piece, pieces_in_cells
@@ -115,8 +116,11 @@ def evening(asked: Problem) -> tuple[_Evening, list[_Part]]:
     """The search for the two halves of a model, and the halves posed."""
     grid = asked.grid(asked.model)
     cut = {box: pieces_in_cells(asked.model.solid, grid, box) for box in halves(asked)}
-    found = _Evening(asked, grid, cut)
-    return found, found._posed(found.start)
+    boxes_mm = np.array([grid.bounds_mm(box) for box in cut])
+    cell_mm = np.array([np.diff(each).min() for each in grid.planes])
+    cells = Cells(grid.planes, grid.needed)
+    found = _Evening(asked, cells, cell_mm, boxes_mm, list(cut.values()))
+    return found, found.posed()
 
 
 def test_planes_move_once_however_late_it_is(
@@ -229,6 +233,48 @@ def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> N
     times = {p.printer: asked.pose(p).seconds * p.time_factor for p in after}  # type: ignore[union-attr]
     assert longest_s(asked, after) < before_s
     assert times[quick] == pytest.approx(times[slow], rel=0.03)
+
+
+def test_a_lid_gives_way_to_the_hollow_behind_it(cost: CostModel) -> None:
+    """Two cells, of 45 mm, lie before the hollow, and a wall of 24 mm will do."""
+    block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
+    asked = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
+    asked = replace(asked, options=replace(asked.options, min_wall_mm=24.0))
+    grid = asked.grid(asked.model)
+    assert grid.shape == (8, 8, 8)
+    assert not grid.needed[2:6, 2:6, 2:6].any()
+    lids = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
+    walls = [(0, 0, 2, 2, 8, 6), (6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
+    before, after = run(asked, [*lids, *walls])
+    assert longest_s(asked, after) < 0.85 * longest_s(asked, before)
+    assert 24.0 <= after[0].boxes_mm[0, 1, 2] < 32.0
+
+
+def test_another_search_begins_where_one_has_ended(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plane that can move by little from each start gets where it has to be, where that is asked for."""
+    asked = replace(problem(cone, cost, 2, cells=2), thorough=True)
+    _, far = run(asked, halves(asked))
+    monkeypatch.setattr(planes, "REACH", 0.05)
+    before, near = run(asked, halves(asked))
+    assert longest_s(asked, near) < 1.03 * longest_s(asked, far)
+    assert longest_s(asked, near) < 0.95 * longest_s(asked, before)
+    _, once = run(replace(asked, thorough=False), halves(asked))
+    assert longest_s(asked, once) > 1.05 * longest_s(asked, near)
+
+
+def test_what_a_slicer_has_shown_of_a_part_counts(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    grid = asked.grid(asked.model)
+    cut = {
+        box: [replace(piece, slower=slower) for piece in pieces_in_cells(cone, grid, box)]
+        for box, slower in zip(halves(asked), (1.0, 1.3), strict=True)
+    }
+    a, b = evened(asked, grid, cut)
+    assert (a.slower, b.slower) == (1.0, 1.3)
+    a_s, b_s = (pose.seconds for pose in asked.poses([a, b]) if pose is not None)
+    assert a_s == pytest.approx(1.3 * b_s, rel=0.02)
 
 
 def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:

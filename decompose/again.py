@@ -1,0 +1,130 @@
+"""Cut planes moved once more, now that a slicer has told what each part takes.
+
+The price of a part is a per cent or two off, and the job waits for the part whose price is furthest off. How
+far each part's is hardly changes while its faces move by some millimetres: each keeps its own factor, and the
+planes are levelled by price times factor, as they were by the price alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from decompose.assignment import printers_for
+from decompose.cost import CostModel
+from decompose.effort import Effort
+from decompose.mesh import Model
+from decompose.piece import Piece, in_order, pieces_in_box
+from decompose.planes import evened_from
+from decompose.problem import Found, GridFigures, Problem
+from decompose.report import Cutting, Decomposition, Engine
+from decompose.result import finished, really
+
+WORTH = 0.005  # share of the makespan that has to be promised: the parts are sliced again for it
+
+
+def level_again(
+    model: Model,
+    was: Decomposition,
+    took_s: Sequence[float],
+    cost: CostModel,
+    executor: Executor | None = None,
+) -> Decomposition | None:
+    """The same parts with other borders, so that the slowest of them, as it is sliced, ends sooner.
+
+    Parameters
+    ----------
+    model
+        That was decomposed.
+    was
+        How; of its parts nothing is read, so that it may have come from another process without them.
+    took_s
+        The slicer's time of each of its parts, in seconds.
+    cost
+        It was decomposed with.
+
+    Returns
+    -------
+    Decomposition | None
+        Its times are the cost's, as ever. None where no gain is promised that is worth slicing again, or
+        where the engine was another one.
+
+    Raises
+    ------
+    NoFit, GeometryError
+        The result fits no longer, or breaks a geometry rule.
+    """
+    if (cutting := was.cutting) is None:
+        return None
+    began_s = perf_counter()
+    options = replace(was.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
+    effort = Effort(was.options.budget_s)
+    asked = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
+    problem = asked.turned(cutting.frame)
+    before = _pieces(problem, cutting, took_s)
+    if before is None:
+        return None
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
+    after = evened_from(problem, problem.grid(problem.model), boxes_mm, before)
+    if _ends_s(problem, after) > (1.0 - WORTH) * _ends_s(problem, [p for pieces in before for p in pieces]):
+        return None
+    grid = GridFigures(was.grid_makespan_s, was.lower_bound_s, was.cells)
+    found = Found(tuple(after), problem.model, np.eye(3), grid)
+    result = finished(problem, found, (was.serial_s, was.serial_as_is_s))
+    took = perf_counter() - began_s
+    return replace(
+        result,
+        engine=was.engine,
+        options=was.options,
+        yaw_deg=was.yaw_deg,
+        attempts=was.attempts,
+        curve=was.curve,
+        compute_s=was.compute_s | {"again": took, "total": was.compute_s["total"] + took},
+    )
+
+
+def _pieces(problem: Problem, cutting: Cutting, took_s: Sequence[float]) -> list[list[Piece]] | None:
+    """What is in each box, in the order in which it is cut out, with what its slice took over its price.
+
+    None where that are not the parts that there were.
+    """
+    if len(took_s) != len(cutting.cut_for):
+        return None
+    parts_of: dict[bytes, list[int]] = {}
+    for i, box in enumerate(cutting.boxes_mm):
+        parts_of.setdefault(box.tobytes(), []).append(i)
+    found = []
+    for parts in parts_of.values():
+        pieces = pieces_in_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
+        if len(pieces) != len(parts):
+            return None
+        numbers = [parts[in_order(pieces).index(piece)] for piece in pieces]
+        pieces = [
+            replace(piece, printer=cutting.cut_for[number])
+            for piece, number in zip(pieces, numbers, strict=True)
+        ]
+        poses = [pose for pose in problem.poses(pieces) if pose is not None]
+        if len(poses) != len(pieces):
+            return None
+        found.append(
+            [
+                replace(piece, slower=took_s[number] / pose.seconds)
+                for piece, number, pose in zip(pieces, numbers, poses, strict=True)
+            ]
+        )
+    return found
+
+
+def _ends_s(problem: Problem, pieces: Sequence[Piece]) -> float:
+    """When the last piece ends, as it is sliced, each on the printer where that is soonest."""
+    poses = problem.poses(pieces)
+    posed = really(pieces, [pose for pose in poses if pose is not None])
+    takers = printers_for(posed, problem.printers)
+    if takers is None:
+        return math.inf
+    return max(pose.seconds * taker.time_factor for pose, taker in zip(posed, takers, strict=True))

@@ -1,0 +1,89 @@
+"""What the exact engine evens besides the best partition: others, of less work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decompose import exact
+from decompose.boxes import Box, box_index
+from decompose.cost import CostModel, PrinterRoom
+from decompose.effort import Effort
+from decompose.exact import LOOSER, Search
+from decompose.mesh import Model
+from decompose.piece import Piece
+from decompose.problem import Problem
+from decompose.report import Engine, Options
+
+ROOMS = tuple(PrinterRoom(str(i), ((220.0, 220.0, 200.0),)) for i in range(7))
+
+
+@pytest.fixture
+def asked(ball: Model, cost: CostModel) -> Problem:
+    options = Options(Engine.GUILLOTINE, 7, fit_first_layer=False, prove=False)
+    return Problem(ball, ROOMS, cost, options, thorough=True)
+
+
+@pytest.fixture
+def searched(asked: Problem) -> tuple[Search, list[Box]]:
+    grid = asked.grid(asked.model)
+    search = Search(asked, grid, asked.boxes(grid), 0.0)
+    return search, list(search.run())
+
+
+def work_s(search: Search, boxes: list[Box]) -> float:
+    return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
+
+
+def test_looser_partitions_are_whole_and_of_no_more_work(searched: tuple[Search, list[Box]]) -> None:
+    search, best = searched
+    found = [list(cut) for cut in search.looser(best)]
+    assert 0 < len(found) <= len(LOOSER)
+    assert len({frozenset(chosen) for chosen in [best, *found]}) == len(found) + 1
+    limits_s = [max(search.posed_s[box] for box in chosen) for chosen in found]
+    assert min(limits_s) >= max(search.posed_s[box] for box in best)
+    for chosen in found:
+        covered = np.zeros(search.grid.shape, dtype=np.int64)
+        for a, b, c, d, e, f in chosen:
+            covered[a:d, b:e, c:f] += 1
+        assert covered.max() == 1
+        assert covered[search.grid.needed].all()
+        assert sum(len(search.cut[box]) for box in chosen) <= len(ROOMS)
+    assert min(work_s(search, chosen) for chosen in found) <= work_s(search, best)
+
+
+def test_what_ends_soonest_when_all_are_evened_is_the_answer(
+    asked: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of the looser ones."""
+    ends: dict[int, float] = {}
+    made: list[tuple[Piece, ...]] = []
+
+    def evened(problem: Problem, grid: object, cut: dict[Box, list[Piece]]) -> list[Piece]:
+        pieces = tuple(piece for inside in cut.values() for piece in inside)
+        made.append(pieces)
+        ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(made) - 1]
+        return list(pieces)
+
+    monkeypatch.setattr(exact, "evened", evened)
+    monkeypatch.setattr(Problem, "ends_s", lambda _, pieces: ends[id(pieces[0])])
+    found = exact.search(asked)
+    assert len(made) > 2
+    assert found.pieces == made[2]
+
+
+@pytest.mark.parametrize(
+    ("to_beat_s", "budget_s", "thorough"),
+    [(1.0, np.inf, True), (np.inf, 0.0, True), (np.inf, np.inf, False)],
+)
+def test_what_cannot_win_or_pay_is_not_looked_for(
+    to_beat_s: float, budget_s: float, thorough: bool, asked: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def looser(self: Search, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
+        raise AssertionError
+
+    monkeypatch.setattr(Search, "looser", looser)
+    exact.search(replace(asked, to_beat_s=to_beat_s, effort=Effort(budget_s), thorough=thorough))
