@@ -196,6 +196,7 @@ class Job(Entity):
 class PlanStep(StrEnum):
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
+    LEVELLING = "levelling"  # its cuts are moved once more: the slices tell which part is too slow
     NO_ROOM = "no_room"  # it failed on a full disk, and begins anew when that has room
 
 

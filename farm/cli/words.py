@@ -31,6 +31,8 @@ def planning(progress: PlanProgress) -> str:
     """Where the planning of a job is."""
     if progress.step is PlanStep.DECOMPOSING:
         return "decomposing"
+    if progress.step is PlanStep.LEVELLING:
+        return "levelling what was sliced"
     if progress.step is PlanStep.NO_ROOM:
         return "waiting for room on the disk"
     return f"slicing {progress.done} of {progress.of}" + (

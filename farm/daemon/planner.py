@@ -1,4 +1,4 @@
-"""Makes the plan of one job: decompose it in a worker, slice its parts in all of them."""
+"""Makes the plan of one job: decompose it in a worker, slice its parts in all of them, level them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import asyncio
 import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,8 @@ from farm.errors import FarmError
 from farm.model import Job, PlanProgress, PlanStep
 from farm.paths import StateFolder
 from farm.services.booking import SliceTask
-from farm.services.planning import DecomposeTask, Plan, make_plan, slice_tasks
-from farm.services.work import decompose_job, plan_gcode, slice_part
+from farm.services.planning import Decomposed, DecomposeTask, Plan, Sliced, make_plan, slice_tasks
+from farm.services.work import decompose_job, level_again, plan_gcode, slice_part
 from slicing.cache import trim_cache
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _RETRY_S = 5.0  # wall seconds
+_LEVELLED = 2  # times at most: what parts take is known well after the first
 ROOM_BYTES = 64 * 1024**2
 """Free on the disk of the state folder, without which nobody wonders that a plan fails."""
 Done = Callable[[int, "Plan | FarmError"], None]
@@ -132,15 +134,43 @@ class Planner:
             return await self._workers.run(plan_gcode, task, self._state.files)
         self._progressed(job.id, PlanProgress(step=PlanStep.DECOMPOSING))
         decomposed = await self._workers.run(decompose_job, task, limit=DECOMPOSING)
+        sliced = await self._levelled(await self._sliced(task, decomposed))
+        plan = await asyncio.to_thread(make_plan, sliced, self._state.files)
+        await asyncio.to_thread(trim_cache, self._state.slices)
+        return plan
+
+    async def _levelled(self, sliced: Sliced) -> Sliced:
+        """The parts with their cuts moved, as long as the last one, as it is sliced, ends sooner by that."""
+        job = sliced.task.job
+        for _ in range(_LEVELLED):
+            if not sliced.worth_levelling():
+                break
+            self._progressed(job, PlanProgress(step=PlanStep.LEVELLING))
+            folder = sliced.task.folder / "levelled"
+            try:
+                decomposed = await self._workers.run(level_again, sliced, folder, limit=DECOMPOSING)
+                if decomposed is None:
+                    break
+                moved = await self._sliced(replace(sliced.task, folder=folder), decomposed)
+            except FarmError as error:
+                log.warning("job %d: its parts are not levelled again: %s", job, error)
+                break
+            except Exception:  # there is a plan already, whatever is wrong with a better one
+                log.exception("job %d: its parts are not levelled again", job)
+                break
+            if moved.makespan_s() >= sliced.makespan_s():
+                break
+            sliced = moved
+        return sliced
+
+    async def _sliced(self, task: DecomposeTask, decomposed: Decomposed) -> Sliced:
         # Resolving settings and writing files would keep the event loop: both in a thread.
         tasks = await asyncio.to_thread(slice_tasks, task, decomposed, self._state.slices)
         # Longest first: the workers are done soonest then.
         order = sorted(range(len(tasks)), key=lambda i: -decomposed.parts[i].estimated_s)
-        sliced = await self._slice(job.id, [tasks[i] for i in order])
-        slices = [plate for _, plate in sorted(zip(order, sliced, strict=True), key=itemgetter(0))]
-        plan = await asyncio.to_thread(make_plan, task, decomposed, tasks, slices, self._state.files)
-        await asyncio.to_thread(trim_cache, self._state.slices)
-        return plan
+        results = await self._slice(task.job, [tasks[i] for i in order])
+        slices = [result for _, result in sorted(zip(order, results, strict=True), key=itemgetter(0))]
+        return Sliced(task, decomposed, tuple(tasks), tuple(slices))
 
     async def _slice(self, job: int, tasks: list[SliceTask]) -> list[PlateResult]:
         """Slice, and tell how far that is."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
-from decompose import partition
+from decompose import again, partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
 from decompose.files import write
 from decompose.mesh import Model
-from decompose.report import Engine, Options
+from decompose.report import Decomposition, Engine, Options
 from decompose.solid import Solid
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
@@ -21,7 +23,7 @@ from farm.services.booking import DecomposedPart, printer_settings
 from farm.services.cut import Cut
 from farm.services.estimate import quickest_first
 from farm.services.models import read_inspected
-from farm.services.planning import Decomposed, DecomposeTask, TooFewPrinters
+from farm.services.planning import Decomposed, DecomposeTask, Sliced, TooFewPrinters
 from farm.services.recipe import printer_cost, slower
 from farm.services.rooms import model_sizes, printer_room
 from farm.services.trouble import in_farm_words
@@ -70,12 +72,48 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     except Exception:
         with in_farm_words():
             raise
+    cut_up = _decomposed(written, model, task.folder)
+    return replace(cut_up, parts=_for_the_quickest(cut_up.parts, task))
+
+
+def _decomposed(written: Decomposition, model: Model, folder: Path) -> Decomposed:
     return Decomposed(
-        parts=_for_the_quickest([DecomposedPart.of(part, task.folder) for part in written.parts], task),
+        parts=tuple(DecomposedPart.of(part, folder) for part in written.parts),
         serial_s=written.serial_s,
         repairs=model.repairs,
         scale=model.scale,
+        cutting=None if written.cutting is None else pickle.dumps(written.bare()),
     )
+
+
+def level_again(sliced: Sliced, folder: Path) -> Decomposed | None:
+    """The same parts, their cuts moved so that the one that is slowest as it is sliced ends sooner.
+
+    Written to `folder`; None where nothing is to be gained. Runs in a worker.
+
+    Raises
+    ------
+    FarmError
+        `geometry`, `no_fit` or `settings`, with the reason.
+    """
+    task = sliced.task
+    assert sliced.decomposed.cutting is not None  # else it is not worth levelling
+    was: Decomposition = pickle.loads(sliced.decomposed.cutting)  # our own worker's
+    with in_farm_words():
+        resources = find_resources()
+    _, cost = priced_rooms(task.printers, task.factors, task.options.quality, resources, task.rounds)
+    costs = {
+        section.name: printer_cost(section, printer_settings(section, task.options.quality, resources))
+        for section in task.printers
+    }
+    took_s = [  # at the settings that parts are priced with
+        seconds / slower(costs[section.name], than=cost)
+        for section, seconds in zip(sliced.sections(), sliced.took_s(), strict=True)
+    ]
+    model = read_inspected(task.model)
+    with in_farm_words(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        found = again.level_again(model, was, took_s, cost, threads)
+        return None if found is None else _decomposed(write(found, folder), model, folder)
 
 
 def priced_rooms(

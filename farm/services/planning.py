@@ -1,6 +1,7 @@
 """A job's plan: model -> parts -> plates. The work runs in workers; what is put together here is data.
 
-The order is decompose, then slice every part, then price every plate. A plan is whole or it is nothing.
+The order is decompose, slice every part, where it is worth it level the parts by what that tells and slice
+again, then price every plate. A plan is whole or it is nothing.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from decompose.names import ASSEMBLY, PICTURE, REPORT
+from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Job, JobOptions, OwnGcode, Part, Plate
@@ -23,13 +25,16 @@ from farm.services.booking import (
     printer_settings,
     slice_task,
 )
-from farm.services.estimate import prelude_seconds
+from farm.services.estimate import plate_seconds, prelude_seconds
 from farm.services.files import store_file
 from farm.services.trouble import in_farm_words
 from slicing.resources import find_resources
 
 if TYPE_CHECKING:
     from slicing.plate import PlateResult
+
+WORTH_S, WORTH = 120.0, 0.01
+"""By how much the last printer has to end later than all do in the mean: parts are levelled again then."""
 
 
 class TooFewPrinters(FarmError):
@@ -76,6 +81,61 @@ class Decomposed:
     serial_s: float
     repairs: tuple[str, ...]
     scale: float
+    cutting: bytes | None = None
+    """How it was cut, pickled for `decomposing.level_again` alone: the daemon loads nothing for it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sliced:
+    """A decomposition with the slice of each part."""
+
+    task: DecomposeTask
+    decomposed: Decomposed
+    tasks: tuple[SliceTask, ...]
+    slices: tuple[PlateResult, ...]
+
+    def took_s(self) -> tuple[float, ...]:
+        """What each part takes from the first command to the last, were all printers as quick."""
+        return self._ends_s(dict.fromkeys(self.task.factors, 1.0))
+
+    def sections(self) -> list[PrinterSection]:
+        """The printer of each part."""
+        by_name = {section.name: section for section in self.task.printers}
+        return [by_name[part.printer] for part in self.decomposed.parts]
+
+    def busy_s(self) -> dict[str, float]:
+        """How long each printer prints that has a part at all, as its plates will say."""
+        busy: dict[str, float] = {}
+        for section, ends_s in zip(self.sections(), self._ends_s(self.task.factors), strict=True):
+            busy[section.name] = busy.get(section.name, 0.0) + ends_s
+        return busy
+
+    def makespan_s(self) -> float:
+        """The printer that is busy longest; clearing beds between rounds is not counted."""
+        return max(self.busy_s().values())
+
+    def worth_levelling(self) -> bool:
+        """Whether the printer that ends last is late enough to move cuts, and slice all again.
+
+        Where a printer has several parts, levelling those would not level the printers.
+        """
+        busy_s = self.busy_s()
+        late_s = self.makespan_s() - sum(busy_s.values()) / len(busy_s)
+        worth = late_s >= max(WORTH_S, WORTH * self.makespan_s())
+        return self.decomposed.cutting is not None and len(busy_s) == len(self.slices) and worth
+
+    def _ends_s(self, factors: Mapping[str, float]) -> tuple[float, ...]:
+        each = zip(self.sections(), self.tasks, self.slices, strict=True)
+        return tuple(
+            plate_seconds(
+                PROFILES[section.model],
+                result.print_time_s,
+                work.settings.nozzle_c,
+                work.settings.bed_c,
+                factors.get(section.name, 1.0),
+            )
+            for section, work, result in each
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,30 +208,24 @@ def slice_tasks(task: DecomposeTask, decomposed: Decomposed, cache: Path) -> lis
     ]
 
 
-def make_plan(
-    task: DecomposeTask,
-    decomposed: Decomposed,
-    tasks: Sequence[SliceTask],
-    slices: Sequence[PlateResult],
-    files: Path,
-) -> Plan:
+def make_plan(sliced: Sliced, files: Path) -> Plan:
     """Put the plan together, and its files into the store."""
-    sections = {section.name: section for section in task.printers}
+    task, decomposed = sliced.task, sliced.decomposed
     parts, plates = [], []
-    for number, (part, work, sliced) in enumerate(zip(decomposed.parts, tasks, slices, strict=True), 1):
-        section = sections[part.printer]
+    each = zip(decomposed.parts, sliced.sections(), sliced.tasks, sliced.slices, strict=True)
+    for number, (part, section, work, result) in enumerate(each, 1):
         names = Names(task.job, f"{task.job}/{part.id}", f"{task.job}/{number:02d}")
         factor = task.factors.get(section.name, 1.0)
         parts.append(booked_part(names, part, files))
-        plates.append(booked_plate(names, section, work.settings, sliced, factor, files, part.stands))
-    prelude_s = prelude_seconds(sections[decomposed.parts[0].printer], tasks[0].settings)
+        plates.append(booked_plate(names, section, work.settings, result, factor, files, part.stands))
+    prelude_s = prelude_seconds(sliced.sections()[0], sliced.tasks[0].settings)
     return Plan(
         parts=tuple(parts),
         plates=tuple(plates),
         repairs=decomposed.repairs,
         scale=decomposed.scale,
-        serial_s=prelude_s + _serial_s(decomposed, slices, prelude_s),
-        estimated_s=_makespan_s(plates),
+        serial_s=prelude_s + _serial_s(sliced, prelude_s),
+        estimated_s=sliced.makespan_s(),
         picture=store_file(files, task.folder / PICTURE),
         assembly=store_file(files, task.folder / ASSEMBLY),
         decomposition=store_file(files, task.folder / REPORT),
@@ -190,19 +244,11 @@ def file_names(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> dict
     }
 
 
-def _serial_s(decomposed: Decomposed, slices: Sequence[PlateResult], prelude_s: float) -> float:
+def _serial_s(sliced: Sliced, prelude_s: float) -> float:
     """The layers of the whole model in one piece: the cost's estimate, corrected by its error on the parts.
 
     Slicing the whole would take minutes, for a printer that nobody has.
     """
-    estimated_s = sum(part.estimated_s - prelude_s for part in decomposed.parts)
-    sliced_s = sum(float(sliced.print_time_s) for sliced in slices)
-    return (decomposed.serial_s - prelude_s) * sliced_s / estimated_s
-
-
-def _makespan_s(plates: Sequence[Plate]) -> float:
-    """The printer that is busy longest; clearing beds between rounds is not counted."""
-    busy: dict[str, float] = {}
-    for plate in plates:
-        busy[plate.printer] = busy.get(plate.printer, 0.0) + plate.estimated_s
-    return max(busy.values())
+    estimated_s = sum(part.estimated_s - prelude_s for part in sliced.decomposed.parts)
+    sliced_s = sum(float(result.print_time_s) for result in sliced.slices)
+    return (sliced.decomposed.serial_s - prelude_s) * sliced_s / estimated_s

@@ -10,7 +10,7 @@ from farm.config import PrinterSection
 from farm.model import JobOptions
 from farm.services.again import AgainTask, Pieces
 from farm.services.booking import SliceTask
-from farm.services.planning import Decomposed, DecomposeTask, Inspected, Plan, check_settings
+from farm.services.planning import Decomposed, DecomposeTask, Inspected, Plan, Sliced, check_settings
 
 if TYPE_CHECKING:
     from slicing.plate import PlateResult
@@ -46,6 +46,13 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     from farm.services import decomposing
 
     return decomposing.decompose_job(task)
+
+
+def level_again(sliced: Sliced, folder: Path) -> Decomposed | None:
+    """See `decomposing.level_again`."""
+    from farm.services import decomposing
+
+    return decomposing.level_again(sliced, folder)
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:

@@ -37,6 +37,7 @@ def test_moments():
 
 def test_how_far_a_plan_is():
     assert planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
+    assert planning(PlanProgress(step=PlanStep.LEVELLING)) == "levelling what was sliced"
     slicing = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
     assert planning(slicing) == "slicing 3 of 8"
     assert planning(slicing.model_copy(update={"cached": 1})) == "slicing 3 of 8 (1 plate from the cache)"

@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+from dataclasses import replace
 
 import pytest
 import trimesh
@@ -53,30 +54,16 @@ def plan(state, job, factor=1.0):
     return told, asyncio.run(main())
 
 
-def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, tmp_path, monkeypatch):
-    path = tmp_path / "bar.stl"
-    trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
-    model = inspect_model(path, "bar.stl", JobOptions(), state.files)
-
-    def job(number):
-        return Job(
-            id=number,
-            request_id="r" * 8,
-            name="bar.stl",
-            model_file=model.file,
-            options=JobOptions(),
-            submitted_s=0.0,
-        )
-
+def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, bar):
     def slicing(done, cached=0):
         return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
 
     decomposing = PlanProgress(step=PlanStep.DECOMPOSING)
-    told, first = plan(state, job(1))
+    told, first = plan(state, bar)
     assert isinstance(first, Plan), first
     assert told == [decomposing, slicing(0), slicing(1), slicing(2)]
     assert [plate.cached for plate in first.plates] == [False, False]
-    told, again = plan(state, job(2), factor=1.1)
+    told, again = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
     assert told == [decomposing, slicing(0), slicing(1, 1), slicing(2, 2)]
     assert [plate.cached for plate in again.plates] == [True, True]
     assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
@@ -84,6 +71,73 @@ def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, tmp_path, mo
     longest = max(first.plates, key=lambda plate: plate.estimated_s)
     assert again.estimated_s == pytest.approx(longest.seconds(1.1))
     assert not list(state.work.iterdir())
+
+
+@pytest.fixture
+def bar(state, tmp_path):
+    """A job for a bar that two printers have to share, and the books' file of it."""
+    path = tmp_path / "bar.stl"
+    trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
+    options = JobOptions(engine="guillotine")
+    model = inspect_model(path, "bar.stl", options, state.files)
+    return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
+
+
+def slowed(monkeypatch, late_s, fail=None):
+    """CuraEngine says that parts take so many seconds more than they do; what was cut again it may refuse."""
+    slice_part, asked = planner.slice_part, []
+
+    def slow(task):
+        asked.append(task.stl)
+        if fail and "levelled" in str(task.stl):
+            raise fail
+        sliced = slice_part(task)
+        mesh = trimesh.load_mesh(task.stl)
+        return replace(sliced, print_time_s=sliced.print_time_s + late_s(task.stl, mesh.extents.max()))
+
+    monkeypatch.setattr(planner, "slice_part", slow)
+    return asked
+
+
+def test_a_part_that_is_slow_as_it_is_sliced_is_cut_again(state, bar, monkeypatch):
+    """One end of the bar takes ten seconds a mm more than it does: both ends end together after it."""
+    slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
+    told, result = plan(state, bar)
+    assert isinstance(result, Plan), result
+    steps = [far.step for far in told]
+    assert steps.count(PlanStep.LEVELLING) >= 1
+    assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
+    a, b = (plate.print_time_s for plate in result.plates)
+    assert b == pytest.approx(a, rel=0.03)
+    left, right = sorted(result.parts, key=lambda part: part.volume_mm3)
+    assert left.volume_mm3 < 0.75 * right.volume_mm3
+    assert left.volume_mm3 + right.volume_mm3 == pytest.approx(260 * 14 * 12)
+    for part in result.parts:  # what is booked is what was cut last
+        mesh = trimesh.load_mesh(state.files / part.file)
+        assert mesh.volume == pytest.approx(part.volume_mm3, rel=1e-4)
+    assert not list(state.work.iterdir())
+
+
+@pytest.mark.parametrize(
+    "fail",
+    [
+        None,
+        FarmError("the engine refuses it", ErrorCode.SLICE),
+        OSError(28, "No space left"),
+        ValueError("lp"),
+    ],
+)
+def test_what_is_no_gain_or_cannot_be_sliced_is_as_if_it_never_was(state, bar, fail, monkeypatch):
+    """Sliced again, the part is slower still; or something fails."""
+    times = iter([600.0, 9000.0])
+    asked = slowed(monkeypatch, lambda stl, _: next(times) if stl.stem == "p02" else 0.0, fail)
+    told, result = plan(state, bar)
+    assert isinstance(result, Plan), result
+    assert PlanStep.LEVELLING in [far.step for far in told]
+    assert any("levelled" in str(stl) for stl in asked)
+    first, second = result.parts
+    assert first.volume_mm3 == pytest.approx(second.volume_mm3, rel=0.05)
+    assert result.plates[1].print_time_s - result.plates[0].print_time_s == pytest.approx(600.0, rel=0.1)
 
 
 def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_path, monkeypatch):

@@ -17,10 +17,13 @@ from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, Job, JobOptions, JobState, Link
 from farm.services.booking import MAY_FALL, MOST_WARNINGS, printer_settings, settings_request
 from farm.services.cut import LATE
-from farm.services.decomposing import decompose_job
+from farm.services.decomposing import decompose_job, level_again
+from farm.services.estimate import prelude_seconds
 from farm.services.models import inspect_model, read_inspected
 from farm.services.planning import (
+    WORTH_S,
     DecomposeTask,
+    Sliced,
     TooFewPrinters,
     file_names,
     make_plan,
@@ -69,6 +72,65 @@ def task(bar, files, tmp_path, printers=2, rounds=1):
     )
 
 
+class Slice:
+    """What is known of a slice here."""
+
+    def __init__(self, print_time_s):
+        self.print_time_s = print_time_s
+
+
+def sliced(work, cut, late_s, factor=1.0):
+    """As its price says, but for the last part, which takes so much longer."""
+    tasks = tuple(slice_tasks(work, cut, None))
+    prelude_s = prelude_seconds(work.printers[0], tasks[0].settings)
+    seconds = [part.estimated_s - prelude_s for part in cut.parts]
+    mean_s = sum(seconds) / len(seconds)
+    seconds = [mean_s] * (len(seconds) - 1) + [mean_s + late_s]
+    return Sliced(work, cut, tasks, tuple(map(Slice, seconds)))
+
+
+def test_a_part_that_is_sliced_slow_is_cut_smaller(bar, files, tmp_path):
+    work = replace(task(bar, files, tmp_path), factors={"p0": 1.0, "p1": 1.0})
+    cut = decompose_job(work)
+    slow = sliced(work, cut, late_s=WORTH_S * 3)
+    assert slow.makespan_s() == slow.took_s()[1] == slow.busy_s()[cut.parts[1].printer]
+    assert slow.worth_levelling()
+    after = level_again(slow, tmp_path / "levelled")
+    assert after.parts[1].volume_mm3 < cut.parts[1].volume_mm3
+    assert sum(part.volume_mm3 for part in after.parts) == pytest.approx(260 * 14 * 12)
+    assert {part.printer for part in after.parts} == {"p0", "p1"}
+    assert all(part.stl.is_file() and part.stl.parent == tmp_path / "levelled" for part in after.parts)
+    report = json.loads((tmp_path / "levelled" / "decomposition.json").read_text())
+    assert [part["volume_mm3"] for part in report["parts"]] == [part.volume_mm3 for part in after.parts]
+
+
+def test_what_ends_together_is_not_levelled(bar, files, tmp_path):
+    work = task(bar, files, tmp_path)
+    cut = decompose_job(work)
+    assert not sliced(work, cut, late_s=WORTH_S).worth_levelling()  # in the mean half of that later
+    assert not replace(sliced(work, cut, 1e4), decomposed=replace(cut, cutting=None)).worth_levelling()
+    level = sliced(work, cut, late_s=0.0)
+    assert level_again(level, tmp_path / "levelled") is None
+
+
+def test_a_slow_printer_is_busy_longer(bar, files, tmp_path):
+    work = replace(task(bar, files, tmp_path), factors={"p0": 1.5})
+    cut = decompose_job(work)
+    level = sliced(work, cut, late_s=0.0)
+    printed_s = level.slices[0].print_time_s
+    assert level.busy_s()["p0"] == pytest.approx(
+        level.busy_s()["p1"] + 0.5 * printed_s
+    )  # of the layers alone
+
+
+def test_where_a_printer_has_several_parts_they_are_not_levelled(bar, files, tmp_path):
+    work = task(bar, files, tmp_path)
+    cut = decompose_job(work)
+    assert sliced(work, cut, late_s=1e4).worth_levelling()
+    both = replace(cut, parts=tuple(replace(part, printer="p0") for part in cut.parts))
+    assert not sliced(work, both, late_s=1e4).worth_levelling()
+
+
 def test_the_engine_asked_for_cuts(bar, files, tmp_path):
     work = task(bar, files, tmp_path)
     grown = replace(work, options=JobOptions(engine="parallelobox"), budget_s=7.0)
@@ -85,7 +147,8 @@ def test_a_plan_is_whole(bar, files, tmp_path):
     slices = [slice_part(one) for one in tasks]
     thin = Unprinted(120.0, 1.0, 9.0, 3.0, -4.0)
     cut = replace(cut, parts=(cut.parts[0], replace(cut.parts[1], stands=False)))
-    plan = make_plan(work, cut, tasks, [replace(slices[0], unprinted=(thin,) * 9), slices[1]], files)
+    told = (replace(slices[0], unprinted=(thin,) * 9), slices[1])
+    plan = make_plan(Sliced(work, cut, tuple(tasks), told), files)
     assert [p.warnings for p in plan.plates] == [(str(thin),) * MOST_WARNINGS, (MAY_FALL,)]
     assert [p.printer for p in plan.plates] == ["p0", "p1"]
     assert sum(p.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
