@@ -91,7 +91,7 @@ def level_again(
 def _pieces(problem: Problem, cutting: Cutting, took_s: Sequence[float]) -> list[list[Piece]] | None:
     """What is in each box, in the order in which it is cut out, with what its slice took over its price.
 
-    None where that are not the parts that there were.
+    `took_s` is in seconds, in the order of the parts. None where those are not the parts that there were.
     """
     if len(took_s) != len(cutting.cut_for):
         return None
@@ -121,9 +121,11 @@ def _pieces(problem: Problem, cutting: Cutting, took_s: Sequence[float]) -> list
 
 
 def _ends_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """When the last piece ends, as it is sliced, each on the printer where that is soonest."""
-    poses = problem.poses(pieces)
-    posed = really(pieces, [pose for pose in poses if pose is not None])
+    """When the last piece ends, as sliced, in seconds, each on its best printer; inf where one fits none."""
+    poses = [pose for pose in problem.poses(pieces) if pose is not None]
+    if len(poses) != len(pieces):
+        return math.inf
+    posed = really(pieces, poses)
     takers = printers_for(posed, problem.printers)
     if takers is None:
         return math.inf

@@ -101,12 +101,12 @@ def level_again(sliced: Sliced, folder: Path) -> Decomposed | None:
     was: Decomposition = pickle.loads(sliced.decomposed.cutting)  # our own worker's
     with in_farm_words():
         resources = find_resources()
-    _, cost = priced_rooms(task.printers, task.factors, task.options.quality, resources, task.rounds)
     costs = {
         section.name: printer_cost(section, printer_settings(section, task.options.quality, resources))
         for section in task.printers
     }
-    took_s = [  # at the settings that parts are priced with
+    cost = costs[task.printers[0].name]  # that parts are priced with, as in `priced_rooms`
+    took_s = [
         seconds / slower(costs[section.name], than=cost)
         for section, seconds in zip(sliced.sections(), sliced.took_s(), strict=True)
     ]
