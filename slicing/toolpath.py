@@ -16,8 +16,9 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Words = tuple[tuple[str, float], ...]
 
-# Possessive: a block is never given back, so that reading stays linear.
-_BLOCK = re.compile(rb"((?:G[01](?: [FXYZE]-?\d++(?:\.\d*+)?+)++\r?+\n)*+)([^\n]*+\n?)")
+# Any text matches the second group, so that a block is never given back and reading stays linear. A block is
+# bounded because the engine of `re` keeps 50 bytes for each byte of it.
+_BLOCK = re.compile(rb"((?:G[01](?: [FXYZE]-?\d+(?:\.\d*|))+\r?\n){0,1000})([^\n]*\n?)")
 _CODE = re.compile(rb"\s*([GMT])0*(\d+)")
 _WORD = re.compile(rb"([XYZEFS])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
 _LETTERS = b"GFXYZE\r\n"

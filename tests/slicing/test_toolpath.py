@@ -1,5 +1,7 @@
 """A G-code file as columns of numbers."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -80,3 +82,16 @@ def test_the_columns_are_what_a_reader_of_lines_finds(lines, spaced):
         expected.append(list(here.values()))
     after = read_toolpath("\n".join(text).encode()).after
     assert after == pytest.approx(np.array(expected).reshape(-1, 4))
+
+
+def test_a_block_of_moves_without_an_end_takes_little_memory():
+    """The engine of `re` keeps what it could give back: 50 bytes for each byte of one block."""
+    text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
+    tracemalloc.start()
+    try:
+        path = read_toolpath(text)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(path.after) == 40_000
+    assert most < 20 * len(text)

@@ -1,0 +1,56 @@
+"""Regular expressions that Python 3.11.2, which is Debian 12's, matches wrongly: no source file has one."""
+
+import ast
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("farm", "drivers", "decompose", "slicing", "bench", "examples", "docs", "tests")
+WRONG = re.compile(r"\(\?>|[*+?}]\+")  # an atomic group, a possessive quantifier
+NO_PATTERN = {"k-means++"}
+
+
+def literals(tree: ast.AST) -> Iterator[str]:
+    """Strings and bytes of a module, but for its docstrings."""
+    docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and id(node) not in docs and isinstance(node.value, str | bytes):
+            yield node.value if isinstance(node.value, str) else node.value.decode("latin-1")
+
+
+def is_wrong(text: str) -> bool:
+    """Whether a literal, read as a pattern, backtracks less than Python 3.11.2 can."""
+    if text in NO_PATTERN or WRONG.search(text) is None:
+        return False
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            parsed = repr(re._parser.parse(text).data)  # type: ignore[attr-defined]
+    except re.error:
+        return True  # a piece of a pattern
+    return "POSSESSIVE_REPEAT" in parsed or "ATOMIC_GROUP" in parsed
+
+
+@pytest.mark.parametrize("text", ["a++", "(a*+b)?", "[0-9]{2}+", "(?>a|ab)c", "(x?+"])
+def test_the_check_finds_what_is_wrong(text: str) -> None:
+    assert is_wrong(text)
+
+
+@pytest.mark.parametrize("text", ["a+", r"a+\+", "[*+]+", "a+?", "k-means++"])
+def test_the_check_lets_the_others_be(text: str) -> None:
+    assert not is_wrong(text)
+
+
+def test_no_source_has_a_possessive_quantifier_or_an_atomic_group() -> None:
+    files = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py") if path != Path(__file__)]
+    assert len(files) > 100
+    found = [
+        f"{path.relative_to(ROOT)}: {text!r}"
+        for path in files
+        for text in literals(ast.parse(path.read_text()))
+        if is_wrong(text)
+    ]
+    assert not found, "match wrongly before Python 3.11.5: " + "; ".join(found)
