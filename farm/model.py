@@ -274,6 +274,7 @@ class Print(Entity):
     plate: str
     job: int
     printer: str
+    number: int = 0  # of all prints, in the order of their beginning: a clock may be set back meanwhile
     state: PrintState = PrintState.ASSIGNED
     assigned_s: float
     started_s: float | None = None

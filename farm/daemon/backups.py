@@ -8,7 +8,7 @@ from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
 
-from drivers.clock import Clock, wall_s
+from drivers.clock import Clock
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.tracking.store import DamagedBooks, Store, StoreError, copy_books
@@ -49,7 +49,7 @@ class Nightly:
     state, clock, zone
         Where the books are, the farm's clock, and whose nights it keeps.
     at
-        Sets a timer: wall time, its name, what to call.
+        Sets a timer: farm time, its name, what to call.
     tell
         Is given a sentence for a person where a copy could not be made, None once one was made.
     """
@@ -81,8 +81,8 @@ class Nightly:
             log.exception("the nightly copy of the books")
             self._tell(f"the nightly copy of the books failed ({error}): look at {self._state.backups}")
         finally:
-            again_s = self._clock.wall(next_s(now_s, self._zone))
-            self._at(max(again_s, wall_s() + _LEAST_S), "copy the books", self.turn)
+            least_s = self._clock.now() + _LEAST_S * self._clock.scale
+            self._at(max(next_s(now_s, self._zone), least_s), "copy the books", self.turn)
 
 
 def copies(state: StateFolder) -> list[Path]:

@@ -10,6 +10,7 @@ import logging
 import uuid
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Protocol
 
 from drivers.clock import Clock
@@ -44,6 +45,7 @@ from farm.services.outlook import Rooms, Span, may_begin, own_holds, plate_views
 from farm.services.planning import Inspected, Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.faults import OwnFault
+from farm.tracking.outage import window_s
 from farm.tracking.reconcile import observe, owed, reconcile, unexpected
 from farm.tracking.recount import recount
 from farm.tracking.reels import with_reels
@@ -96,7 +98,7 @@ class Core:
         self._foresight = Foresight(self.rules, clock.scale)
         self._otherwise = Otherwise(self.rules, clock, self._remake)
         self._refusals: Counter[str] = Counter()
-        self.books = store.load()
+        self.books = replace(store.load(), outage_window_s=window_s(clock.scale))
         self.fleet = with_reels(fleet, self.books.printers)
 
     # -- events -----------------------------------------------------------------------------------------
@@ -177,6 +179,20 @@ class Core:
                     self.happened(follows)
                 else:
                     self._hands.perform(follows)
+
+    def clock_set(self, by_s: float) -> None:
+        """The host's clock was set, and `clock` follows it: hours are others, spans go on.
+
+        `by_s` are the farm seconds by which it is ahead of what it was.
+        """
+        self.since_s += by_s
+        self._foresight.clock_set()
+        self._otherwise.clock_set()
+        try:
+            self.happened(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
+            self.settle()
+        except StoreError as error:
+            log.error("%s", error)
 
     # -- decisions --------------------------------------------------------------------------------------
 

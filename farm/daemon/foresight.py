@@ -23,6 +23,10 @@ class Foresight:
         self._at_s = float("-inf")
         self._ends_s: Mapping[str, float] = {}
 
+    def clock_set(self) -> None:
+        """The host's clock was set: what was foreseen counted on other hours."""
+        self._at_s = float("-inf")
+
     def ends_s(
         self, books: Books, printers: Callable[[], Sequence[PrinterView]], now_s: float
     ) -> Mapping[str, float]:

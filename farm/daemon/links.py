@@ -185,8 +185,13 @@ class AgentLink:
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
         self._cancelled: set[str] = set()  # prints that must not be begun any more
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._ahead_s = 0.0  # our clock of the agent's
+        self._apart_s = 0.0  # what our clock was ahead of the agent's before anybody set it
         self._stopping = False
+
+    @property
+    def _ahead_s(self) -> float:
+        """What our clock is ahead of the agent's."""
+        return self._apart_s + self._clock.ahead_s
 
     def start(self) -> None:
         self.keep_alive()
@@ -251,7 +256,7 @@ class AgentLink:
                         said = await anext(words, None)
                     if said is None:
                         break
-                    self._ahead_s = shift_s(said, self._clock)
+                    self._apart_s = shift_s(said, self._clock) - self._clock.ahead_s
                     if self._is_ours(said):
                         said = await self._recount(said)
                         self._hear(self._believed(said))

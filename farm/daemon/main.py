@@ -44,6 +44,7 @@ _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
 _SETTLE_S = 1.0
 _NOTIFY_S = 2.0
 _FORGET_S = 5.0
+_FOLLOW_S = 1.0  # wall seconds: as long as a clock that is set back may delay what is due
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
 
@@ -65,7 +66,7 @@ class Daemon:
             self._state, self._workers, compute.budget_s, self._core.planned, self._core.progressed
         )
         self._remaker = Remaker(self._state, self._workers, self._core.remade)
-        self._timers = Timers()
+        self._timers = Timers(self._clock)
         self._notifier: Notifier | None = None
         if fleet.fleet.notify:
             urls, name = fleet.fleet.notify, fleet.fleet.name
@@ -142,10 +143,12 @@ class Daemon:
         forgotten = app.state.dry_runs.end_forgotten
         timers.every(_FORGET_S, "dry runs", lambda: forgotten(time.monotonic()))
         timers.start()
+        following = asyncio.get_running_loop().create_task(self._follow_clock())
         await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
         try:
             await self._server.serve(sockets=[listening])
         finally:
+            following.cancel()
             timers.stop()
             self._planner.stop()
             self._remaker.stop()
@@ -154,6 +157,18 @@ class Daemon:
             listening.close()
             self._places.socket.unlink(missing_ok=True)
             self._store.close()
+
+    async def _follow_clock(self) -> None:
+        """Take over that the host's clock was set, as by NTP after a start without a network."""
+        while True:
+            await asyncio.sleep(_FOLLOW_S)  # by the loop's own clock, which nobody sets
+            step_s = self._clock.follow_host()
+            if step_s:
+                log.warning("the host's clock was set by %+.0f s: hours are kept by it from now on", step_s)
+                self._timers.clock_set()
+                if self._notifier is not None:
+                    self._notifier.clock_set(step_s)
+                self._core.clock_set(step_s)
 
     def _notify(self) -> None:
         if self._notifier is not None:
@@ -164,7 +179,7 @@ class Daemon:
         self._core.settle()
         edge_s = self._core.next_edge_s()
         if edge_s is not None and edge_s != self._edge_s:
-            self._timers.at(self._clock.wall(edge_s), "edge of hours", self._turn)
+            self._timers.at(edge_s, "edge of hours", self._turn)
         self._edge_s = edge_s
 
     async def _down(self, now: bool) -> None:

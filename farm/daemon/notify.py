@@ -61,6 +61,10 @@ class Notifier:
         self._keep()  # first: rather not at all than twice
         self._waiting.put("\n".join(one.text for one in news))
 
+    def clock_set(self, by_s: float) -> None:
+        """What happens from now on is news, also where the clock that tells when was set back."""
+        self._since_s = min(self._since_s, self._since_s + by_s)
+
     def _keep(self) -> None:
         half = self._file.with_suffix(".half")
         try:
@@ -103,6 +107,8 @@ def _way(number: int, url: SecretStr) -> Any:
 def _recall(file: Path, now_s: float) -> tuple[float, dict[str, float]]:
     try:
         kept = json.loads(file.read_text())
-        return float(kept["since_s"]), {str(key): float(at_s) for key, at_s in kept["told"].items()}
+        return min(float(kept["since_s"]), now_s), {
+            str(key): float(at_s) for key, at_s in kept["told"].items()
+        }
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return now_s, {}

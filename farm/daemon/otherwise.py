@@ -54,6 +54,10 @@ class Otherwise:
         """The printers that something is being made for."""
         return frozenset(name for making in self._making.values() for name in making.printers)
 
+    def clock_set(self) -> None:
+        """The host's clock was set: when it was looked last says nothing any more."""
+        self._looked_s = float("-inf")
+
     def holds(self) -> dict[str, Hold]:
         """The plates whose parts are being cut: meanwhile they go to no printer."""
         return {

@@ -1,37 +1,59 @@
-"""Wake-ups on APScheduler (its word "job" stays in this file), in memory: each is set anew at start."""
+"""Wake-ups on APScheduler (its word "job" stays in this file), in memory: each is set anew at start.
+
+APScheduler counts in the host's time, which may be set: `clock_set` counts what is left of each anew.
+"""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Awaitable, Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 from apscheduler.executors.asyncio import AsyncIOExecutor
 from apscheduler.schedulers.asyncio import AsyncIOScheduler
 from apscheduler.triggers.date import DateTrigger
 from apscheduler.triggers.interval import IntervalTrigger
 
+from drivers.clock import Clock
+
 
 class Timers:
-    """Runs functions on the daemon's event loop at wall-clock intervals."""
+    """Runs functions on the daemon's event loop: at intervals of wall seconds, at moments of farm time."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
         # A stalled loop delays a timer, it never drops one; several missed turns are made up by one.
         defaults = {"misfire_grace_time": None, "coalesce": True, "max_instances": 1}
         self._scheduler = AsyncIOScheduler(executors={"default": AsyncIOExecutor()}, job_defaults=defaults)
+        self._clock = clock
+        self._moments: dict[str, float] = {}  # of `at`, in farm time
 
     def every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, again and again until the timers are stopped."""
         trigger = IntervalTrigger(seconds=wall_seconds)
         self._scheduler.add_job(_on_the_loop(work), trigger, id=name, replace_existing=True)
 
-    def at(self, wall_s: float, name: str, work: Callable[[], object]) -> None:
-        """Call a function once at a moment of wall time (since the epoch), late rather than never.
+    def at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
+        """Call a function once at a moment of farm time, late rather than never.
 
         A timer of the same name is put off or brought forward.
         """
-        trigger = DateTrigger(datetime.fromtimestamp(wall_s, UTC))
-        self._scheduler.add_job(_on_the_loop(work), trigger, id=name, replace_existing=True)
+        self._moments[name] = at_s
+        self._scheduler.add_job(_on_the_loop(work), self._trigger(at_s), id=name, replace_existing=True)
+
+    def clock_set(self) -> None:
+        """Count anew after the host's clock was set; set back, it would delay what is due by as much."""
+        for job in self._scheduler.get_jobs():
+            again = job.trigger
+            if isinstance(again, DateTrigger):
+                again = self._trigger(self._moments[job.id])
+            elif isinstance(again, IntervalTrigger):
+                again = IntervalTrigger(seconds=again.interval_length)
+            job.reschedule(again)
+
+    def _trigger(self, at_s: float) -> DateTrigger:
+        """The host's time, as it is now, at a moment of farm time."""
+        left = timedelta(seconds=self._clock.wall_seconds(at_s - self._clock.now()))
+        return DateTrigger(datetime.now(UTC) + left)
 
     def start(self) -> None:
         self._scheduler.start()

@@ -25,9 +25,15 @@ _PHASES = {
 
 
 def shift_s(said: m.Snapshot, clock: Clock) -> float:
-    """What the farm's clock is ahead of the agent's; 0 where that may be a word's way alone."""
-    late_s = clock.now() - said.now_s
-    return late_s if said.now_s and abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S else 0.0
+    """What the farm's clock is ahead of the agent's, but for what may be a word's way alone.
+
+    An agent's clock is never set: what was taken over since the daemon began is all the daemon's.
+    """
+    if not said.now_s:
+        return 0.0
+    late_s = clock.now() - clock.ahead_s - said.now_s
+    apart = abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S
+    return clock.ahead_s + (late_s if apart else 0.0)
 
 
 def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:

@@ -13,7 +13,6 @@ from farm.scheduling.rules import Rules
 from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.tracking.books import Books
 from farm.tracking.faults import LOSSES
-from farm.tracking.outage import WINDOW_S
 from farm.tracking.outcome import Standing
 
 Rooms = Callable[[PrinterSection], tuple[Box, ...]]
@@ -183,7 +182,8 @@ def _own_hold(books: Books, job: Job, plate: Plate, untold: str, now_s: float) -
         part = plate.parts[0]
         return Hold(code=HoldCode.PAUSED, text=f"part {part} is paused: `farm resume {part}`")
     last = books.prints[plate.prints[-1]] if plate.prints else None
-    if last is not None and last.fault in LOSSES and now_s - (last.ended_s or 0.0) <= WINDOW_S:
+    lost_s = last.ended_s if last is not None and last.fault in LOSSES else None
+    if last is not None and lost_s is not None and abs(now_s - lost_s) <= books.outage_window_s:
         text = f"{last.printer} was lost just now: others may be lost with it"
         return Hold(code=HoldCode.JUST_LOST, text=text)
     return None

@@ -21,6 +21,7 @@ from farm.model import (
     Printer,
     PrintState,
 )
+from farm.tracking.outage import WINDOW_S
 from farm.tracking.outcome import Standing, standing
 
 E = TypeVar("E", bound=Entity)
@@ -34,6 +35,7 @@ class Books:
     prints: Mapping[str, Print] = field(default_factory=dict)
     printers: Mapping[str, Printer] = field(default_factory=dict)
     outages: Mapping[int, Outage] = field(default_factory=dict)
+    outage_window_s: float = WINDOW_S  # as the farm's clock has it (`outage.window_s`)
     _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
     _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer: what ended last
 
@@ -92,6 +94,11 @@ class Books:
         done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in done if p.restored and p.verdict is None)
 
+    @property
+    def next_number(self) -> int:
+        """Of the next print."""
+        return len(self.prints) + 1
+
     def last_on(self, printer: str) -> Print | None:
         """The print that began on a printer, and ended there last."""
         return self._last.get(printer)
@@ -140,7 +147,12 @@ def _ended_last(attempt: Print, before: Entity | None) -> bool:
     """Whether a print that has ended is its printer's last; one that never began is none."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
-    return not isinstance(before, Print) or (attempt.ended_s or 0.0) >= (before.ended_s or 0.0)
+    return not isinstance(before, Print) or _order(attempt) >= _order(before)
+
+
+def _order(attempt: Print) -> tuple[int, float]:
+    """Of two prints on one printer, the later one's is larger; those of older farms have no number."""
+    return attempt.number, attempt.ended_s or 0.0
 
 
 def _place(entity: Entity) -> tuple[str, object]:

@@ -80,7 +80,7 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 def lose(books: Books, name: str, lost_s: float, at_s: float) -> Books:
     """A printer is gone; where others went with it, it is an outage, and no plate's fault."""
     books = put(books, edited(books.printer(name), lost_s=lost_s))
-    together = lost_together(name, books.printers.values())
+    together = lost_together(name, books.printers.values(), books.outage_window_s)
     if len(together) < 2:
         return books
     outage = books.outage or Outage(id=len(books.outages) + 1, at_s=lost_s, printers=())

@@ -25,6 +25,12 @@ class PrinterAdded(Event):
     bed: Bed
 
 
+class ClockSet(Event):
+    """The host's clock was set ahead by so many seconds, or back where it is negative."""
+
+    by_s: float
+
+
 class JobSubmitted(Event):
     job: Job
 
@@ -267,6 +273,7 @@ class PrinterDoubted(Event):
 
 AnyEvent = (
     PrinterAdded
+    | ClockSet
     | JobSubmitted
     | JobHeld
     | PlanningStarted

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from farm.model import JobState, PrintState
 from farm.tracking.books import Books
 from farm.tracking.faults import BY_PEOPLE
-from farm.tracking.outage import WINDOW_S
 from farm.words import span
 
 _LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
@@ -32,7 +31,8 @@ def due(books: Books, now_s: float, since_s: float, told: Collection[str]) -> li
     What is lost is told a moment later: what went with it may make it an outage, which is told once.
     """
     found = [*_jobs(books), *_parts(books), *_losses(books), *_restored(books), *_nothing_left(books)]
-    new = (one for one in found if since_s <= one.at_s <= now_s - WINDOW_S and one.key not in told)
+    wait_s = books.outage_window_s  # from the moment on, also where the clock was set back after it
+    new = (n for n in found if since_s <= n.at_s and abs(now_s - n.at_s) >= wait_s and n.key not in told)
     return sorted(new, key=lambda one: (one.at_s, one.key))
 
 
@@ -95,7 +95,7 @@ def _in_outage(books: Books, printer: str, at_s: float) -> bool:
     """Whether that is part of an outage, which is told for all of its printers."""
     return any(
         printer in outage.printers
-        and at_s >= outage.at_s - WINDOW_S
+        and at_s >= outage.at_s - books.outage_window_s
         and (outage.confirmed_s is None or at_s <= outage.confirmed_s)
         for outage in books.outages.values()
     )

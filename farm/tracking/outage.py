@@ -8,9 +8,18 @@ from farm.model import Printer
 
 WINDOW_S = 10.0
 """Printers that are lost no further apart than this were lost by one cause."""
+_LEAST_WALL_S = 1.0
 
 
-def lost_together(name: str, printers: Iterable[Printer]) -> tuple[str, ...]:
+def window_s(scale: float) -> float:
+    """Farm seconds of the window, on a clock of so many of them in a wall second.
+
+    The host tells of several losses one after the other: no shorter than that takes it.
+    """
+    return max(WINDOW_S, _LEAST_WALL_S * scale)
+
+
+def lost_together(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:
     """The printers that were lost with this one, each within the window of another of them.
 
     Parameters
@@ -19,6 +28,8 @@ def lost_together(name: str, printers: Iterable[Printer]) -> tuple[str, ...]:
         A printer that has just been lost.
     printers
         The fleet, with when each was lost last.
+    window_s
+        Farm seconds.
 
     Returns
     -------
@@ -29,7 +40,7 @@ def lost_together(name: str, printers: Iterable[Printer]) -> tuple[str, ...]:
     group, todo = {name}, [name]
     while todo:
         at_s = when[todo.pop()]
-        near = {other for other, s in when.items() if abs(s - at_s) <= WINDOW_S} - group
+        near = {other for other, s in when.items() if abs(s - at_s) <= window_s} - group
         group |= near
         todo += near
     return tuple(sorted(group))

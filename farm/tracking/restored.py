@@ -60,6 +60,7 @@ def find(event: ev.PrintFound, books: Books) -> Books:
         plate=plate.id,
         job=plate.job,
         printer=event.printer,
+        number=books.next_number,
         assigned_s=event.at_s,
         restored=True,
     )

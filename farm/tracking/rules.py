@@ -62,6 +62,20 @@ def _(event: ev.PrinterAdded, books: Books) -> Result:
 
 
 @apply.register
+def _(event: ev.ClockSet, books: Books) -> Result:
+    """Open prints last as long as they did; moments that a person wished for stay on the calendar."""
+
+    def moved(at_s: float | None) -> float | None:
+        return None if at_s is None else at_s + event.by_s
+
+    going_on = books.open_prints()
+    return put(
+        books,
+        *(edited(p, assigned_s=moved(p.assigned_s), started_s=moved(p.started_s)) for p in going_on),
+    ), ()
+
+
+@apply.register
 def _(event: ev.JobSubmitted, books: Books) -> Result:
     return put(books, event.job), ()
 
@@ -142,7 +156,12 @@ def _(event: ev.PlateAssigned, books: Books) -> Result:
     if printer.bed is not Bed.CLEAR:
         raise ValueError(f"the bed of {printer.name} is not known to be clear")
     attempt = Print(
-        id=event.print_id, plate=plate.id, job=plate.job, printer=printer.name, assigned_s=event.at_s
+        id=event.print_id,
+        plate=plate.id,
+        job=plate.job,
+        printer=printer.name,
+        number=books.next_number,
+        assigned_s=event.at_s,
     )
     plate = edited(plate, prints=(*plate.prints, attempt.id), hold=None)
     return put(books, plate, attempt), (ev.SendStart(print_id=attempt.id, printer=printer.name),)

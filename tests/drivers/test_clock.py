@@ -28,3 +28,33 @@ def test_setting_the_host_s_clock_moves_no_deadline(step_s: float, monkeypatch: 
     monkeypatch.setattr(time, "time", lambda: set_s)
     assert before_s <= Clock().now() < before_s + 300.0
     assert abs(wall_s() - before_s) < 300.0
+
+
+@pytest.mark.parametrize("step_s", [6 * 3600.0, -6 * 3600.0, 3e7])
+def test_a_clock_that_follows_its_host_takes_a_step_over_once(step_s: float, monkeypatch: pytest.MonkeyPatch):
+    real = time.time
+    clock, agent_s = Clock(), Clock()
+    assert clock.follow_host() == 0.0
+    monkeypatch.setattr(time, "time", lambda: real() + step_s)
+    assert clock.follow_host() == pytest.approx(step_s, abs=1.0)
+    assert clock.follow_host() == 0.0
+    assert clock.now() - agent_s.now() == pytest.approx(step_s, abs=1.0)  # which never follows
+    assert clock.wall(clock.now()) == pytest.approx(wall_s(), abs=60.0)
+    monkeypatch.setattr(time, "time", real)
+    assert clock.follow_host() == pytest.approx(-step_s, abs=1.0)
+
+
+def test_small_steps_add_up(monkeypatch: pytest.MonkeyPatch):
+    real, clock = time.time, Clock()
+    taken_s = []
+    for tenths in range(1, 31):
+        monkeypatch.setattr(time, "time", lambda tenths=tenths: real() + tenths / 10)
+        taken_s.append(clock.follow_host())
+    assert 0.0 in taken_s
+    assert 2.0 < clock.ahead_s == pytest.approx(sum(taken_s))
+
+
+def test_a_clock_of_simulated_printers_never_steps(monkeypatch: pytest.MonkeyPatch):
+    real, clock = time.time, Clock(60.0, time.time())
+    monkeypatch.setattr(time, "time", lambda: real() + 1e6)
+    assert (clock.follow_host(), clock.ahead_s) == (0.0, 0.0)

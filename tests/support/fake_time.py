@@ -4,13 +4,23 @@ import asyncio
 import selectors
 from datetime import datetime
 
-APSCHEDULER = ("apscheduler.schedulers.base", "apscheduler.triggers.interval", "apscheduler.executors.base")
+HOST_TIME = (
+    "apscheduler.schedulers.base",
+    "apscheduler.triggers.interval",
+    "apscheduler.executors.base",
+    "farm.daemon.timers",
+)
 
 
 class FakeTime:
-    """A clock and an event loop that live on one time, in seconds since the epoch; APScheduler too."""
+    """A clock and an event loop that live on one time, in seconds since the epoch; APScheduler too.
+
+    The host's clock can be set: `set_s` is by how much it was, and `ahead_s` what the farm's clock took over.
+    """
 
     scale = 1.0
+    ahead_s = 0.0
+    set_s = 0.0
 
     def __init__(self, monkeypatch, now_s):
         self.now_s = self.begun_s = now_s
@@ -19,9 +29,9 @@ class FakeTime:
         class Datetime(datetime):
             @classmethod
             def now(cls, tz=None):
-                return datetime.fromtimestamp(time.now_s, tz)
+                return datetime.fromtimestamp(time.now_s + time.set_s, tz)
 
-        for module in APSCHEDULER:
+        for module in HOST_TIME:
             monkeypatch.setattr(f"{module}.datetime", Datetime)
 
         async def at_once(work, *args):
@@ -30,10 +40,14 @@ class FakeTime:
         monkeypatch.setattr("asyncio.to_thread", at_once)
 
     def now(self):
-        return self.now_s
+        return self.now_s + self.ahead_s
 
-    def wall(self, farm_s):
-        return farm_s
+    def wall_seconds(self, farm_seconds):
+        return farm_seconds
+
+    def follow_host(self):
+        step_s, self.ahead_s = self.set_s - self.ahead_s, self.set_s
+        return step_s
 
     def stall(self, seconds):
         """The process stands still, as when its host sleeps or swaps."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from farm.errors import Refused
-from farm.model import AgentPrint, AgentSnapshot, Bed, JobOptions, Link, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Bed, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.services.planning import Plan
 from farm.tracking import events as ev
@@ -152,3 +152,41 @@ def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the
     assert books.printer("a").look == "nobody was to be there any more"
     assert books.printer("a").bed is Bed.NOT_CLEAR
     assert [plate.id for plate in books.waiting_plates()] == [attempt.plate]
+
+
+@pytest.mark.parametrize("step_s", [3600.0, -3600.0])
+def test_a_clock_that_is_set_moves_the_hours_and_no_print(farm, step_s):
+    """Its agent says when it began by the clock as it is now; the print is as old as it was."""
+    attempt = word(farm)
+    farm.core.clock.now_s += 600.0
+    age_s = farm.core.clock.now() - farm.core.books.prints[attempt.id].started_s
+    farm.core.clock.now_s += step_s
+    farm.core.clock_set(step_s)
+    moved = farm.core.books.prints[attempt.id]
+    assert farm.core.clock.now() - moved.started_s == age_s
+    assert moved.assigned_s == pytest.approx(attempt.assigned_s + step_s)
+    assert farm.core.clock.now() - farm.core.since_s == pytest.approx(3600.0 + 600.0)
+    word(farm, started_s=moved.started_s, ends_by_s=STOP + step_s)  # by the clock as it was
+    if step_s < 0:
+        assert farm.hands.told[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
+
+
+def test_hours_and_start_times_are_met_by_a_clock_that_was_set(tmp_path):
+    """A host that starts without a network believes the night before, until NTP tells it otherwise."""
+    farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
+    farm.core.clock, farm.core.since_s = Clock(at("2026-11-20 03:00")), at("2026-11-20 02:00")
+    farm.ready("a")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    event = planned(1, 1)
+    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.core.submit("s" * 8, "m.stl", MODEL, JobOptions(at="12:00"), "ann")
+    assert farm.core.books.open_print_on("a") is None
+    farm.core.clock.now_s += 7 * 3600.0
+    farm.core.clock_set(7 * 3600.0)
+    assert farm.core.books.open_print_on("a").plate == "1/01"
+    assert farm.core.books.jobs[2].not_before_s == at("2026-11-20 12:00")
+    assert farm.core.books.jobs[2].state is JobState.QUEUED
+    farm.ready("b")
+    farm.core.clock.now_s += 2 * 3600.0
+    farm.core.clock_set(2 * 3600.0)
+    assert farm.core.books.jobs[2].state is JobState.PLANNING

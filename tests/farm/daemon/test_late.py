@@ -1,13 +1,13 @@
 """Timers in a loop that stands still, and nights on which the clock changes; on a fake clock."""
 
 import asyncio
+import itertools
 from datetime import datetime, timedelta
 from zoneinfo import ZoneInfo
 
 import pytest
 from fake_time import FakeTime
 
-from farm.daemon import backups
 from farm.daemon.backups import Nightly, copies, made_s
 from farm.daemon.timers import Timers
 from farm.paths import StateFolder
@@ -24,9 +24,7 @@ def at(text):
 @pytest.fixture
 def begin(monkeypatch):
     def begin(text):
-        time = FakeTime(monkeypatch, at(text))
-        monkeypatch.setattr(backups, "wall_s", time.now)
-        return time
+        return FakeTime(monkeypatch, at(text))
 
     return begin
 
@@ -41,7 +39,7 @@ def test_what_a_stalled_loop_missed_is_made_up_once(begin):
             time.stall(3 * HOUR_S)
 
     async def evening():
-        timers = Timers()
+        timers = Timers(time)
         timers.every(60.0, "turn", turn)
         for hour in (1.0, 2.0, 6.0):
             timers.at(time.begun_s + hour * HOUR_S, f"alarm {hour}", lambda: alarms.append(time.now_s))
@@ -59,6 +57,32 @@ def test_what_a_stalled_loop_missed_is_made_up_once(begin):
     assert alarms[2] - time.begun_s == pytest.approx(6 * HOUR_S, abs=1e-3)
 
 
+@pytest.mark.parametrize("step_h", [6.0, -6.0])
+def test_a_host_whose_clock_is_set_goes_on_at_once_and_keeps_the_new_hours(begin, step_h):
+    """What is due every second is late by the look that finds it at most; an alarm is the calendar's."""
+    time = begin("2026-11-20 12:00")
+    turns, alarms = [], []
+    alarm_s = time.begun_s + 7 * HOUR_S
+
+    async def day():
+        timers = Timers(time)
+        timers.every(1.0, "turn", lambda: turns.append(time.now_s - time.begun_s))
+        timers.at(alarm_s, "alarm", lambda: alarms.append(time.now()))
+        timers.start()
+        await asyncio.sleep(60.5)
+        time.set_s = step_h * HOUR_S
+        await asyncio.sleep(1.0)
+        time.follow_host()
+        timers.clock_set()
+        await asyncio.sleep(14 * HOUR_S)
+        timers.stop()
+        await asyncio.sleep(0)
+
+    time.run(day())
+    assert max(later - turn for turn, later in itertools.pairwise(turns)) <= 3.0
+    assert alarms == pytest.approx([alarm_s], abs=1.0)
+
+
 @pytest.mark.parametrize(
     "first", ["2026-03-27", "2026-10-23", "2026-11-20"], ids=["spring", "autumn", "plain"]
 )
@@ -71,7 +95,7 @@ def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
     told = []
 
     async def nights():
-        timers = Timers()
+        timers = Timers(time)
         nightly = Nightly(state, time, BERLIN, timers.at, told.append)
         timers.start()
         await nightly.begin()

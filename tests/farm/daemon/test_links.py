@@ -108,6 +108,25 @@ def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: 
     assert shift_s_of(said, clock) == pytest.approx(shift_s, abs=30.0)
 
 
+@pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
+@pytest.mark.parametrize("later", [False, True])
+def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: float, later: bool):
+    """The agent's clock is as it was when it began: before the host's was set, or after."""
+    daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if later else 0.0)
+    began_s = agent.now()
+    shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
+    said = m.Snapshot(printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot)
+    heard = translate(said, daemon).print
+    assert heard is not None and heard.started_s is not None
+    off_s = 30.0 if later and abs(step_s) < 60.0 else 5.0  # less than a minute may be a word's way alone
+    assert daemon.now() - heard.started_s == pytest.approx(0.0, abs=off_s + 5.0)
+    deadline_s = daemon.now() + 600.0
+    sent = on_its_clock(start(None, deadline_s), shift_s_of(said, daemon), deadline_s)
+    assert isinstance(sent, m.StartPrint)
+    assert sent.not_after_s is not None and sent.not_after_s - agent.now() == pytest.approx(600.0, abs=35.0)
+    assert sent.ends_by_s == sent.not_after_s
+
+
 class Told:
     """A link that only keeps what it is to tell."""
 

@@ -98,3 +98,15 @@ def test_addresses_are_never_shown():
     row = {"name": "a", "model": "m", "port": "/dev/a"}
     fleet = Fleet.model_validate({"fleet": {"notify": ["json://ann:secret@host"]}, "printers": [row]})
     assert "secret" not in repr(fleet) + fleet.model_dump_json()
+
+
+def test_what_happens_after_the_clock_was_set_back_is_told(server, tmp_path):
+    posts, address = server
+    file = tmp_path / "told.json"
+    notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 4000.0)
+    notifier.clock_set(-3900.0)
+    notifier.tell(printed(), 500.0)
+    assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]
+    file.write_text(json.dumps({"since_s": 4000.0, "told": {}}))
+    Notifier([SecretStr(f"json://{address}/")], "lab", file, 100.0).tell(printed(), 500.0)
+    assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]

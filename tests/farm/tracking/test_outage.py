@@ -1,6 +1,7 @@
 """Several printers lost at once are one event, which costs no plate an attempt."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -8,7 +9,7 @@ from hypothesis import strategies as st
 
 from farm.model import JobState, Printer, PrintState
 from farm.tracking import events as ev
-from farm.tracking.outage import WINDOW_S, lost_together
+from farm.tracking.outage import WINDOW_S, lost_together, window_s
 from farm.tracking.outcome import ATTEMPTS, Standing
 from make_books import ended, printing, run
 
@@ -37,6 +38,16 @@ def test_two_printers_lost_within_the_window_are_one_outage_and_cost_no_attempt(
     assert [outage.printers for outage in books.outages.values()] == [("a", "b", "c")]
     books, _ = run(books, ev.OutageConfirmed(at_s=500.0, by="ann"))
     assert books.outage is None
+
+
+def test_on_a_fast_clock_the_window_is_no_shorter_than_the_host_needs_to_tell_of_two_losses():
+    assert [window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
+    second = lost("b", 250.0)  # half a wall second after the other
+    real, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
+    assert real.outage is None
+    fast = replace(printing(), outage_window_s=window_s(300.0))
+    fast, _ = run(fast, *assigned(*TWO), lost("a", 100.0), second)
+    assert fast.outage.printers == ("a", "b")
 
 
 @pytest.mark.parametrize("second", [lost("b", 111.0), lost("b", 101.0, fault="maxtemp")])
