@@ -114,7 +114,9 @@ class Leaving(Identifying):
                 except Ended as ended:
                     if ended.fault is Fault.PORT_LOST:
                         break
-            self.wants_power_off = True
+                if self.wants_power_off:
+                    break
+            self._ask_power_off()
             self.reason = f"{self.reason}; heaters were not shown off: switch the printer off"
         finally:
             self.link.only_ask = False

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from drivers.errors import Fault, Unreadable
 from drivers.filament import place
@@ -36,8 +37,9 @@ from drivers.steps import (
     Wait,
 )
 
-__all__ = ["PARKED_MM", "Pace", "Session"]
+__all__ = ["PARKED_MM", "Pace", "Session", "Suspicion"]
 
+SUSPECT_S = 25.0  # for a heater that was found stuck on to be seen to cool
 BLIND_S = 700.0  # printing without a report: longer than any command may take
 _OFF = {HeaterName.NOZZLE: 0.0, HeaterName.BED: 0.0}
 
@@ -46,6 +48,14 @@ _LEFT = {
     Fault.AGENT_DIED: "the agent's process ended in the middle of the print",
     Fault.ESTOP: "a person stopped it by `farm estop`",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Suspicion:
+    """A heater that may be stuck on, and since when, in seconds of the farm's clock."""
+
+    text: str
+    since_s: float
 
 
 class Session(Leaving):
@@ -69,6 +79,14 @@ class Session(Leaving):
         What this printer's banner said of it before (`identity` of an earlier session); None: not known yet.
     left
         Without a program: what ended the last agent's print.
+    suspicion
+        Of the session before, where that did not come to its end.
+
+    Attributes
+    ----------
+    suspicion
+        A heater that may be stuck on: found in this session, and not seen to cool since. Where it is not
+        within `SUSPECT_S`, the mains are asked for (`wants_power_off`).
     """
 
     def __init__(
@@ -81,9 +99,11 @@ class Session(Leaving):
         now_s: float,
         identity: str | None = None,
         left: Fault = Fault.AGENT_DIED,
+        suspicion: Suspicion | None = None,
     ) -> None:
         super().__init__(link, program, profile, filament, pace, now_s, identity)
         self._left = left
+        self.suspicion = suspicion
         self.extruded = False
         self.started_s = now_s
         self.ended_s: float | None = None
@@ -106,7 +126,7 @@ class Session(Leaving):
         """When `advance` wants to be called without events."""
         if self.ended:
             return math.inf
-        return min(self._wait.deadline_s, self._last_moment_s())
+        return min(self._wait.deadline_s, self._last_moment_s(), self._ask_by_s())
 
     def advance(self, events: Events, now_s: float) -> None:
         """Take what the link heard, and go as far as that allows."""
@@ -118,6 +138,8 @@ class Session(Leaving):
             ended = ended or Ended(Fault.HOURS_ENDED, NOBODY_THERE)
         if ended is not None:
             self._leave(ended)
+        if now_s >= self._ask_by_s():
+            self._ask_power_off()
         while not self.ended:
             if self._wait.until():
                 self._resume(lambda: self._script.send(True))
@@ -155,6 +177,12 @@ class Session(Leaving):
         going_on = self.phase is not PrintPhase.ENDING and not self.ended
         return self.ends_by_s if going_on and self.ends_by_s is not None else math.inf
 
+    def _ask_by_s(self) -> float:
+        """When the mains are asked for, unless the suspected heater was seen to cool before."""
+        if self.suspicion is None or self.wants_power_off or self.ended:
+            return math.inf
+        return self.suspicion.since_s + max(SUSPECT_S, 2 * self._pace.floor_s)
+
     # --- what was heard ---
 
     def _notice(self, event: Event) -> Ended | None:
@@ -167,11 +195,16 @@ class Session(Leaving):
         elif isinstance(event, Said):
             self._said += event.text + b"\n"
             self._place = place(event.text) or self._place
-        elif isinstance(event, Trouble) and not (
-            self.link.only_ask and self.link.phase is not LinkPhase.DEAD
-        ):
-            return Ended(event.fault, event.text)
+        elif isinstance(event, Trouble):
+            if event.fault is Fault.MAXTEMP:
+                self._suspect(event.text)
+            if not self.link.only_ask or self.link.phase is LinkPhase.DEAD:
+                return Ended(event.fault, event.text)
         return None
+
+    def _suspect(self, text: str) -> None:
+        if self.suspicion is None:
+            self.suspicion = Suspicion(text, self._now_s)
 
     def _set_c(self) -> dict[HeaterName, float]:
         """What the heaters were told."""
@@ -188,9 +221,18 @@ class Session(Leaving):
     def _watch_heaters(self, report: Report) -> Ended | None:
         set_c = self._set_c()
         finding = self._watch.look(report, set_c, self._now_s)
-        if self.phase not in _HEATED:
-            self.wants_power_off = self.wants_power_off or (finding is not None and self.phase is _ENDING)
+        if self.phase not in _HEATED and self.phase is not _ENDING:
             return None
+        if finding is not None and (finding.fault is Fault.HEATER_STUCK_ON or self.phase is _ENDING):
+            self._suspect(finding.text)
+            if finding.off or self.phase is _ENDING:
+                self._ask_power_off()
+        elif self._watch.cools and not self.wants_power_off:
+            self.suspicion = None
+        if self.phase is _ENDING:
+            if finding is None or self.reason is not None:  # it is left already
+                return None
+            return Ended(finding.fault, finding.text)
         return self._watch_targets(report, set_c) or (
             None if finding is None else Ended(finding.fault, finding.text)
         )

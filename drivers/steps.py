@@ -18,6 +18,8 @@ from drivers.watch import Watch
 
 ABORT_S = 180.0
 OFF_S = 120.0  # longer than the watch waits for a heater to fall
+OFF_WITHOUT_MAINS_S = 60.0  # from the request to cut the mains: no reset helps then
+OFF_LEAST_S = 10.0  # for a heater to fall after a reset, whatever was asked before
 RESET_S = 30.0  # for a port that went away to come back
 UP_S = 30.0  # the link itself asks before
 TRIES = 3
@@ -100,7 +102,8 @@ class Steps:
         The board starts anew when the port is reset. One that does not is told what a new one would be, and
         where it does not listen nobody can stop it: it is used only while somebody is there.
     wants_power_off
-        Asks the caller to cut the printer's mains, if it can: heaters could not be shown off.
+        Asks the caller to cut the printer's mains, if it can: heaters could not be shown off. It stays, so
+        that one session asks once.
     """
 
     def __init__(self, link: Link, pace: Pace, now_s: float) -> None:
@@ -112,6 +115,7 @@ class Steps:
         self.resets = True
         self._pace = pace
         self._now_s = now_s
+        self._asked_s = math.inf  # when `wants_power_off` was set
         self._watch = Watch(2 * pace.floor_s)
         self._up: Up | None = None
         self._dead_man_s = 0.0
@@ -141,6 +145,10 @@ class Steps:
                 self._dead_man_s = 0.0
             return
         raise Ended(Fault.NO_ANSWER, "the board did not start again when its port was opened")
+
+    def _ask_power_off(self) -> None:
+        if not self.wants_power_off:
+            self.wants_power_off, self._asked_s = True, self._now_s
 
     def _until(self, met: Callable[[], bool], limit_s: float) -> Wait:
         return Wait(met, self._now_s + max(limit_s, 2 * self._pace.floor_s))
@@ -194,7 +202,9 @@ class Steps:
         self._watch.again()
         self.link.poll_every_s = self._pace.heating_s
         self.link.poll(self._now_s)
+        least_s = self._until(lambda: False, OFF_LEAST_S).deadline_s
         while self._now_s < limit:
+            limit = min(limit, max(least_s, self._asked_s + OFF_WITHOUT_MAINS_S))
             seen = self.report
             yield Wait(lambda seen=seen: self.report is not seen, limit)  # type: ignore[misc]
             if self.report is None or self.report is seen or not self.report.off:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 
 from drivers.errors import Fault
@@ -21,6 +21,7 @@ __all__ = ["Finding", "Rule", "Watch"]
 
 NEARER_C = 1.0  # less than this in `Rule.stall_s` is no progress
 GAP_S = 15.0
+RISES_C, RISES_S = 10.0, 10.0  # off so long, and so much hotter: [assumed] more than any overshoot
 BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, of which the firmware says nothing
 
 
@@ -59,10 +60,17 @@ RULES = {
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is wrong with a heater."""
+    """What is wrong with a heater.
+
+    Attributes
+    ----------
+    off
+        Its target is 0 already: no command can switch it off.
+    """
 
     fault: Fault
     text: str
+    off: bool = False
 
 
 class Watch:
@@ -91,9 +99,12 @@ class Watch:
         if not math.isnan(self._heard_s):
             self._watched_s += min(max(now_s - self._heard_s, 0.0), self._gap_s)
         self._heard_s = now_s
-        is_c = {HeaterName.NOZZLE: report.nozzle_c, HeaterName.BED: report.bed_c}
+        told_c = {
+            HeaterName.NOZZLE: (report.nozzle_c, report.nozzle_target_c),
+            HeaterName.BED: (report.bed_c, report.bed_target_c),
+        }
         found = [
-            heater.look(is_c[name], set_c[name], self._watched_s) for name, heater in self._heaters.items()
+            heater.look(*told_c[name], set_c[name], self._watched_s) for name, heater in self._heaters.items()
         ]
         return next((finding for finding in found if finding is not None), None)
 
@@ -116,6 +127,7 @@ class _Heater:
     def __init__(self, name: HeaterName, rule: Rule, patience_s: float) -> None:
         self._name, self._rule, self._patience_s = name, rule, patience_s
         self._last: deque[float] = deque(maxlen=3)
+        self._rise = _Rise(rule, patience_s)
         self.aim(0.0)
 
     def forget(self) -> None:
@@ -137,7 +149,7 @@ class _Heater:
     def now_c(self) -> float:
         return median(self._last) if self._last else math.nan
 
-    def look(self, is_c: float, set_c: float, now_s: float) -> Finding | None:
+    def look(self, is_c: float, target_c: float, set_c: float, now_s: float) -> Finding | None:
         self._last.append(is_c)
         if set_c != self._set_c:
             self.aim(set_c)
@@ -146,10 +158,15 @@ class _Heater:
         if len(self._last) < 3:
             return None
         now_c = self.now_c
+        rises = self._rise.look(now_c, max(target_c, set_c), now_s)
         if now_c <= BROKEN_C:
             self.cools = False
             return self._finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
         if set_c == 0.0:
+            if rises:
+                self.cools = False
+                from_c = self._rise.coolest_c
+                return self._stuck_on(f"is off, and gets hotter: from {from_c:g} to {now_c:g} C")
             return self._off(now_c, now_s)
         if abs(now_c - set_c) <= self._rule.band_c:
             self._arrived = True
@@ -188,8 +205,37 @@ class _Heater:
         else:
             self._hottest_c = max(self._hottest_c, now_c)
             if now_s - self._since_s > max(rule.falls_s, self._patience_s):
-                return self._finding(Fault.HEATER_STUCK_ON, f"is off, and does not cool from {now_c:g} C")
+                return self._stuck_on(f"is off, and does not cool from {now_c:g} C")
         return None
+
+    def _stuck_on(self, what: str) -> Finding:
+        return replace(self._finding(Fault.HEATER_STUCK_ON, what), off=True)
 
     def _finding(self, fault: Fault, what: str) -> Finding:
         return Finding(fault, f"the {self._name} {what}")
+
+
+class _Rise:
+    """Finds a heater that gets hotter after it was switched off.
+
+    It counts from the first report that shows the target 0, so that a command on its way is no fault, and it
+    goes on over a reset of the board.
+    """
+
+    def __init__(self, rule: Rule, patience_s: float) -> None:
+        self._cold_c, self._after_s = rule.cold_c, max(RISES_S, patience_s)
+        self._targets: deque[float] = deque(maxlen=3)
+        self._since_s = math.nan
+        self.coolest_c = math.inf  # since it was shown to be off
+
+    def look(self, now_c: float, target_c: float, now_s: float) -> bool:
+        """Take in a report; whether the heater is stuck on."""
+        self._targets.append(target_c)
+        if median(self._targets) != 0.0:
+            self._since_s, self.coolest_c = math.nan, math.inf
+            return False
+        if math.isnan(self._since_s):
+            self._since_s = now_s
+        self.coolest_c = min(self.coolest_c, now_c)
+        hotter = now_c > max(self._cold_c, self.coolest_c) + RISES_C
+        return hotter and now_s - self._since_s >= self._after_s

@@ -140,6 +140,6 @@ def hopping(moves: int) -> str:
 def assert_ended_off(rig: Rig, phase: PrintPhase, fault: Fault | None) -> None:
     session = rig.session
     assert (session.phase, session.fault) == (phase, fault), session.reason
-    assert session.heaters_off
+    assert session.heaters_off and not session.wants_power_off
     assert rig.targets() == (0.0, 0.0)
     assert session.ended_s is not None and rig.now_s - 120.0 < session.ended_s <= rig.now_s
