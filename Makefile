@@ -6,11 +6,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 INTEROP := $(CURDIR)/$(VENV)/interop
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+SITE := $(BIN)/sphinx-build -W --keep-going -q -b html docs build/docs
 SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-.PHONY: install demo test test-system test-waiting test-rest interop peers check lock clean engine
+.PHONY: install demo test test-system test-waiting test-rest interop peers check docs lock clean engine
 .DELETE_ON_ERROR:
 
 install: engine $(VENV)/.installed
@@ -63,6 +64,13 @@ check: $(VENV)/.installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python docs/generate.py --check
+	$(SITE)
+	.ci/commit-subjects
+
+# The documentation as a site, in build/docs/index.html. A broken link is an error.
+docs: $(VENV)/.installed-dev
+	$(SITE)
+	@echo "The documentation is in build/docs/index.html"
 
 # New versions of what pyproject.toml asks for: `make lock UPGRADE=--upgrade`.
 lock:

@@ -1,4 +1,6 @@
-"""Writes docs/reference.md from the enumerations and commands that the program really has.
+"""Writes the pages of docs/reference that come from the program itself: its commands, records and names.
+
+What a name means stands in docs/reference/words.yaml; a name without words is an error.
 
 Usage: python docs/generate.py [--check]
 """
@@ -12,85 +14,254 @@ from pathlib import Path
 from typing import Any
 
 import typer.main
+import yaml
+from pydantic import BaseModel
 
 from drivers.errors import Fault
+from drivers.profiles import PROFILES
+from farm import api
 from farm.cli.main import app
+from farm.config import ComputeSection, FleetSection, PrinterSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
 from farm.tracking.faults import OwnFault
 from slicing.errors import Rule
 
-PAGE = Path(__file__).with_name("reference.md")
-ENUMERATIONS: tuple[tuple[str, type[Enum]], ...] = (
-    ("States of a job", JobState),
-    ("States of a print", PrintState),
-    ("Bed", Bed),
-    ("Filament", FilamentState),
-    ("Link to a printer", Link),
-    ("Why a plate or a job waits (`hold.code`)", HoldCode),
-    ("Faults of a print", Fault),
-    ("Faults of a print that the farm itself tells", OwnFault),
-    ("Rules that a slice must keep", Rule),
+FOLDER = Path(__file__).parent / "reference"
+WORDS = FOLDER / "words.yaml"
+NOTE = "<!-- Written by `python docs/generate.py`: change the program or words.yaml instead. -->"
+SHARED_OPTIONS = ("--state", "--socket", "--fleet")
+SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
+    ("farm status --json", api.Status),
+    ("farm status JOB --json and farm submit --json", api.JobStatus),
+    ("farm submit --dry-run --json", api.Night),
+    ("farm history --json", api.History),
 )
 
 
-def commands() -> Iterator[tuple[str, Any]]:
-    """Every command of `farm`, by name."""
-    group: Any = typer.main.get_command(app)
-    yield from group.commands.items()
+class MissingWords(Exception):
+    """A name of the program that words.yaml does not explain, or the other way round."""
 
 
 def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table."""
+    """Lay out a Markdown table."""
     lines = [list(headings)]
     lines.append(["---"] * len(lines[0]))
     lines += [[cell.replace("|", "\\|") for cell in row] for row in rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def page() -> str:
-    """The whole page."""
+def explained(names: Iterable[str], section: str, words: dict[str, str]) -> list[tuple[str, str]]:
+    """Pair each name with its words.
+
+    Raises
+    ------
+    MissingWords
+        Where a name has no words, or words have no name.
+    """
+    known = list(names)
+    for name in known:
+        if name not in words:
+            raise MissingWords(f"{WORDS}: add a line for {name!r} under {section!r}")
+    if left := sorted(set(words) - set(known)):
+        raise MissingWords(f"{WORDS}: the program has no {left[0]!r} any more: remove it from {section!r}")
+    return [(f"`{name}`", words[name]) for name in known]
+
+
+def names_table(kind: type[Enum], section: str, words: dict[str, Any]) -> str:
+    """Lay out the members of an enumeration and what they mean."""
+    rows = explained((str(member.value) for member in kind), section, words[section])
+    return table(("name", "meaning"), rows)
+
+
+def value_words(schema: dict[str, Any]) -> str:
+    """Say in a few words which values a JSON schema allows."""
+    if "$ref" in schema:
+        name = str(schema["$ref"]).rpartition("/")[2]
+        return "hours of the week" if name == "Window" else f"[{name}](#{name.lower()})"
+    if "anyOf" in schema:
+        return " or ".join(value_words(one) for one in schema["anyOf"])
+    kind = str(schema.get("type", "anything"))
+    if kind == "array":
+        if "prefixItems" in schema:
+            return f"{len(schema['prefixItems'])} numbers"
+        return f"list of {value_words(schema['items'])}"
+    if kind == "object" and "additionalProperties" in schema:
+        return f"object of {value_words(schema['additionalProperties'])}"
+    plain = {"boolean": "true or false", "integer": "whole number", "string": "text"}.get(kind, kind)
+    low = schema.get("minimum")
+    limits = [f"from {low:g}"] if low is not None else []
+    limits += [f"above {schema['exclusiveMinimum']:g}"] if "exclusiveMinimum" in schema else []
+    limits += [f"to {schema['maximum']:g}"] if "maximum" in schema else []
+    return " ".join([plain, *limits])
+
+
+def commands_page(_: dict[str, Any]) -> str:
+    """Describe every command and its options, as `farm COMMAND --help` does."""
+    root: Any = typer.main.get_command(app)
     parts = [
-        "# Reference\n\nMade by `python docs/generate.py` from the program itself; `make check` compares."
+        "# Commands",
+        f"Every command but `decompose` and `slice` also takes {', '.join(f'`{o}`' for o in SHARED_OPTIONS)} "
+        "(or the variables `FARM_STATE`, `FARM_SOCKET`, `FARM_FLEET`): another state folder, another "
+        "daemon's socket, another fleet file. With them several farms run on one host. Where only a state "
+        "folder is named, the socket lies in it.",
+        "`farm --install-completion` makes the shell complete commands, printers, jobs and parts.",
     ]
-    parts.append("## Commands")
-    for name, command in commands():
-        options = [
-            (" ".join(f"`{word}`" for word in param.opts), getattr(param, "help", None) or "")
-            for param in command.params
-            if not getattr(param, "hidden", False)
-        ]
-        parts.append(f"### farm {name}\n{command.help}\n\n{table(('option', 'meaning'), options)}")
-    parts.append("## Exit codes")
-    parts.append(
-        table(
-            ("code", "name", "errors that end with it"),
-            (
-                (
-                    str(int(code)),
-                    code.name.lower(),
-                    ", ".join(f"`{error}`" for error in ErrorCode if EXIT_CODES[error] is code) or "-",
-                )
-                for code in ExitCode
-            ),
-        )
+    for name, command in root.commands.items():
+        parts.append(f"## farm {name}\n{command.help}")
+        rows = list(_options(command))
+        if rows:
+            parts.append(table(("option", "default", "meaning"), rows))
+    return "\n\n".join(parts)
+
+
+def _options(command: Any) -> Iterator[tuple[str, str, str]]:
+    for param in command.params:
+        if getattr(param, "hidden", False) or param.opts[-1] in SHARED_OPTIONS:
+            continue
+        argument = param.param_type_name == "argument"
+        name = (param.metavar or param.name).upper() if argument else " ".join(param.opts)
+        default = param.default
+        shown = "" if argument or default is None or default is False or callable(default) else f"`{default}`"
+        yield f"`{name}`", shown, getattr(param, "help", None) or ""
+
+
+def fleet_page(words: dict[str, Any]) -> str:
+    """Describe every key of fleet.yaml."""
+    models = ", ".join(f"`{model}`" for model in sorted(PROFILES))
+    parts = [(FOLDER / "fleet-yaml.intro.md").read_text(encoding="utf-8").strip()]
+    sections: tuple[tuple[str, str, type[BaseModel]], ...] = (
+        ("Keys under `fleet`", "fleet", FleetSection),
+        ("Keys under `fleet.compute`", "compute", ComputeSection),
+        ("Keys of a printer", "printers", PrinterSection),
     )
-    for title, kind in ENUMERATIONS:
-        parts.append(f"## {title}\n" + ", ".join(f"`{member.value}`" for member in kind))
-    return "\n\n".join(parts) + "\n"
+    for title, section, model in sections:
+        schema = model.model_json_schema()
+        keys = explained(schema["properties"], section, words["fleet_yaml"][section])
+        rows = []
+        for (shown, meaning), name in zip(keys, schema["properties"], strict=True):
+            field = schema["properties"][name]
+            value = "keys" if "$ref" in field else value_words(field).replace(" or null", "")
+            rows.append((shown, value, _default(name, schema), meaning.format(models=models)))
+        parts.append(f"## {title}\n" + table(("key", "value", "default", "meaning"), rows))
+    return "\n\n".join(parts)
+
+
+def _default(name: str, schema: dict[str, Any]) -> str:
+    if name in schema.get("required", ()):
+        return "must be there"
+    default = schema["properties"][name].get("default")
+    if default is None or default == [] or isinstance(default, dict):
+        return ""
+    return f"`{str(default).lower() if isinstance(default, bool) else default}`"
+
+
+def json_page(_: dict[str, Any]) -> str:
+    """Describe the objects that `--json` prints."""
+    parts = [(FOLDER / "json.intro.md").read_text(encoding="utf-8").strip()]
+    objects: dict[str, dict[str, Any]] = {}
+    for title, model in SCHEMAS:
+        schema = model.model_json_schema(by_alias=True)
+        objects |= schema.get("$defs", {})
+        parts.append(f"## {title}\n" + _fields(schema))
+    parts.append("## Objects in them")
+    for name, schema in sorted(objects.items()):
+        if "enum" in schema:
+            body = "One of " + ", ".join(f"`{value}`" for value in schema["enum"]) + "."
+        else:
+            body = _fields(schema)
+        parts.append(f"### {name}\n{body}")
+    return "\n\n".join(parts)
+
+
+def _fields(schema: dict[str, Any]) -> str:
+    rows = [(f"`{name}`", value_words(field)) for name, field in schema["properties"].items()]
+    return table(("field", "value"), rows)
+
+
+def states_page(words: dict[str, Any]) -> str:
+    """Explain the states of jobs, prints and printers."""
+    parts = ["# States", "As `farm status` and `--json` name them."]
+    for title, kind, section in (
+        ("A job", JobState, "job_states"),
+        ("A print", PrintState, "print_states"),
+        ("The bed of a printer", Bed, "beds"),
+        ("The filament of a printer", FilamentState, "filaments"),
+        ("The connection to a printer", Link, "links"),
+    ):
+        parts.append(f"## {title}\n{names_table(kind, section, words)}")
+    return "\n\n".join(parts)
+
+
+def holds_page(words: dict[str, Any]) -> str:
+    """Explain why a plate or a job waits."""
+    intro = (
+        "Why a plate or a job waits: `hold.code` in `--json`. `hold.text` says it of this case in a sentence."
+    )
+    return f"# Hold codes\n\n{intro}\n\n{names_table(HoldCode, 'hold_codes', words)}"
+
+
+def faults_page(words: dict[str, Any]) -> str:
+    """Explain why a print failed, and why a slice was refused."""
+    parts = [
+        "# Faults",
+        "Why a print failed: `fault` in `--json`. `reason` says it of this case in a sentence.",
+    ]
+    parts.append(f"## Seen at the printer\n{names_table(Fault, 'faults', words)}")
+    parts.append(f"## Said by the farm itself\n{names_table(OwnFault, 'own_faults', words)}")
+    parts.append(
+        "## Rules that a slice must keep\nA slice that breaks one of them is refused by its name.\n\n"
+        + names_table(Rule, "slice_rules", words)
+    )
+    return "\n\n".join(parts)
+
+
+def exit_codes_page(words: dict[str, Any]) -> str:
+    """Explain what each exit code means, and which errors end with it."""
+    meanings = explained((code.name.lower() for code in ExitCode), "exit_codes", words["exit_codes"])
+    rows = []
+    for code, (_, meaning) in zip(ExitCode, meanings, strict=True):
+        errors = ", ".join(f"`{error}`" for error in ErrorCode if EXIT_CODES[error] is code)
+        rows.append((str(int(code)), meaning, errors))
+    intro = (
+        "Every mistake gets one line on stderr: `farm: what, where, what to do`. "
+        "A job that failed names its error in `error` of `--json`."
+    )
+    return f"# Exit codes\n\n{intro}\n\n" + table(("code", "meaning", "errors that end with it"), rows)
+
+
+PAGES = {
+    "commands.md": commands_page,
+    "fleet-yaml.md": fleet_page,
+    "json.md": json_page,
+    "states.md": states_page,
+    "hold-codes.md": holds_page,
+    "faults.md": faults_page,
+    "exit-codes.md": exit_codes_page,
+}
 
 
 def main() -> int:
-    """Write the page, or with --check say whether it is what it should be."""
-    text = page()
-    if "--check" not in sys.argv:
-        PAGE.write_text(text)
-        return 0
-    if PAGE.read_text() == text:
-        return 0
-    print(f"{PAGE} is not up to date: run `python docs/generate.py`", file=sys.stderr)
-    return 1
+    """Write the pages, or with --check say whether they are what they should be."""
+    words = yaml.safe_load(WORDS.read_text(encoding="utf-8"))
+    stale = []
+    for name, make in PAGES.items():
+        title, newline, rest = make(words).partition("\n")
+        text = f"{title}{newline}{NOTE}\n{rest}\n"
+        page = FOLDER / name
+        if page.is_file() and page.read_text(encoding="utf-8") == text:
+            continue
+        stale.append(page)
+        if "--check" not in sys.argv:
+            page.write_text(text, encoding="utf-8")
+    if stale and "--check" in sys.argv:
+        print(f"{' '.join(map(str, stale))}: not up to date: run `python docs/generate.py`", file=sys.stderr)
+        return 1
+    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except MissingWords as error:
+        sys.exit(str(error))

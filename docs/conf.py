@@ -1,0 +1,14 @@
+"""Configuration of the site: `make docs` builds it with Sphinx. Nothing in it is loaded from another host."""
+
+project = "farm"
+html_title = "farm"
+extensions = ["myst_parser"]
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 3
+exclude_patterns = ["reference/*.intro.md"]
+html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_show_sourcelink = False
+html_show_sphinx = False

@@ -1,0 +1,94 @@
+"""The check of commit subjects: `.ci/commit-subjects`, in small repositories."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).resolve().parents[2] / ".ci" / "commit-subjects"
+LONG = "x" * 73
+
+
+class Repository:
+    """A git repository with the script in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.script = folder / ".ci" / "commit-subjects"
+
+    def git(self, *arguments: str) -> str:
+        command = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *arguments]
+        done = subprocess.run(command, cwd=self.folder, check=True, capture_output=True, text=True)
+        return done.stdout.strip()
+
+    def commit(self, subject: str) -> str:
+        self.git("commit", "--quiet", "--allow-empty", "--no-verify", "-m", subject)
+        return self.git("rev-parse", "HEAD")
+
+    def check(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [self.script, *arguments]
+        return subprocess.run(command, cwd="/", check=False, capture_output=True, text=True)
+
+    def begin_rule_at(self, commit: str) -> None:
+        text = SCRIPT.read_text()
+        self.script.parent.mkdir(exist_ok=True)
+        self.script.write_text(re.sub(r"^BASE=\w+", f"BASE={commit}", text, flags=re.M))
+        self.script.chmod(0o700)
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Repository:
+    folder = tmp_path / "work"
+    folder.mkdir()
+    made = Repository(folder)
+    made.git("init", "--quiet")
+    made.begin_rule_at(made.commit("before the rule: " + LONG))
+    return made
+
+
+def test_a_subject_of_72_characters_passes(repository: Repository):
+    repository.commit("ü" * 72)
+    assert repository.check().returncode == 0
+
+
+@pytest.mark.parametrize("subject", [LONG, "Ends with a period."])
+def test_a_bad_subject_is_refused_and_named(repository: Repository, subject: str):
+    commit = repository.commit(subject)
+    repository.commit("Good")
+    result = repository.check()
+    assert result.returncode == 1
+    assert commit[:9] in result.stderr and subject in result.stderr
+
+
+def test_a_shallow_clone_without_the_base_is_checked_as_far_as_it_goes(
+    repository: Repository, tmp_path: Path
+):
+    base = repository.git("rev-parse", "HEAD")
+    repository.commit("One")
+    repository.commit("Two")
+    clone = Repository(tmp_path / "clone")
+    repository.git("clone", "--quiet", "--depth", "1", f"file://{repository.folder}", str(clone.folder))
+    clone.begin_rule_at(base)
+    assert clone.check().returncode == 0
+    clone.commit(LONG)
+    assert clone.check().returncode == 1
+
+
+def test_a_folder_without_git_passes(tmp_path: Path):
+    folder = Repository(tmp_path)
+    folder.begin_rule_at("0" * 40)
+    assert folder.check().returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("message", "code"),
+    [("# help\n\nGood\n\nwhy\n", 0), (f"{LONG}\n", 1), ("# only help\n", 0)],
+    ids=["good", "long", "empty"],
+)
+def test_the_hook_reads_the_subject_of_a_message(
+    repository: Repository, tmp_path: Path, message: str, code: int
+):
+    file = tmp_path / "message"
+    file.write_text(message)
+    assert repository.check("--file", str(file)).returncode == code
