@@ -104,6 +104,8 @@ class Leaving(Identifying):
                 self.heaters_off = False
                 try:
                     yield from self._connect()
+                    if self._up is not None and not self._up.restarted:
+                        yield from self._commands(b"M84")  # M401 has emptied the queue: it stands
                     if (yield from self._shown_off()):
                         if self._up is not None and not self._up.restarted:
                             yield from self._dead_man(0.0)

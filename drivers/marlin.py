@@ -46,6 +46,7 @@ __all__ = [
 NOISE_RESENDS, NOISE_LINES = 10, 200  # 10 repeats in 200 lines: 5 %
 TRIES = 4
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
+HAIL_S = 0.3  # to the first question, where a board may not start at all
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 LINE_S = 10.0  # doubled each time that a line was only late: one ok a move, and a slow one takes longer
 LONGEST_LINE_S = 80.0
@@ -85,6 +86,8 @@ class Link:
     def _reset(self) -> None:
         self.phase = Phase.CLOSED
         self._out = b""
+        self._hail = b""  # while it opens: words that the board must have heard, started anew or not
+        self._refused = False  # they may be lost
         self._partial = b""
         self._banner = b""
         self._restarted = False
@@ -102,11 +105,23 @@ class Link:
 
     # --- what the caller wants ---
 
-    def opened(self, now_s: float) -> None:
-        """The port was opened or reset: all that was known of the board is void."""
+    def opened(self, now_s: float, hail: bytes = b"") -> None:
+        """Forget all that was known of the board: the port was opened or reset.
+
+        Parameters
+        ----------
+        hail
+            Commands that were just sent to a board that may not start anew. It is asked at once whether it
+            does, and told them again where it refuses a line or is silent.
+        """
         self._reset()
         self.phase = Phase.OPENING
-        self._due_s = now_s + max(START_S, self._floor_s)
+        self._hail = hail
+        self._due_s = now_s + (self._hail_s if hail else max(START_S, self._floor_s))
+
+    @property
+    def _hail_s(self) -> float:
+        return max(HAIL_S, self._floor_s / 8)
 
     def restarted(self, now_s: float) -> None:
         """The board started by itself, and that is all right: go on with its banner."""
@@ -233,7 +248,10 @@ class Link:
             self._banner += line + b"\n"
             if b"M301" in line:  # the banner's last line
                 self._greet(now_s, events)
-        elif line.startswith(b"ok") and self._tries:
+        elif self._hail and b"Resend" in line:
+            self._refused = True
+            self._due_s = now_s
+        elif line.startswith(b"ok T:" if self._hail else b"ok") and self._tries:
             self._greet(now_s, events)
 
     def _greet(self, now_s: float, events: list[Event]) -> None:
@@ -308,8 +326,11 @@ class Link:
                 self._doubled = self._outbox.number
                 self._repeat(self._doubled, now_s, events)
             else:  # it did not restart, and nobody knows its line number
+                if self._refused or self._tries > 1:
+                    self._out += self._hail
+                self._refused = False
                 self._out += b"M105\n"
-                self._due_s = now_s + max(START_S / 2, self._floor_s)
+                self._due_s = now_s + max(START_S if self._hail else START_S / 2, self._floor_s)
         else:
             self._go(now_s)
         return events

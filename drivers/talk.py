@@ -10,7 +10,9 @@ from drivers.marlin import Event, Link, Phase
 from drivers.ports import Port
 
 
-def talk(port: Port, link: Link, patience_s: float, *, anew: bool = True) -> Iterator[tuple[float, Event]]:
+def talk(
+    port: Port, link: Link, patience_s: float, *, anew: bool = True, hail: bytes = b""
+) -> Iterator[tuple[float, Event]]:
     """Move bytes between a port and a link.
 
     Parameters
@@ -21,6 +23,8 @@ def talk(port: Port, link: Link, patience_s: float, *, anew: bool = True) -> Ite
         Wall seconds after which it ends.
     anew
         The port was just opened or reset; else the conversation goes on.
+    hail
+        See `Link.opened`.
 
     Yields
     ------
@@ -35,7 +39,7 @@ def talk(port: Port, link: Link, patience_s: float, *, anew: bool = True) -> Ite
     now_s = time.monotonic()
     until_s = now_s + patience_s
     if anew:
-        link.opened(now_s)
+        link.opened(now_s, hail)
     while now_s < until_s and link.phase is not Phase.DEAD:
         port.write(link.take())
         wait_s = min(until_s, link.deadline_s) - now_s

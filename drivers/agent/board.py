@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +12,7 @@ from drivers.clock import Clock, wall_s
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
+from drivers.last_words import HEATERS_OFF, LAST_WORDS, end_blind, end_heard
 from drivers.marlin import Event, Events, Link, Phase, Report, Said, Trouble, Up
 from drivers.ports import Port, open_port, plugged_in
 from drivers.session import Pace, Session
@@ -21,12 +21,9 @@ log = logging.getLogger(__name__)
 
 RETRY_S = 2.0  # wall seconds between attempts to open a port
 PULSES = 2
-LAST_WORDS, LAST_WORD_S = 3, 0.1
 UNWATCHED = "nobody watched it before its agent was started"
 NOT_IDLE = "its port is opened when somebody has said that it does not print: opening it may reset it"
 NO_RESET = "its board does not start again at a pulse of DTR: it prints only while somebody is there"
-HEATERS_OFF = (b"M104 S0", b"M140 S0")
-_OFF = b"\nM104 S0\nM140 S0\n"  # for a board that nothing resets; unnumbered, whatever it counts
 
 
 class Board:
@@ -120,8 +117,7 @@ class Board:
         """
         try:
             device = plugged_in(self._url)
-            ours = self.session is not None or self.hot  # whatever prints there is ours to stop
-            if not (self.simulated or ours or self._said_idle or (device and device == self.opened)):
+            if not (self.simulated or self._ours or self._said_idle or (device and device == self.opened)):
                 raise PortNotIdle(NOT_IDLE)
             self._port = open_port(self._url, self._folder, self._clock)
             self.opened = device
@@ -132,10 +128,18 @@ class Board:
             self.absent = str(error)
             self._retry_wall_s = wall_s() + RETRY_S
             return
-        if self.simulated or not ours:
+        if not self._ours:
+            self._opened()
+        elif self.simulated:
+            end_blind(self._port)
             self._opened()
         else:
             self._reset()  # opening alone resets no board whose last host left DTR up, as ours do
+
+    @property
+    def _ours(self) -> bool:
+        """Whether what moves and heats there is ours to stop."""
+        return self.session is not None or self.hot
 
     def begin(self, session: Session) -> None:
         """Let a session have the board, from a reset on."""
@@ -208,13 +212,9 @@ class Board:
 
     def cut(self) -> None:
         """Switch everything off by a reset, where heat of ours may be on: the agent is about to end."""
-        if self._port is None or not (self.session is not None or self.hot):
+        if self._port is None or not self._ours:
             return
-        if self.refuted:
-            for _ in range(LAST_WORDS):  # a line that was cut off is refused, with all that came behind it
-                with suppress(PortError):
-                    self._port.write_now(_OFF)
-                time.sleep(LAST_WORD_S)
+        (end_heard if self.refuted else end_blind)(self._port)
         with suppress(PortError):
             self._port.reset()
 
@@ -336,12 +336,14 @@ class Board:
             self.link.poll_every_s = self.pace.idle_s
         else:
             self.session.wants_reset = False
-        self.link.opened(self._clock.now())
+        self.link.opened(self._clock.now(), LAST_WORDS if self._ours else b"")
         self._moved(self._port.fileno())
 
     def _reset(self) -> None:
         assert self._port is not None
         self._moved(None)
+        if self._ours:
+            end_blind(self._port)  # a reset that does not get through is noticed late
         try:
             self._port.reset()
         except PortError as error:

@@ -145,13 +145,12 @@ class Emulator:
     def _notice(self, now_s: float) -> None:
         """The host opened or closed the port: opened is a reset, closed is nothing at all."""
         was_open = self._port.is_open
-        if self._port.opened():
+        if self._port.opened() and not self._firmware.board.faults.no_reset:
             self._port.discard()
             for wire in self._wires or ():
                 wire.cut()
             self._firmware.feed(b"", now_s)
-            if not self._firmware.board.faults.no_reset:
-                self._firmware.reset(now_s)
+            self._firmware.reset(now_s)
         if self._port.is_open != was_open:
             self._firmware.board.changes += 1
 

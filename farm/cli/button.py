@@ -36,6 +36,7 @@ class Said(_Line):
 
     printer: str
     seen_off: bool | None = None  # None: it is still looked at
+    still: bool | None = None  # seen not to move any more
     reset_after_s: float | None = None
     text: str
 

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import partial
+from threading import Lock
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -20,6 +21,7 @@ from farm.cli.options import Json, placed
 from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.paths import Places
+from farm.words import one_line
 
 if TYPE_CHECKING:
     from drivers import estop as drv
@@ -47,7 +49,7 @@ def estop(
         if said.seen_off is not None:
             ended.append(said)
         if not json:
-            print(f"{said.printer}: {said.text}", flush=True)
+            print_line(said)
 
     way = button.way(places)
     try:
@@ -69,7 +71,7 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
     NoSuchThing
         Of what no printer is called; the others are stopped.
     FarmError
-        Of those whose heaters were not seen off.
+        Of those whose heaters were not seen off, or which were not seen to stand still.
     """
     began_s = time.time()
     targets, trouble = find_targets(places)
@@ -77,7 +79,8 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
         raise trouble
     names = list(printers)
     wanted = {name: targets[name] for name in names or targets if name in targets}
-    hot = []
+    say = one_at_a_time(say)
+    hot, moving = [], []
     with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as hands:
         tells = {name: partial(_go_on, say, name) for name in wanted}
         for done in as_completed([hands.submit(stop, tells[name]) for name, stop in wanted.items()]):
@@ -85,16 +88,41 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
             after_s = None if result.cut_s is None else round(result.cut_s - began_s, 3)
             say(
                 Said(
-                    printer=result.printer, text=result.text, seen_off=result.seen_off, reset_after_s=after_s
+                    printer=result.printer,
+                    text=result.text,
+                    seen_off=result.seen_off,
+                    still=result.still,
+                    reset_after_s=after_s,
                 )
             )
             if not result.seen_off:
                 hot.append(result.printer)
+            elif not result.still:
+                moving.append(result.printer)
     unknown = [name for name in names if name not in targets]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
     if hot:
         raise FarmError(f"not seen off: {' '.join(sorted(hot))}: switch them off by hand")
+    if moving:
+        raise FarmError(f"not seen to stand still: {' '.join(sorted(moving))}: look whether they move")
+
+
+def print_line(said: Said) -> None:
+    """Print what is said of a printer as one line in one write, so that lines never run into one another."""
+    sys.stdout.write(f"{said.printer}: {one_line(said.text)}\n")
+    sys.stdout.flush()
+
+
+def one_at_a_time(say: Say) -> Say:
+    """Have lines of several printers said one after the other, whatever thread they come from."""
+    lock = Lock()
+
+    def locked(said: Said) -> None:
+        with lock:
+            say(said)
+
+    return locked
 
 
 def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:

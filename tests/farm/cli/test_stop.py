@@ -6,7 +6,8 @@ import threading
 
 import pytest
 
-from farm.cli import button
+from drivers.estop import Stopped
+from farm.cli import button, stop
 from farm.cli.button import Said
 from farm.errors import ErrorCode, FarmError, NoSuchThing
 from farm.paths import find_places
@@ -126,3 +127,63 @@ def test_the_owner_of_a_farm_needs_no_button(tmp_path):
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
     assert button.way(places) is None
     assert button.way(find_places(tmp_path / "state", tmp_path / "elsewhere" / "farm.sock", None)) is None
+
+
+class Sheet(io.StringIO):
+    """A stdout that keeps every write for itself."""
+
+    def __init__(self):
+        super().__init__()
+        self.writes = []
+
+    def write(self, text):
+        self.writes.append(text)
+        return len(text)
+
+
+def test_a_line_of_a_printer_is_written_whole_whatever_is_said_of_it(monkeypatch):
+    sheet = Sheet()
+    monkeypatch.setattr(stop.sys, "stdout", sheet)
+    stop.print_line(Said(printer="a", text="ssh said\nthis and\r that"))
+    assert sheet.writes == ["a: ssh said this and that\n"]
+
+
+def test_lines_of_several_printers_are_said_one_after_the_other(tmp_path, monkeypatch):
+    all_there = threading.Barrier(8)
+    busy, overlaps, heard = [], [], []
+
+    def ends(name):
+        def end(tell):
+            all_there.wait(10.0)
+            for _ in range(20):
+                tell("it cools")
+            return Stopped(name, 0.0, True, "off", still=True)
+
+        return end
+
+    def say(said):
+        busy.append(said)
+        threading.Event().wait(0.0001)  # lets another thread in
+        overlaps.extend(busy[1:])
+        busy.remove(said)
+        heard.append(said.printer)
+
+    targets = {name: ends(name) for name in "abcdefgh"}
+    monkeypatch.setattr(stop, "find_targets", lambda places: (targets, None))
+    stop.stop_all(find_places(tmp_path, None, None), [], say)
+    assert overlaps == [] and len(heard) == 8 * 21
+
+
+@pytest.mark.parametrize(
+    ("seen_off", "still", "said"),
+    [(False, True, "not seen off: a"), (True, False, "not seen to stand still: a")],
+)
+def test_a_printer_that_was_not_seen_to_stop_is_an_error_that_names_it(
+    tmp_path, monkeypatch, seen_off, still, said
+):
+    targets = {"a": lambda tell: Stopped("a", 0.0, seen_off, "hm", still)}
+    monkeypatch.setattr(stop, "find_targets", lambda places: (targets, None))
+    heard = []
+    with pytest.raises(FarmError, match=said):
+        stop.stop_all(find_places(tmp_path, None, None), [], heard.append)
+    assert [(one.seen_off, one.still) for one in heard] == [(seen_off, still)]
