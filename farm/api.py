@@ -283,12 +283,15 @@ class ClearedRequest(_View):
     filament: FilamentState | None = None
     bad: bool = False
     why: Line | None = Field(default=None, max_length=200)
+    good: Line | None = Field(default=None, max_length=40)  # the part of a failed print, whole after all
 
 
 class Cleared(_View):
     """A bed was cleared; what was bad there is printed again, unless nobody wants it any more."""
 
-    again: str | None  # the part
+    again: str | None = None  # the part
+    good: str | None = None  # the part that was found whole
+    printed_on: list[str] = []  # printers that had begun to print that part again
 
 
 class Named(_View):

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from farm.api import ClearedRequest, PrinterView
+from farm.api import Cleared, ClearedRequest, PrinterView
 from farm.cli import complete
 from farm.cli.client import Client
 from farm.cli.options import Job, Printer, Why, placed
@@ -49,9 +49,19 @@ def cleared(
     ],
     bad: Annotated[bool, typer.Option("--bad", help="What was printed is bad: print it again.")] = False,
     why: Annotated[str | None, typer.Option(help="What is wrong with it; says --bad too.")] = None,
+    good: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PART", help="This part is whole, though its print failed: do not print it again."
+        ),
+    ] = None,
     filament: Annotated[FilamentState | None, typer.Option(help="Where the filament is, if known.")] = None,
 ) -> None:
     """Say that a bed is clear, what was printed there good (or --bad), and the printer looked at."""
+    if good is not None and (bad or why is not None):
+        raise typer.BadParameter("a part is good or bad: leave one out", param_hint="--good")
+    if good is not None and (len(printers) != 1 or printers == ["all"]):
+        raise typer.BadParameter("name the one printer that the part lies on", param_hint="--good")
     client = Client(places.socket)
     fleet_now = {p.name: p for p in client.status().printers}
     if printers == ["all"]:
@@ -63,11 +73,22 @@ def cleared(
     unknown = [name for name in printers if name not in fleet_now]
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet_now)}")
-    request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why)
+    request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why, good=good)
     for printer in printers:
-        again = client.cleared(printer, request).again
-        lay = f"part {again} is printed again" if again else "its part is not printed again: it was cancelled"
-        print(f"{printer}: bed clear" + (f"; {lay}" if request.bad else ""))
+        answer = client.cleared(printer, request)
+        print("; ".join((f"{printer}: bed clear", *_became(request, answer))))
+
+
+def _became(request: ClearedRequest, answer: Cleared) -> list[str]:
+    """What becomes of the part that lay on a bed."""
+    if request.bad and answer.again is None:
+        return ["its part is not printed again: it was cancelled"]
+    if request.bad:
+        return [f"part {answer.again} is printed again"]
+    if answer.good is None:
+        return []
+    again = [f"{name} prints it again already: `farm cancel {name}` ends that" for name in answer.printed_on]
+    return [f"part {answer.good} is good" + ("" if again else ", and not printed again"), *again]
 
 
 @placed

@@ -381,6 +381,9 @@ class Core:
         for number in sorted({attempt.job for attempt in self.books.open_prints()}):
             if not self.books.job(number).state.ended:
                 self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
+        for attempt in list(self.books.open_prints()):  # of a part that a person has found whole meanwhile
+            if attempt.cancel_asked is None:
+                self.happened(ev.PlateCancelled(at_s=self.clock.now(), plate=attempt.plate, by=ev.A_PERSON))
 
     def copied(self, trouble: str | None) -> None:
         """The books were copied, or why they could not be."""

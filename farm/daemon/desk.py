@@ -10,9 +10,10 @@ from farm import api
 from farm.daemon.core import Core
 from farm.daemon.people import By, ByOperator
 from farm.errors import NoSuchThing, Refused
-from farm.model import FilamentState, Plate, PrintState, Verdict
+from farm.model import FilamentState, Plate, Print, PrintState, Verdict
 from farm.tracking import events as ev
 from farm.tracking.outcome import Standing
+from farm.tracking.whole import failed_on, part_of, printed_again
 
 _UNWANTED = {
     Standing.PRINTED: "is printed already",
@@ -49,8 +50,12 @@ class Desk:
         filament: FilamentState | None,
         verdict: Verdict = Verdict.GOOD,
         why: str | None = None,
-    ) -> str | None:
-        """A person cleared a bed, and says how what lay there is. Returns a part that is printed again."""
+        good: str | None = None,
+    ) -> api.Cleared:
+        """A person cleared a bed, and says how what lay there is.
+
+        `good` is the part of a failed print that is whole and good after all.
+        """
         books = self._core.books
         books.printer(printer)
         if books.open_print_on(printer) is not None:
@@ -58,14 +63,39 @@ class Desk:
         judged = books.to_judge(printer)
         if verdict is Verdict.BAD and judged is None:
             raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
+        whole = None if good is None else self._whole(printer, good)
         self._happened(
             lambda at_s: ev.BedCleared(
-                at_s=at_s, printer=printer, by=by, filament=filament, verdict=verdict, why=why
+                at_s=at_s,
+                printer=printer,
+                by=by,
+                filament=filament,
+                verdict=verdict,
+                why=why,
+                whole=None if whole is None else whole.id,
             )
         )
-        plate = None if judged is None else self._core.books.plates[judged.plate]
-        again = plate is not None and self._core.books.standing(plate) in _COMING
-        return plate.parts[0] if plate is not None and again else None
+        books = self._core.books
+        if whole is not None:
+            return api.Cleared(good=part_of(books, whole), printed_on=printed_again(books, whole))
+        plate = None if judged is None else books.plates[judged.plate]
+        again = plate is not None and books.standing(plate) in _COMING
+        return api.Cleared(again=plate.parts[0] if plate is not None and again else None)
+
+    def _whole(self, printer: str, part: str) -> Print | None:
+        """The failed print on a bed that made a part; None where it is booked as printed anyway."""
+        books = self._core.books
+        judged, failed = books.to_judge(printer), failed_on(books, printer)
+        attempt = judged or failed
+        if attempt is None:
+            raise Refused(
+                f"no part is known to lie on {printer}: `farm history {printer}` has what it printed"
+            )
+        name = part_of(books, attempt)
+        job = part.rpartition("/")[0]
+        if _number(part) != _number(name) or job not in ("", str(attempt.job)):
+            raise Refused(f"what lies on {printer} is part {name}, not {part}")
+        return failed if judged is None else None
 
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
         """Print a part again, whatever became of it. Returns its name."""
@@ -172,7 +202,7 @@ class Desk:
 
     def _cancel(self, plate: Plate, by: str) -> str:
         stands = self._core.books.standing(plate)
-        if stands in _UNWANTED:
+        if stands in _UNWANTED and (stands is not Standing.GOOD or self._printing(plate) is None):
             raise Refused(f"part {plate.parts[0]} {_UNWANTED[stands]}")
         self._happened(lambda at_s: ev.PlateCancelled(at_s=at_s, plate=plate.id, by=by))
         return plate.parts[0]
@@ -211,7 +241,7 @@ def add_desk(app: FastAPI, desk: Desk) -> None:
     @app.post("/printers/{name}/cleared")
     async def cleared(name: str, request: api.ClearedRequest, by: ByOperator) -> api.Cleared:
         verdict = Verdict.BAD if request.bad else Verdict.GOOD
-        return api.Cleared(again=desk.cleared(name, by, request.filament, verdict, request.why))
+        return desk.cleared(name, by, request.filament, verdict, request.why, request.good)
 
     @app.post("/printers/{name}/pause")
     async def pause(name: str, by: By) -> None:

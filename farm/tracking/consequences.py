@@ -55,11 +55,15 @@ def stop_print(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
 def give_up(books: Books, plate: Plate, reason: str) -> Result:
     """Never try a plate again, unless a person asks; end its print where it is being printed.
 
-    One that is printed stays printed; it is not tried again if it turns out bad.
+    One that is printed stays printed; it is not tried again if it turns out bad. One that is good loses only
+    a print that makes it once more.
     """
-    if books.standing(plate) in (Standing.GOOD, Standing.CANCELLED):
+    standing = books.standing(plate)
+    if standing is Standing.CANCELLED:
         return books, ()
     stopped = [stop_print(p, reason) for p in books.prints_of(plate) if not p.state.ended]
+    if standing is Standing.GOOD:
+        return put(books, *(attempt for attempt, _ in stopped)), tuple(stop for _, stop in stopped)
     books = put(books, edited(plate, cancelled=True, hold=None), *(attempt for attempt, _ in stopped))
     return books, tuple(instruction for _, instruction in stopped)
 
@@ -100,3 +104,14 @@ def soil(books: Books, printer: str) -> Books:
     """Something may lie on the bed; what is unknown stays unknown."""
     entry = books.printers[printer]
     return put(books, edited(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
+
+
+def move_prints(books: Books, by_s: float) -> Books:
+    """Open prints last as long as they did where the clock was set; what a person wished for stays."""
+
+    def moved(at_s: float | None) -> float | None:
+        return None if at_s is None else at_s + by_s
+
+    going_on = books.open_prints()
+    moments = ((p, moved(p.assigned_s), moved(p.started_s)) for p in going_on)
+    return put(books, *(edited(p, assigned_s=given, started_s=begun) for p, given, begun in moments))

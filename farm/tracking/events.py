@@ -225,6 +225,7 @@ class BedCleared(Event):
     filament: FilamentState | None = None
     verdict: Verdict = Verdict.GOOD
     why: str | None = None
+    whole: str | None = None  # a print that had failed there: its part is whole and good
 
 
 class BooksRestored(Event):

@@ -27,6 +27,7 @@ from farm.tracking.consequences import (
     end_job,
     give_up,
     lose,
+    move_prints,
     settle,
     soil,
     stop_print,
@@ -35,6 +36,7 @@ from farm.tracking.factor import learned
 from farm.tracking.faults import LOSSES, UNCHARGED, OwnFault
 from farm.tracking.outcome import Standing, printed
 from farm.tracking.reels import less, used_grams
+from farm.tracking.whole import book_whole
 
 
 def _approval(job: int) -> Hold:
@@ -63,16 +65,7 @@ def _(event: ev.PrinterAdded, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.ClockSet, books: Books) -> Result:
-    """Open prints last as long as they did; moments that a person wished for stay on the calendar."""
-
-    def moved(at_s: float | None) -> float | None:
-        return None if at_s is None else at_s + event.by_s
-
-    going_on = books.open_prints()
-    return put(
-        books,
-        *(edited(p, assigned_s=moved(p.assigned_s), started_s=moved(p.started_s)) for p in going_on),
-    ), ()
+    return move_prints(books, event.by_s), ()
 
 
 @apply.register
@@ -298,7 +291,10 @@ def _(event: ev.BedCleared, books: Books) -> Result:
     if event.verdict is Verdict.GOOD:
         for earlier in list(books.lost_verdicts(printer.name)):
             books = settle(put(books, edited(earlier, verdict=Verdict.GOOD)), earlier.job, event.at_s)
-    return books, (ev.SendCleared(printer=printer.name, filament=event.filament),)
+    stops: tuple[ev.AnyInstruction, ...] = ()
+    if event.whole is not None:
+        books, stops = book_whole(books, event.whole, event.by, event.at_s)
+    return books, (*stops, ev.SendCleared(printer=printer.name, filament=event.filament))
 
 
 @apply.register

@@ -9,6 +9,7 @@ from farm.model import Bed, Link, PlanStep, Printer
 from farm.tracking.asks import asks
 from farm.tracking.deadlines import deadlines
 from farm.tracking.scene import Scene
+from farm.tracking.whole import may_be_whole, part_of
 
 
 def todo(scene: Scene) -> list[api.Todo]:
@@ -18,6 +19,7 @@ def todo(scene: Scene) -> list[api.Todo]:
     if outage is not None:
         names = " ".join(outage.printers)
         text = f"{names} were lost at once (power, a hub, the host?): look at them, then `farm resume`"
+        text += "".join(_ask_whole(scene, name) for name in outage.printers)
         looks.append(api.Todo(code="outage", printers=list(outage.printers), text=text))
     for section in scene.fleet.printers:
         entry, snapshot = scene.books.printer(section.name), scene.snapshot(section.name)
@@ -38,8 +40,9 @@ def todo(scene: Scene) -> list[api.Todo]:
             text = f"connect {what}{also}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
         elif why:
-            what = f"{section.name} {why}{_when(scene, entry)}"
-            text = f"look at {section.name}: {why}; then `farm cleared {section.name}`"
+            ask = _ask_whole(scene, section.name)
+            what = f"{section.name} {why}{_when(scene, entry)}{ask}"
+            text = f"look at {section.name}: {why}; then `farm cleared {section.name}`{ask}"
             looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
         elif attempt is not None:
             left_s, zone = scene.remaining_s(attempt), scene.fleet.zone
@@ -53,6 +56,15 @@ def todo(scene: Scene) -> list[api.Todo]:
         clear = [api.Todo(code="clear", printers=full, text=text)]
     own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(scene)]
     return [*own, *looks, *absent, *ending, *clear, *asks(scene.books)]
+
+
+def _ask_whole(scene: Scene, printer: str) -> str:
+    """The question whether a failed print is whole after all, and how to say so; empty where it cannot be."""
+    attempt = may_be_whole(scene.books, printer)
+    if attempt is None:
+        return ""
+    part = part_of(scene.books, attempt)
+    return f"; if part {part} is whole and good: `farm cleared {printer} --good {part}`"
 
 
 def _troubles(scene: Scene) -> list[str]:

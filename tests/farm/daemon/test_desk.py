@@ -174,8 +174,8 @@ def test_what_is_bad_is_printed_again_unless_its_job_was_cancelled(farm, cancell
     ends(farm, "a")
     if cancelled:
         farm.desk.cancel_job(1, "ann")
-    again = farm.desk.cleared("a", "ann", None, Verdict.BAD, "warped")
-    assert again == (None if cancelled else "1/p01")
+    answer = farm.desk.cleared("a", "ann", None, Verdict.BAD, "warped")
+    assert answer.again == (None if cancelled else "1/p01")
 
 
 def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
