@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
+from slicing.foreign.clearance import Clearance
 from slicing.foreign.extent import Extent
 from slicing.foreign.survey import survey
 from slicing.foreign.walk import Walk
@@ -18,6 +19,9 @@ reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives abou
 1.75 mm instead of 2.85 mm about 2.7."""
 HIGHEST_LAYER = 0.8
 """Of the nozzle's diameter: higher lines do not hold."""
+
+SLACK_LAYERS = 1.25
+"""Of the highest layer: how far slicers go below the top while a layer is printed, as in a sloping seam."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,12 +105,12 @@ def accept(
             "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
         )
     writer = Writer(stopwatch)
-    walk = Walk(found, writer, filament_mm2, nozzle_c, bed_c)
+    clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm)
+    walk = Walk(found, writer, clearance, filament_mm2, nozzle_c, bed_c)
     for number, raw in enumerate(lines, 1):
         walk.follow(raw, number)
+    walk.finish()
     extent = walk.extent
-    if not extent.path_mm:
-        raise GcodeRefused(walk.objection or "it prints nothing: no move after its start extrudes")
     _check_section(extent, writer.layers, filament_mm2, line_mm)
     seconds = writer.finish()
     head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"

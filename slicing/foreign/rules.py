@@ -83,6 +83,10 @@ _REASONS = {
 }
 
 
+END = frozenset(("G28", "M84", "M18", "M81", "M2"))
+"""Show, where they stand after all that is printed, that the file has come to its end script."""
+
+
 def needless(code: str, rest: str) -> bool:
     """Whether a command changes nothing in a print; `rest` is what follows its code."""
     return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)

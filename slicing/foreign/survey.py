@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
 from slicing.foreign import rules
+from slicing.foreign.completeness import Completeness
 from slicing.foreign.lines import plain_move, split
 
 FILAMENT_MM = (2.75, 3.05)
 """What is sold as 2.85 mm, and also as 3 mm."""
+INCOMPLETE = "export it once more, or copy it again"
 _LAYER = re.compile(
     rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
 )
@@ -37,12 +39,15 @@ class Survey:
         The number of the line with which the print begins.
     marks_layers
         Whether comments say where layers begin.
+    closed
+        Whether the slicer's closing mark stands behind all that is printed; False for a slicer without one.
     """
 
     ulticode: bool
     nozzle_mm: float | None
     begins: int
     marks_layers: bool
+    closed: bool
 
 
 def is_layer(comment: bytes) -> bool:
@@ -56,27 +61,32 @@ def survey(lines: Iterable[bytes]) -> Survey:
     Raises
     ------
     GcodeRefused
-        Where the file is for another kind of printer, or it cannot be told where its print begins.
+        Where the file is for another kind of printer, it cannot be told where its print begins, or its end is
+        missing.
     """
     facts: dict[str, bytes] = {}
     layer = waited = homed = ready = 0
-    prints = False
+    prints = number = 0
+    raw = b"\n"
+    completeness = Completeness()
     for number, raw in enumerate(lines, 1):
         if (move := plain_move(raw)) is not None:
-            prints = prints or ("E" in move and ("X" in move or "Y" in move))
+            prints = number if "E" in move and ("X" in move or "Y" in move) else prints
             continue
         code, rest, comment = split(raw, number)
         if comment:
-            if not layer and is_layer(comment):
-                layer = number
+            completeness.read(comment, number)
+            if is_layer(comment):
+                layer = layer or number
+                completeness.count_layer()
             elif (fact := _FACT.match(comment)) is not None:
                 facts[fact[1].decode().lower()] = fact[2].strip()
         if not code or rules.needless(code, rest):
             continue
         if (why := rules.refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {why}")
-        if code in ("G0", "G1"):
-            prints = prints or ("E" in rest and ("X" in rest or "Y" in rest))
+        if code in ("G0", "G1", "G2", "G3"):
+            prints = number if "E" in rest and ("X" in rest or "Y" in rest) else prints
         elif not prints:
             waited = number if code == "M109" else waited
             homed = number if code == "G28" else homed
@@ -87,11 +97,14 @@ def survey(lines: Iterable[bytes]) -> Survey:
             "it cannot be told where its print begins: let your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
         )
+    if (missing := completeness.missing(raw, number, prints)) is not None:
+        raise GcodeRefused(f"line {number}: the file ends here, but not its print: {missing}; {INCOMPLETE}")
     return Survey(
         ulticode=ulticode,
         nozzle_mm=_number(facts, "nozzle_diameter") or _number(facts, "extruderdiameter"),
         begins=layer or ready + 1,
         marks_layers=bool(layer),
+        closed=bool(completeness.closed(prints)),
     )
 
 

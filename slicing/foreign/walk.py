@@ -9,9 +9,10 @@ from typing import NoReturn
 from slicing.errors import GcodeRefused
 from slicing.foreign import rules
 from slicing.foreign.arcs import Arc
+from slicing.foreign.clearance import Clearance
 from slicing.foreign.extent import Extent
 from slicing.foreign.lines import Words, plain_move, split, words
-from slicing.foreign.survey import Survey, is_layer
+from slicing.foreign.survey import INCOMPLETE, Survey, is_layer
 from slicing.foreign.writer import Writer
 from slicing.output import MIN_EXTRUSION_C
 from slicing.startcode import READY_MM
@@ -25,6 +26,9 @@ MOST_RETRACTED_MM = 20.5
 MOST_PUSHED_MM = 200.0  # in one move: more than any slicer asks for, less than what the firmware drops
 LEAST_MM_S = 0.1
 MOST_DWELL_S = 60.0  # the nozzle is hot, and a cancelled print has to wait for its end
+MOST_STANDING_S = 3600.0  # all dwells together
+MOST_SWALLOWED_MM = 0.3
+"""How far back the filament may be when a line begins: slicers push it forth before."""
 MOST_ARC_MM = 700.0  # round the whole bed
 ARC_TOLERANCE_MM = 0.2  # of its radius, between start and end
 MOST_DROP_MM = 10.0  # how far up the head goes before it parks in a pause, or homes when cancelled
@@ -41,13 +45,22 @@ class Walk:
     """
 
     def __init__(
-        self, survey: Survey, writer: Writer, filament_mm2: float, nozzle_c: float, bed_c: float
+        self,
+        survey: Survey,
+        writer: Writer,
+        clearance: Clearance,
+        filament_mm2: float,
+        nozzle_c: float,
+        bed_c: float,
     ) -> None:
         self.extent = Extent()
         self.nozzle_c = nozzle_c if survey.ulticode else 0.0  # as last set before the print
         self.bed_c = bed_c if survey.ulticode else 0.0
         self.objection: str | None = None  # why nothing more may be printed
         self.left_out: dict[str, str] = {}
+        self._lost: str | None = None  # an objection that no end script explains
+        self._ended = False  # by an end script: nothing is printed after it
+        self._clearance = clearance
         self._survey = survey
         self._writer = writer
         self._scale = 1 / filament_mm2 if survey.ulticode else 1.0
@@ -61,6 +74,8 @@ class Walk:
         self._speed = self._flow = 1.0
         self._back_mm = 0.0
         self._drawn_back = False  # by G10
+        self._drawn_back_in = 0  # line
+        self._waited_s = self._waiting_s = 0.0  # in all, and since the last line that was printed
         self._fan: bytes = b"M107"
 
     def follow(self, raw: bytes, number: int) -> None:
@@ -87,7 +102,25 @@ class Walk:
         elif code == "G28" and not self._printing:
             self._at = [math.nan] * 3
         elif self._printing:
-            self._object(f"{code} {rules.refusal_in_print(code)}")
+            self._end(f"{code} {rules.refusal_in_print(code)}", code in rules.END)
+
+    def finish(self) -> None:
+        """End the file.
+
+        Raises
+        ------
+        GcodeRefused
+            Where it prints nothing, or what it says last is no end.
+        """
+        if not self.extent.path_mm:
+            raise GcodeRefused(self.objection or "it prints nothing: no move after its start extrudes")
+        if self._lost is not None:
+            raise GcodeRefused(self._lost)
+        if not (self._ended or self._survey.closed):
+            self._refuse(
+                "the file ends here, but not its print: nothing switches the nozzle off (M104 S0) after the "
+                f"last line that is printed; {INCOMPLETE}"
+            )
 
     # --- what the lines do ---
 
@@ -157,8 +190,12 @@ class Walk:
     def _dwell(self, given: Words) -> None:
         seconds = given.get("S", given.get("P", 0.0) / 1000)
         if self._printing and seconds > 0:
-            if seconds > MOST_DWELL_S:
-                self._object(f"G4 waits {seconds:g} s: at most {MOST_DWELL_S:g}")
+            self._waited_s += seconds
+            self._waiting_s += seconds
+            if self._waiting_s > MOST_DWELL_S:
+                self._object(f"G4 waits {self._waiting_s:g} s in one place: at most {MOST_DWELL_S:g}")
+            elif self._waited_s > MOST_STANDING_S:
+                self._object(f"G4 waits {self._waited_s:g} s in all so far: at most {MOST_STANDING_S:g}")
             else:
                 self._writer.dwell(seconds)
 
@@ -184,7 +221,9 @@ class Walk:
         target_c = float(round(given["S" if "S" in given else "R"]))
         nozzle = code in ("M104", "M109")
         most_c = MOST_NOZZLE_C if nozzle else MOST_BED_C
-        if given.get("T"):
+        if given.get("T") and target_c == 0 and self._printing:
+            self._end(f"{code} is for another extruder, and there is one")
+        elif given.get("T"):
             self._reject(f"{code} is for another extruder, and there is one: slice for a single extruder")
         elif not 0 <= target_c <= most_c:
             what = "nozzle" if nozzle else "bed"
@@ -192,9 +231,11 @@ class Walk:
         elif not self._printing:
             self.nozzle_c, self.bed_c = (target_c, self.bed_c) if nozzle else (self.nozzle_c, target_c)
         elif nozzle and target_c < MIN_EXTRUSION_C:
-            self._object(f"{code} lets the nozzle get cold ({target_c:g} C) and the print goes on")
+            self._end(
+                f"{code} lets the nozzle get cold ({target_c:g} C) and the print goes on", target_c == 0
+            )
         elif not nozzle and target_c == 0 and self.bed_c:
-            self._object(f"{code} switches the bed off and the print goes on")
+            self._end(f"{code} switches the bed off and the print goes on", True)
         else:
             self._writer.line(b"%b S%d" % (code.encode(), target_c))
 
@@ -249,8 +290,10 @@ class Walk:
             return
         if pushed_mm > MOST_PUSHED_MM:
             self._object(f"one move pushes {pushed_mm:.0f} mm of filament: is it counted in mm3?")
-        if self._back_mm > MOST_RETRACTED_MM:
-            self._object(f"draws the filament {self._back_mm:.1f} mm back, out of the hot end")
+        if pushed_mm < 0:
+            self._drawn_back_in = self._number
+        if self._back_mm > MOST_RETRACTED_MM:  # an end script may unload it
+            self._end(f"draws the filament {self._back_mm:.1f} mm back, out of the hot end")
         speed_mm_s = self._speed_mm_s * self._speed
         if speed_mm_s < LEAST_MM_S:
             self._object(f"moves at {speed_mm_s * 60:g} mm a minute, which takes for ever")
@@ -258,6 +301,12 @@ class Walk:
             return
         x, y, z = target
         self._keep_above(z)
+        self._keep_clear(old, target)
+        if self._back_mm > MOST_SWALLOWED_MM and pushed_mm > 0 and old[:2] != target[:2]:
+            self._object(
+                f"would print, with the filament drawn {self._back_mm:.1f} mm back since line "
+                f"{self._drawn_back_in}: where E begins anew, the file has to say G92 E0"
+            )
         self._writer.move((x, y, z, pushed_mm, speed_mm_s))
         fed_mm = pushed_mm - back_mm
         self.extent.go(target, fed_mm)
@@ -291,6 +340,17 @@ class Walk:
         if z < 0:
             self._object(f"moves to Z {z:g}, into the bed")
 
+    def _keep_clear(self, old: list[float], target: list[float]) -> None:
+        """Object to a way through what is printed."""
+        if min(old[2], target[2]) >= self.extent.high[2]:
+            return
+        obstacle_mm = self._clearance.obstacle_mm(old, target)
+        if obstacle_mm is not None:
+            self._object(
+                f"moves at Z {min(old[2], target[2]):g} into what is printed up to Z {obstacle_mm:.3g}, with "
+                "the nozzle or the head beside it"
+            )
+
     def _print(self, old: list[float], target: list[float]) -> None:
         if self.objection is not None:
             raise GcodeRefused(self.objection)
@@ -305,6 +365,9 @@ class Walk:
         if not self._survey.marks_layers and self.extent.rises(old, target):
             self._writer.layer(target[2])
         self.extent.print(old, target)
+        self._clearance.add(old, target)
+        self._waiting_s = 0.0
+        self._ended = False
         self._writer.commit()
 
     # --- refusing ---
@@ -313,6 +376,17 @@ class Walk:
         """Refuse the file as soon as something is printed after this line; a start script is not printed."""
         if self._printing:
             self.objection = self.objection or f"line {self._number}: {why}"
+            if not self._ended:
+                self._lost = self._lost or f"line {self._number}: {why}"
+
+    def _end(self, why: str, ended: bool = False) -> None:
+        """Refuse the file if something is printed after this line; an end script may well hold it.
+
+        `ended`: it shows that the end script has come.
+        """
+        if self._printing:
+            self.objection = self.objection or f"line {self._number}: {why}"
+            self._ended = self._ended or ended
 
     def _reject(self, why: str) -> None:
         """Refuse what changes all that comes after it: in a start script too, but not in an end script."""

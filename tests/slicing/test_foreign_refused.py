@@ -4,7 +4,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from make_gcode import FILAMENT_MM2, as_bytes, marlin, square, ultigcode
+from make_gcode import FILAMENT_MM2, after, as_bytes, marlin, square, ultigcode
 from own_gcode import body, followed, refused, safe, take
 from slicing.errors import GcodeRefused
 from slicing.foreign.lines import LONGEST
@@ -26,8 +26,7 @@ def test_a_start_that_leaves_the_head_in_the_bed_is_refused(z, said):
 
 def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears_them():
     def two(layers):
-        more = square(at_mm=140.0, layers=2)
-        return marlin([*square(layers=layers), *more])
+        return marlin(after(square(layers=layers), square(at_mm=170.0, layers=2)))
 
     safe(take(two(layers=50)))
     refused(two(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")

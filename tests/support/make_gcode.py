@@ -38,6 +38,12 @@ def square(side_mm=20.0, at_mm=100.0, layers=3, layer_mm=0.2, e_per_mm=0.4 * 0.2
     return result
 
 
+def after(first, second, above_mm=30.0):
+    """Objects one after the other: the head goes up, over to the second one, and down."""
+    (x, y, *_), *_ = second[0]
+    return [*first, [(x, y, above_mm, 0.0), *second[0]], *second[1:]]
+
+
 def marlin(layers=None, *, start=None, comments=True, relative=False, tail=None, body=()):
     """As Cura writes for Marlin; `body` stands before the second layer."""
     lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28", *PURGE]
@@ -63,9 +69,11 @@ def marlin(layers=None, *, start=None, comments=True, relative=False, tail=None,
 def ultigcode(layers=None, nozzle="0.4", body=()):
     """As Cura writes for these printers: E in mm3, retractions by G10, nothing heated."""
     lines = [";FLAVOR:UltiGCode", ";TIME:60", ";MATERIAL:99", ";MATERIAL2:0", f";NOZZLE_DIAMETER:{nozzle}"]
-    lines += [";Generated with Cura_SteamEngine 4.13.0", "M82", "G92 E0", "G10", ";LAYER_COUNT:3"]
+    lines += [";Generated with Cura_SteamEngine 4.13.0", "M82", "G92 E0", "G10"]
+    layers = square() if layers is None else layers
+    lines.append(f";LAYER_COUNT:{len(layers)}")
     e = 0.0
-    for number, layer in enumerate(square() if layers is None else layers):
+    for number, layer in enumerate(layers):
         if number == 1:
             lines += body
         lines.append(f";LAYER:{number}")

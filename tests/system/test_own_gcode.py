@@ -45,7 +45,7 @@ def test_ultigcode_and_marlin_files_are_printed_to_their_end(one, tmp_path):
     fed_mm = []
     for number, (name, lines) in enumerate(files.items(), 1):
         path = tmp_path / name
-        path.write_text("\n".join(lines))
+        path.write_text("\n".join(lines) + "\n")
         before_mm = one.emulator_status("one").filament_mm
         job = printed(one, number, path)
         fed_mm.append(one.emulator_status("one").filament_mm - before_mm)
@@ -59,12 +59,12 @@ def test_ultigcode_and_marlin_files_are_printed_to_their_end(one, tmp_path):
 
 def test_what_cannot_be_printed_is_refused_at_submission(one, tmp_path):
     path = tmp_path / "bad.gcode"
-    path.write_text("\n".join(marlin(body=["M500"])))
+    path.write_text("\n".join(marlin(body=["M500"])) + "\n")
     result = one.run("submit", path)
     assert result.returncode == 5
     assert "bad.gcode: line" in result.stderr and "M500" in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
-    path.write_text("\n".join(marlin()))
+    path.write_text("\n".join(marlin()) + "\n")
     assert one.run("submit", path, "--scale", "2").returncode == 2
     packed = tmp_path / "bad.gcode.gz"
     packed.write_bytes(b"\x1f\x8b")

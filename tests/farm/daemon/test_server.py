@@ -75,7 +75,7 @@ def submit(app, content, **params):
 
 
 def test_g_code_goes_the_same_road_as_a_model(daemon):
-    content = "\n".join(marlin()).encode()
+    content = ("\n".join(marlin()) + "\n").encode()
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
     job = daemon.state.core.books.jobs[1]
@@ -94,7 +94,7 @@ def test_g_code_goes_the_same_road_as_a_model(daemon):
     ],
 )
 def test_g_code_that_cannot_be_printed_so_is_refused_by_name(daemon, name, options, code):
-    answer = submit(daemon, "\n".join(marlin()).encode(), name=name, options=options).json()
+    answer = submit(daemon, ("\n".join(marlin()) + "\n").encode(), name=name, options=options).json()
     assert answer["code"] == code
     assert daemon.state.core.books.jobs == {}
 

@@ -43,7 +43,7 @@ def inspect(tmp_path, files):
     def run(lines, fleet=(), name="tower.gcode", **options):
         upload = tmp_path / "upload"
         upload.unlink(missing_ok=True)
-        upload.write_bytes("\n".join(lines).encode())
+        upload.write_text("\n".join(lines) + "\n")
         fleet = fleet or [printer("a"), printer("b", TALL)]
         return inspect_gcode(upload, name, JobOptions(**options), fleet, files)
 
@@ -90,7 +90,7 @@ def test_packed_models_are_none_of_our_business():
 def test_a_file_is_kept_as_it_came_with_what_it_asks_for(inspect, files):
     lines = ultigcode()
     inspected = inspect(lines)
-    assert (files / inspected.file).read_text().split("\n") == lines
+    assert (files / inspected.file).read_text().splitlines() == lines
     assert inspected.own_gcode.nozzle_mm == 0.4
     assert inspected.own_gcode.min_mm == pytest.approx((-11.5, -11.5, 0.2))
     assert inspected.own_gcode.max_mm == pytest.approx((8.5, 8.5, 0.6))
@@ -159,7 +159,7 @@ def test_a_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
     assert plate.grams == pytest.approx(240 * 0.08 / 1000 * 1.24, rel=0.01)
     assert plate.price == pytest.approx(plate.grams * 0.03)
     assert (files / plate.gcode).read_text().startswith(";FLAVOR:Marlin\n")
-    assert (files / part.file).read_text() == "\n".join(marlin())
+    assert (files / part.file).read_text().splitlines() == marlin()
 
 
 def test_a_tall_print_goes_to_a_tall_printer(plan):

@@ -1,0 +1,102 @@
+"""Heights of what is printed, and whether the head of an Ultimaker 2+ can move over it."""
+
+from __future__ import annotations
+
+from array import array
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+HEAD_MM = (-44.0, 64.0, -34.0, 14.0)
+"""Left, right, front and back of the head with its fans, from the nozzle: Cura's
+`machine_head_with_fans_polygon` of the 2+."""
+HEAD_ABOVE_NOZZLE_MM = 5.0
+"""How far its underside is above the nozzle's tip. Cura's `machine_nozzle_head_distance` of the 2+."""
+
+_CELL_MM = 1.0
+_LOWEST_MM = -20.0  # where the grid begins, on X and Y
+_CELLS = 270
+_STEP_MM = 0.5  # between samples of a line
+_BUFFERED = 512 * 6
+
+Point = list[float]
+
+
+class Clearance:
+    """Heights of what is printed, on a grid of 1 mm, in the printer's own mm.
+
+    Lines are buffered: in a print that only rises nothing is ever asked.
+
+    Parameters
+    ----------
+    slack_mm
+        How far below what is printed the nozzle may be: within a layer slicers go up and down.
+    """
+
+    def __init__(self, slack_mm: float) -> None:
+        self._slack_mm = slack_mm
+        self._lines = array("d")  # x, y, z of both ends
+        self._height_mm = np.zeros((_CELLS, _CELLS))  # [y, x]
+        self._above_nozzle: NDArray[np.float64] | None = None  # highest within a cell of each place
+        self._above_head: NDArray[np.float64] | None = None  # highest below a head at each place
+        self._printed_since_mm = 0.0  # highest line that the two do not know
+
+    def add(self, old: Point, target: Point) -> None:
+        """A line is printed."""
+        self._lines.extend(old)
+        self._lines.extend(target)
+        self._printed_since_mm = max(self._printed_since_mm, old[2], target[2])
+        if len(self._lines) >= _BUFFERED:
+            self._flush()
+
+    def obstacle_mm(self, old: Point, target: Point) -> float | None:
+        """Height of what a straight move would hit with the nozzle or the head; None for nothing."""
+        lowest_mm = min(old[2], target[2])
+        if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
+            self._flush()
+            self._above_nozzle = ndimage.maximum_filter(self._height_mm, 3)
+            self._above_head = _highest_below_head(self._height_mm)
+            self._printed_since_mm = 0.0
+        assert self._above_head is not None
+        xy, z = _samples(np.array([[*old, *target]]))
+        y, x = _cells(xy)
+        nozzle_mm, head_mm = self._above_nozzle[y, x], self._above_head[y, x]
+        hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + HEAD_ABOVE_NOZZLE_MM + self._slack_mm)
+        return float(np.maximum(nozzle_mm, head_mm)[hit].max()) if hit.any() else None
+
+    def _flush(self) -> None:
+        if not self._lines:
+            return
+        xy, z = _samples(np.frombuffer(self._lines, dtype=np.float64).reshape(-1, 6))
+        y, x = _cells(xy)
+        np.maximum.at(self._height_mm, (y, x), z)
+        self._lines = array("d")
+
+
+def _samples(lines: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points on lines (n, 6), no further apart than a step: XY (m, 2) and Z (m,), in mm."""
+    start, end = lines[:, :3], lines[:, 3:]
+    counts = np.ceil(np.linalg.norm(end - start, axis=1) / _STEP_MM).astype(np.intp) + 1
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    share = (np.arange(counts.sum()) - first) / np.repeat(np.maximum(counts - 1, 1), counts)
+    points = np.repeat(start, counts, axis=0) + share[:, None] * np.repeat(end - start, counts, axis=0)
+    return points[:, :2], points[:, 2]
+
+
+def _cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Row and column of each point; what lies outside the grid, which no printer reaches, at its edge."""
+    cells = np.clip((xy - _LOWEST_MM) / _CELL_MM, 0, _CELLS - 1).astype(np.intp)
+    return cells[:, 1], cells[:, 0]
+
+
+def _highest_below_head(height_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """For each place of the nozzle the highest cell within the head's outline."""
+    left, right, front, back = (round(edge / _CELL_MM) for edge in HEAD_MM)
+    size = (back - front + 1, right - left + 1)
+    # a filter reaches from -(size // 2) - origin on: moved so that it begins at the head's front and left
+    origin = (-(size[0] // 2) - front, -(size[1] // 2) - left)
+    found: NDArray[np.float64] = ndimage.maximum_filter(
+        height_mm, size, origin=origin, mode="constant", cval=0.0
+    )
+    return found

@@ -1,0 +1,162 @@
+"""A person's own G-code that is not whole: cut, or with layers that would be lost."""
+
+import gzip
+import json
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from make_gcode import END, marlin, square, ultigcode
+from own_gcode import body, fed, followed, refused, safe, take
+from slicing.errors import GcodeRefused
+
+FIXTURES = Path(__file__).parent / "fixtures"
+COUNTED = [";LAYER_COUNT:100", *marlin(square(layers=100))]
+
+
+def cura_settings():
+    """What Cura itself writes behind what its engine has written: JSON, escaped, in lines of 80."""
+    profile = "[general]\\nversion = 4\\nname = draft \\\\ fine\\n\\n[values]\\nadhesion_type = brim\\n"
+    text = json.dumps({"global_quality": profile, "extruder_quality": [profile]})
+    text = text.replace("\\", "\\\\").replace("\n", "\\n")
+    return "".join(f";SETTING_3 {text[at : at + 68]}\n" for at in range(0, len(text), 68)).encode()
+
+
+@cache
+def whole(slicer):
+    """A file as a slicer wrote it on the tile, or the plate, of the fixtures."""
+    if slicer == "cura 5":
+        record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
+        return record["gcode"].encode()
+    if slicer == "cura and its settings":
+        return whole("ultigcode") + cura_settings()
+    return gzip.decompress((FIXTURES / f"tile-{slicer}.gcode.gz").read_bytes())
+
+
+SLICERS = ["ultigcode", "cura 5", "cura and its settings", "prusaslicer"]
+
+
+@pytest.mark.parametrize("slicer", [*SLICERS, "slic3r"])
+def test_a_whole_file_is_taken(slicer):
+    safe(take(whole(slicer).splitlines(keepends=True)))
+
+
+def cut_is_refused(file, at):
+    with pytest.raises(GcodeRefused, match=r"line \d+|prints nothing|where its print begins|its flavour"):
+        take(file[:at].splitlines(keepends=True))
+
+
+@pytest.mark.parametrize("slicer", SLICERS)
+@given(share=st.floats(0, 1, exclude_max=True))
+@example(share=0.9999999)
+@settings(max_examples=60, deadline=None)
+def test_a_file_cut_at_any_byte_is_refused(slicer, share):
+    file = whole(slicer)
+    cut_is_refused(file, int(share * len(file)))
+
+
+@pytest.mark.parametrize("slicer", SLICERS)
+@given(data=st.data())
+@settings(max_examples=40, deadline=None)
+def test_a_file_cut_at_the_end_of_any_line_is_refused(slicer, data):
+    file = whole(slicer)
+    ends = [found.end() for found in re.finditer(rb"\n", file)]
+    cut_is_refused(file, data.draw(st.sampled_from(ends[:-1])))
+
+
+@given(st.data())
+@settings(max_examples=40, deadline=None)
+def test_a_file_of_a_slicer_without_a_closing_mark_is_refused_before_its_end_code(data):
+    """Slic3r closes with its settings; a file of no slicer known here has its end code alone."""
+    slic3r, unknown = whole("slic3r"), "\n".join(marlin(square(layers=20))).encode() + b"\n"
+    for file, end in ((slic3r, b"; filament used"), (unknown, b"M104 S0")):
+        ends = [found.end() for found in re.finditer(rb"\n", file[: file.index(end)])]
+        cut_is_refused(file, data.draw(st.sampled_from(ends)))
+        cut_is_refused(file, data.draw(st.sampled_from(ends)) - data.draw(st.integers(1, 2)))
+
+
+def test_fewer_layers_than_the_file_names_are_refused():
+    assert take(COUNTED).layers == 100
+    refused([line for line in COUNTED if line != ";LAYER:99"], "line 1 names 100 layers, and 99 of them")
+    at = COUNTED.index(";LAYER:60")
+    refused([*COUNTED[:at], *END], rf"line {at + len(END)}: .* line 1 names 100 layers, and 60 of them")
+
+
+@pytest.mark.parametrize(
+    "count",
+    ["; total layers count = 100", "; total layer number: 100", ";Layer count: 100", ";LAYER_COUNT:100"],
+)
+def test_the_count_of_each_slicer_is_known(count):
+    lines = [line.replace(";LAYER:", ";LAYER_CHANGE ") for line in marlin(square(layers=60))]
+    refused([*lines, count], "names 100 layers, and 60 of them")
+    assert take([*lines, count.replace("100", "60")]).layers == 60
+
+
+def test_layers_of_objects_one_after_the_other_are_counted_for_each():
+    first, second = square(layers=3), square(at_mm=170.0, layers=3)
+    lines = marlin([*first, *second])
+    for number in (3, 4, 5):
+        lines[lines.index(f";LAYER:{number}")] = f";LAYER:{number - 3}"
+    ends = [n for n, line in enumerate(lines) if line == ";LAYER:0"]
+    for at in reversed(ends):
+        lines.insert(at, ";LAYER_COUNT:3")
+    assert take(lines).layers == 6
+    refused([line.replace("COUNT:3", "COUNT:5") for line in lines], "names 5 layers, and 3 of them")
+
+
+def test_a_block_of_settings_that_does_not_end_is_refused():
+    lines = [*marlin(), "; prusaslicer_config = begin", "; wipe = 1", "; prusaslicer_config = end"]
+    assert take(lines).layers == 3
+    refused(lines[:-1], "prusaslicer_config begins in line .* and does not end")
+
+
+def test_no_end_code_is_refused():
+    lines = marlin(tail=[])
+    refused(lines, rf"line {len(lines)}: the file ends here, .*M104 S0")
+    for end in ("M104 S0", "M84", "G28 X0"):
+        safe(take([*lines, end]))
+
+
+def test_a_last_line_without_a_newline_is_refused():
+    with pytest.raises(GcodeRefused, match="last line has no newline"):
+        take([*(line.encode() + b"\n" for line in marlin()[:-1]), b"M84"])
+
+
+@pytest.mark.parametrize("mm_a_layer", [0.6, 8.0, 16.0])
+def test_e_that_begins_anew_without_saying_so_is_refused_with_the_line(mm_a_layer):
+    """In a whole file of 100 layers the last 40 were dropped in silence."""
+    lines, layers = marlin(square(side_mm=mm_a_layer / 4 / 0.0125, at_mm=20.0, layers=100)), 60
+    at = lines.index(f";LAYER:{layers}")
+    said = take([*lines[:at], "G92 E0", *renumbered(lines[at:])])
+    assert said.layers == 100
+    assert len(fed(followed(body(said)))) == 400
+    refused([*lines[:at], *renumbered(lines[at:])], rf"drawn .* mm back since line {at + 3}: .*G92 E0")
+
+
+def renumbered(lines):
+    """E from 0 on."""
+    first = next(float(line.split("E")[1]) for line in lines if line.startswith("G1 F1800")) - 0.01
+    return [
+        f"{line.split('E')[0]}E{float(line.split('E')[1]) - first:.5f}"
+        if line.startswith("G1 F1800")
+        else line
+        for line in lines
+    ]
+
+
+@pytest.mark.parametrize("line", ["G4 S90", "G1 Z-3", "G1 X50 Y50 Z0.1 F1"])
+def test_what_is_wrong_behind_the_last_printed_line_is_refused_too(line):
+    refused(marlin(tail=[line, *END]), r"line \d+: ")
+    assert take(marlin(tail=[*END, line])).layers == 3
+
+
+def test_an_end_script_may_unload_the_filament():
+    assert take(marlin(tail=["G92 E0", "G1 E-60 F1500", *END[1:]])).layers == 3
+
+
+def test_ultigcode_without_its_last_comment_is_refused():
+    refused(ultigcode()[:-1], "closes its files with a comment")
