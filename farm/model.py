@@ -106,6 +106,9 @@ class HoldCode(StrEnum):
     APPROVAL = "approval"  # `farm approve` lets it begin
     MAINTENANCE = "maintenance"
     PAUSED = "paused"
+    STOPPED = (
+        "stopped"  # a person stopped its print by `farm estop`, and has not said that it may begin again
+    )
     OUT_OF_ATTEMPTS = "out_of_attempts"
     CUT_AGAIN = "cut_again"  # it failed, and is being cut for several printers
     JUST_LOST = "just_lost"

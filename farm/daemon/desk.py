@@ -12,7 +12,7 @@ from farm.daemon.people import By, ByOperator
 from farm.errors import NoSuchThing, Refused
 from farm.model import FilamentState, Plate, Print, PrintState, Verdict
 from farm.tracking import events as ev
-from farm.tracking.outcome import Standing
+from farm.tracking.outcome import Standing, stopped
 from farm.tracking.whole import failed_on, part_of, printed_again
 
 _UNWANTED = {
@@ -102,7 +102,8 @@ class Desk:
         plate = self._plate(job, part)
         stands = self._core.books.standing(plate)
         printer = self._printing(plate)
-        if stands in _COMING:
+        halted = stopped(plate, self._core.books.prints_of(plate))
+        if stands in _COMING and halted is None:
             raise Refused(f"part {plate.parts[0]} {_COMING[stands].format(printer=printer)}")
         self._happened(lambda at_s: ev.ReprintAsked(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]

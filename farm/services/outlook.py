@@ -13,7 +13,7 @@ from farm.scheduling.rules import Rules
 from farm.scheduling.snapshot import Box, Kind, Need, PlateView, PrinterView
 from farm.tracking.books import Books
 from farm.tracking.faults import LOSSES
-from farm.tracking.outcome import Standing
+from farm.tracking.outcome import Standing, stopped
 
 Rooms = Callable[[PrinterSection], tuple[Box, ...]]
 
@@ -178,8 +178,11 @@ def _own_hold(books: Books, job: Job, plate: Plate, untold: str, now_s: float) -
         return Hold(code=HoldCode.UNTOLD, text=text)
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
+    part = plate.parts[0]
+    if (halted := stopped(plate, books.prints_of(plate))) is not None:
+        text = f"`farm estop` stopped it on {halted.printer}: `farm resume {part}` prints it again"
+        return Hold(code=HoldCode.STOPPED, text=text)
     if plate.paused:
-        part = plate.parts[0]
         return Hold(code=HoldCode.PAUSED, text=f"part {part} is paused: `farm resume {part}`")
     last = books.prints[plate.prints[-1]] if plate.prints else None
     lost_s = last.ended_s if last is not None and last.fault in LOSSES else None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from farm import api
 from farm.model import JobState
 from farm.tracking.books import Books
+from farm.tracking.outcome import stopped
 from farm.words import count, mass
 
 
@@ -25,6 +26,7 @@ def asks(books: Books) -> list[api.Todo]:
             what = f"job {job.id} ({count(len(job.parts), 'part')}, {mass(grams)})"
             text = f"approve {what}: `farm approve {job.id}`"
             found.append(api.Todo(code="approve", printers=[], text=text, brief=what))
+    found += _stopped(books)
     short: dict[str, str] = {}  # the next plate of each reel
     for plate in books.waiting_plates():
         if plate.hold is not None and plate.hold.reel is not None:
@@ -37,4 +39,22 @@ def asks(books: Books) -> list[api.Todo]:
         names = " ".join(doubtful)
         text = f"weigh the reels of {names} (the books are a copy), then `farm load PRINTER --grams G`"
         found.append(api.Todo(code="reel", printers=doubtful, text=text, brief=f"weigh {names}"))
+    return found
+
+
+def _stopped(books: Books) -> list[api.Todo]:
+    """Jobs with parts that `farm estop` stopped, and which wait for a person's word."""
+    parts: dict[int, list[str]] = {}
+    for plate in books.waiting_plates():
+        if stopped(plate, books.prints_of(plate)) is not None:
+            parts.setdefault(plate.job, []).extend(plate.parts)
+    found = []
+    for job, names in parts.items():
+        what = f"{count(len(names), 'part')} of job {job}"
+        words = f"`farm resume {job}` prints them again, `farm cancel JOB/PART` gives one up"
+        if len(names) == 1:
+            what = f"part {names[0]}"
+            words = f"`farm resume {names[0]}` prints it again, `farm cancel {names[0]}` gives it up"
+        text = f"{what} stopped by `farm estop`: {words}"
+        found.append(api.Todo(code="stopped", printers=[], text=text, brief=what))
     return found

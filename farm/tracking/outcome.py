@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from enum import Enum, auto
 
+from drivers.errors import Fault
 from farm.model import JobState, Plate, Print, PrintState, Verdict
 
 ATTEMPTS = 3
@@ -29,6 +30,12 @@ class Standing(Enum):
 def printed(prints: Iterable[Print]) -> Print | None:
     """The print that a plate's parts come from: done, and not called bad."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
+
+
+def stopped(plate: Plate, prints: Iterable[Print]) -> Print | None:
+    """The print that a person stopped by `farm estop`, where the plate waits for their word since."""
+    last = next(reversed(list(prints)), None)
+    return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
 
 
 def failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import singledispatch
 
+from drivers.errors import Fault
 from farm.errors import ErrorCode
 from farm.model import (
     Bed,
@@ -265,6 +266,8 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
         reached_s = event.ended_s - attempt.started_s - plate.prelude_s
         factor = learned(printer.time_factor, plate.print_time_s, reached_s, event.starved_s)
         printer = edited(printer, time_factor=factor)
+    if state is PrintState.FAILED and fault == Fault.ESTOP:  # what a person stopped waits for their word
+        books = put(books, edited(books.plates[attempt.plate], paused=True))
     if state is PrintState.FAILED:
         printer = edited(printer, look=reason or fault or "its print failed", look_s=event.ended_s)
     books = put(books, attempt, printer)

@@ -237,3 +237,35 @@ def test_a_print_that_no_agent_would_start_takes_nothing_off_its_reel(farm):
         farm.core.refused(attempt.id, "no")
     assert farm.core.books.prints[attempt.id].state is PrintState.FAILED
     assert farm.core.books.printers["a"].reel == reel
+
+
+@pytest.mark.parametrize(
+    "say",
+    [
+        lambda desk: desk.pause_job(1, False, "ann"),
+        lambda desk: desk.pause_part(1, "p01", False, "ann"),
+        lambda desk: desk.reprint(1, "p01", "", "ann"),
+    ],
+    ids=["resume job", "resume part", "reprint"],
+)
+def test_what_estop_stopped_is_not_begun_on_an_idle_printer_before_a_person_says_so(farm, say):
+    ends(farm, "a", PrintState.FAILED, fault="estop")
+    for _ in range(2):  # what else waits goes on
+        ends(farm, "b")
+        farm.desk.cleared("b", "ann", None)
+    farm.core.settle()
+    assert farm.core.books.open_print_on("b") is None
+    hold = farm.core.books.plates["1/01"].hold
+    assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
+    [asked] = [item for item in todo(farm.core.scene(STATE)) if item.code == "stopped"]
+    assert "part 1/p01 stopped by `farm estop`" in asked.text and "`farm resume 1/p01`" in asked.text
+    say(farm.desk)
+    assert farm.core.books.open_print_on("b").plate == "1/01"
+    assert not [item for item in todo(farm.core.scene(STATE)) if item.code == "stopped"]
+
+
+def test_many_parts_of_a_job_that_estop_stopped_are_asked_for_in_one_line(farm):
+    for printer in "ab":
+        ends(farm, printer, PrintState.FAILED, fault="estop")
+    [asked] = [item for item in todo(farm.core.scene(STATE)) if item.code == "stopped"]
+    assert asked.text.startswith("2 parts of job 1 stopped by `farm estop`: `farm resume 1` prints them")
