@@ -109,6 +109,7 @@ class Snapshot(_Said):
     starved_s: float = 0.0  # emulator only: farm seconds in which it waited for the host
     board_resets: int = 0  # resets since the agent started that it did not cause itself
     doubt: str | None = None  # why bed and filament are not known, until `BedCleared`
+    alarm: str | None = None  # a heater that cannot be switched off: a person has to go there now
     reset_verified: bool = True  # DTR was seen to reset the board behind this port
     print: PrintSnapshot | None = None
 

@@ -61,7 +61,8 @@ class Board:
         self.look: str | None = None  # trouble while idle: a person has to see to it
         self.doubt: str | None = None  # what happened here that we did not cause: is the bed still clear?
         self.resets = 0  # that the agent did not cause
-        self.wants_power_off = False  # a heater cannot be switched off any other way
+        self.stuck: str | None = None  # a heater that is off and gets hotter, while idle
+        self.back = False  # the printer was away, or seen cold: what is found from now on is news
         self.hot = False  # heat of ours may still be on
         self.opened: str | None = None  # the device, as it was plugged in, that was opened last
         self.reset_verified: str | None = None  # the port over which DTR was seen to reset the board,
@@ -144,6 +145,7 @@ class Board:
     def begin(self, session: Session) -> None:
         """Let a session have the board, from a reset on."""
         self.session = session
+        self.stuck = None
         self.idle.anew()
         self._go_on((), self._clock.now())
 
@@ -171,7 +173,7 @@ class Board:
         """A person saw to the printer: whatever was the matter is over."""
         if self.idle.card:
             raise AgentError(CARD)
-        self.doubt = None
+        self.doubt = self.stuck = None
         self.hot = False
         well = self.look is None and self.link.phase is not Phase.DEAD
         self.look = None
@@ -309,10 +311,8 @@ class Board:
         doubt, trouble = self.idle.report(report)
         if doubt is not None:
             self._doubt(doubt)
-        if trouble is not None and self.look is None:
-            log.error("%s", trouble.text)
-            self.look = f"{trouble.text}: switch it off"
-            self.wants_power_off = True
+        self.stuck = None if trouble is None else trouble.text
+        self.back = self.back or self.idle.cold
         if self.link.drained:
             # what a port that went left hot, and no reset ends; asking alone would feed the dead-man for ever
             self.link.send(now_s, *(HEATERS_OFF if self.hot else ASK))
@@ -328,9 +328,10 @@ class Board:
 
     def _opened(self) -> None:
         assert self._port is not None
+        self.back = self.back or (self.absent is not None and self.session is None)
         self.absent = None
         self.untouched = False
-        self.report = None
+        self.report = self.stuck = None
         self.idle.anew()
         if self.session is None:
             self.link.poll_every_s = self.pace.idle_s

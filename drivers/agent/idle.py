@@ -14,6 +14,7 @@ ASK = (b"M114", b"M27")
 CARD = "it prints from its SD card"
 MOVED = "somebody moved it at the printer"
 HEATED = "somebody switched a heater on at the printer"
+COLD_C = 45.0
 RISE_C, WARM_C = 15.0, 60.0  # a heater that is off and gets so much hotter, to more than this, is stuck on
 
 _PLACE = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
@@ -27,6 +28,8 @@ class IdleWatch:
     ----------
     card
         The printer prints from its SD card.
+    cold
+        Three reports in a row have shown both heaters off and cold.
     """
 
     def __init__(self) -> None:
@@ -41,6 +44,11 @@ class IdleWatch:
         self._heated = False
         self._coolest_c = [float("inf"), float("inf")]
         self._hot = 0  # reports in a row with a heater that is stuck on
+        self._cold = 0  # reports in a row with both off and cold
+
+    @property
+    def cold(self) -> bool:
+        return self._cold >= 3
 
     def said(self, text: bytes) -> tuple[bool, str | None]:
         """Take an answer to `ASK`.
@@ -66,6 +74,8 @@ class IdleWatch:
     def report(self, report: Report) -> tuple[str | None, Trouble | None]:
         """Take a report: what it tells of people, and of a heater that is stuck on."""
         heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
+        cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
+        self._cold = self._cold + 1 if cold else 0
         twice, self._heated = heated and self._heated, heated
         if heated:
             self._coolest_c = [float("inf"), float("inf")]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from drivers.agent.alarm import Alarm
 from drivers.errors import JournalError
 from drivers.messages import Filament, PrintSnapshot
 
@@ -34,6 +35,8 @@ class Memory:
         Prints that are over: none of them is ever started again.
     late
         The last of them, and what became of each.
+    alarm
+        A heater that could not be switched off, until a person has seen to the printer.
     look
         Why a person has to look at the printer, until they did.
     doubt
@@ -52,6 +55,7 @@ class Memory:
 
     print: PrintSnapshot | None = None
     filament: Filament = Filament.UNKNOWN
+    alarm: Alarm | None = None
     look: str | None = None
     doubt: str | None = None
     identity: str | None = None
@@ -65,7 +69,8 @@ class Memory:
     @property
     def heat(self) -> bool:
         """Whether the last agent may have left heat behind."""
-        return self.hot or (self.print is not None and not self.print.phase.ended)
+        uncut = self.alarm is not None and (self.alarm.pending or self.alarm.open)
+        return self.hot or uncut or (self.print is not None and not self.print.phase.ended)
 
     def take(self, record: dict[str, Any]) -> None:
         """Learn one record."""
@@ -77,6 +82,9 @@ class Memory:
                 self.late.append(self.print)
         if "filament" in record:
             self.filament = Filament(record["filament"])
+        if "alarm" in record:
+            said = record["alarm"]
+            self.alarm = Alarm.model_validate(said) if said is not None else None
         if "look" in record:
             self.look = record["look"]
         if "doubt" in record:

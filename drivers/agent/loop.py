@@ -70,7 +70,7 @@ class Agent:
     clock
         The farm's clock.
     power_off_cmd
-        See `mains.cut`.
+        See `mains.PowerOff`.
     inhibitor
         Held while a print is open.
     """
@@ -141,7 +141,8 @@ class Agent:
             if due or self._board.stirred:  # else the wire alone moved, and no deadline came nearer
                 self._board.stirred = False
                 self._push()
-                wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s)
+                alarms_wall_s = self._record.alarms.wake_wall_s()
+                wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s, alarms_wall_s)
 
     def _remember(self) -> None:
         self._record.remember()
@@ -196,6 +197,7 @@ class Agent:
             starved_s=status.starved_s if status is not None else 0.0,
             board_resets=board.resets,
             doubt=board.doubt,
+            alarm=self._record.alarms.told,
             reset_verified=board.proven,
             print=told,
         )
@@ -208,6 +210,7 @@ class Agent:
             self._link_state(),
             self._board.resets,
             self._board.doubt,
+            self._record.alarms.told,
             self._board.report is None,
             memory.print.print_id if memory.print is not None else None,
             (session.phase, session.extruded, session.filament, session.heaters_off) if session else None,
@@ -331,6 +334,7 @@ class Agent:
             )  # a person has seen that it is the right one
         self._board.clear_bed()
         self._board.looked_at()
+        self._record.alarms.person_looked()
         if request.filament is not None:
             self._journal.write(self._clock.now(), filament=request.filament.value)
         self._remember()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 
-from drivers import mains
+from drivers.agent.alarm import Alarms
 from drivers.agent.board import UNWATCHED, Board
 from drivers.agent.journal import ESTOPPED, Journal
 from drivers.clock import Clock
@@ -39,10 +39,12 @@ class Record:
     clock
         The farm's clock.
     power_off_cmd
-        See `mains.cut`.
+        See `mains.PowerOff`.
 
     Attributes
     ----------
+    alarms
+        What was found of a heater that cannot be switched off.
     unsaid
         Why the journal is behind, where it is.
     """
@@ -57,7 +59,8 @@ class Record:
         power_off_cmd: str | None,
     ) -> None:
         self.unsaid: str | None = None
-        self._printer, self._profile, self._power_off_cmd = printer, profile, power_off_cmd
+        self._profile = profile
+        self.alarms = Alarms(printer, power_off_cmd, journal.memory.alarm)
         self._board, self._journal, self._clock = board, journal, clock
         self._program: Program | None = None
         self._starved_before_s = 0.0
@@ -73,8 +76,9 @@ class Record:
         now_s, memory = self._clock.now(), self._journal.memory
         left = Fault.ESTOP if memory.look == ESTOPPED else Fault.AGENT_DIED
         session = Session(
-            self._board.link, program, self._profile, filament, self._board.pace, now_s, memory.identity, left
-        )
+            self._board.link, program, self._profile, filament, self._board.pace, now_s, memory.identity,
+            left, self.alarms.suspicion,
+        )  # fmt: skip
         session.extruded = extruded
         session.resets = not self._board.refuted
         session.ends_by_s = ends_by_s
@@ -88,6 +92,7 @@ class Record:
 
         A full disk stops no print: it is tried again at every step, and until then no print is over.
         """
+        self._look_for_alarm()
         try:
             self._write_down()
         except JournalError as error:
@@ -96,24 +101,42 @@ class Record:
             self.unsaid = str(error)
         else:
             self.unsaid = None
+        self.alarms.act()
+
+    def _look_for_alarm(self) -> None:
+        session, board, alarms, now_s = self._board.session, self._board, self.alarms, self._clock.now()
+        if board.back:
+            board.back = False
+            alarms.printer_back()
+        if session is not None:
+            alarms.of_session(session, now_s)
+        elif (news := alarms.of_idle(board.stuck, now_s)) is not None:
+            board.look = _joined(board.look, f"{news}: switch it off")
+        said = alarms.outcome()
+        if said is None:
+            return
+        if session is not None:
+            session.reason = _joined(session.reason, said)
+        else:
+            board.look = _joined(
+                board.look or (alarms.alarm.text if alarms.alarm is not None else None), said
+            )
 
     def _write_down(self) -> None:
         session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
-        if self._board.wants_power_off:
-            self._cut_mains()
-        kept = {name: getattr(self._board, name) for name in _KEPT}
-        if any(getattr(memory, name) != value for name, value in kept.items()):
-            self._journal.write(now_s, **kept)
+        kept, alarm = {name: getattr(self._board, name) for name in _KEPT}, self.alarms.alarm
+        if alarm != memory.alarm or any(getattr(memory, name) != value for name, value in kept.items()):
+            self._journal.write(now_s, **kept, alarm=None if alarm is None else alarm.model_dump(mode="json"))
         if session is None or memory.print is None:
             return
-        if session.wants_power_off:
-            session.wants_power_off = False
-            session.reason = f"{session.reason or 'heaters were not shown off'}; {self._cut_mains()}"
+        if self._held_back(session):
+            return
         told = memory.print
         changed = (session.phase, session.extruded) != (told.phase, told.extruded)
         if not changed and session.filament is memory.filament:
             return
-        if session.ended and (session.fault in _NEEDS_A_LOOK or not session.heaters_off):
+        look = session.fault in _NEEDS_A_LOOK or session.wants_power_off or not session.heaters_off
+        if session.ended and look:
             self._board.look = session.reason
         if session.ended:
             self._board.hot = not session.heaters_off
@@ -130,26 +153,21 @@ class Record:
             self._board.session = None
             self._program = None
 
-    def _cut_mains(self) -> str:
-        """Switch the printer off by its relay, if it has one; nothing else goes on meanwhile."""
-        self._board.wants_power_off = False
-        if self._power_off_cmd is None:
-            return "it has no power_off_cmd: switch it off by hand"
-        said = mains.cut(self._power_off_cmd, self._printer)
-        if self._board.look is not None:
-            self._board.look = f"{self._board.look}; {said}"
-        return said
+    def _held_back(self, session: Session) -> bool:
+        """Whether a print has ended whose reason lacks what came of `power_off_cmd`."""
+        return session.ended and self.alarms.pending
 
     def shot(self, told: PrintSnapshot, session: Session) -> PrintSnapshot:
         """The open print as it is now."""
         status = self._board.status()
         starved_s = told.starved_s if status is None else status.starved_s - self._starved_before_s
+        held_back = self._held_back(session)
         known: dict[str, object] = {
-            "phase": session.phase,
+            "phase": PrintPhase.ENDING if held_back else session.phase,
             "fault": session.fault,
             "reason": session.reason,
             "extruded": session.extruded,
-            "ended_s": session.ended_s,
+            "ended_s": None if held_back else session.ended_s,
             "ends_by_s": session.ends_by_s,
             "pause_ends_s": session.pause_ends_s if session.phase is PrintPhase.PAUSED else None,
             "starved_s": max(0.0, starved_s),
@@ -163,3 +181,7 @@ class Record:
                 known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
             known["started_s"] = session.started_s
         return told.model_copy(update=known)
+
+
+def _joined(text: str | None, more: str) -> str:
+    return more if text is None else f"{text}; {more}"

@@ -1,0 +1,166 @@
+"""A heater that cannot be switched off: what was found of it, and the mains that are cut for it, once."""
+
+from __future__ import annotations
+
+import logging
+import math
+
+from pydantic import BaseModel, ConfigDict
+
+from drivers.clock import wall_s
+from drivers.mains import LOOK_S, NO_COMMAND, PowerOff
+from drivers.session import Session, Suspicion
+
+log = logging.getLogger(__name__)
+
+_NOT_OFF = "heaters were not shown off"
+
+
+class Alarm(BaseModel):
+    """A finding, from its moment until a person has seen to the printer; kept in the journal.
+
+    Attributes
+    ----------
+    text
+        The finding.
+    at_s
+        When it was found, on the farm's clock.
+    asked
+        The mains are to be cut for it.
+    said
+        What came of that; None: not known yet, and the command is run (again) by whoever reads this.
+    over
+        The printer was cold or away since then: a heater that is stuck on now is another finding.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    text: str
+    at_s: float
+    asked: bool = False
+    said: str | None = None
+    over: bool = False
+
+    @property
+    def pending(self) -> bool:
+        """Whether the mains are to be cut, and nobody knows yet what came of it."""
+        return self.asked and self.said is None
+
+    @property
+    def open(self) -> bool:
+        """Whether the heater may still be seen to cool, and nothing is to be cut then."""
+        return not self.asked
+
+    @property
+    def told(self) -> str | None:
+        """For people; None once it is over."""
+        return None if self.over else "; ".join(filter(None, (self.text, self.said)))
+
+    @property
+    def suspicion(self) -> Suspicion | None:
+        """What a session after it has to know."""
+        return Suspicion(self.text, self.at_s) if self.open else None
+
+
+class Alarms:
+    """Keeps the alarm of one printer, and runs its `power_off_cmd` once for each.
+
+    The order is `take`, then the journal, then `act`: nothing is run that is not written down, unless the
+    disk takes nothing.
+
+    Parameters
+    ----------
+    printer
+        Its name in the fleet.
+    command
+        Its `power_off_cmd`, if it has one.
+    alarm
+        What the journal has.
+
+    Attributes
+    ----------
+    alarm
+        The last finding, until a person has seen to the printer.
+    """
+
+    def __init__(self, printer: str, command: str | None, alarm: Alarm | None) -> None:
+        self._printer, self._command = printer, command
+        self.alarm = alarm
+        self._run: PowerOff | None = None
+        self._answered: Session | None = None  # it has asked
+
+    @property
+    def pending(self) -> bool:
+        """See `Alarm.pending`."""
+        return self.alarm is not None and self.alarm.pending
+
+    @property
+    def told(self) -> str | None:
+        """For people."""
+        return None if self.alarm is None else self.alarm.told
+
+    @property
+    def suspicion(self) -> Suspicion | None:
+        """What the session after a dead agent's has to know."""
+        return None if self.alarm is None else self.alarm.suspicion
+
+    def printer_back(self) -> None:
+        """The printer was seen cold, or came back: what is found from now on is another finding."""
+        if self.alarm is not None and self.alarm.said is not None:
+            self.alarm = self.alarm.model_copy(update={"over": True})
+
+    def person_looked(self) -> None:
+        """Whatever was the matter is over."""
+        self.alarm = None
+
+    def of_session(self, session: Session, now_s: float) -> None:
+        """Take what a session found; its reason says it too."""
+        found, alarm = session.suspicion, self.alarm
+        if session.wants_power_off:
+            if session is not self._answered:
+                self._answered = session
+                self._ask(found.text if found is not None else _NOT_OFF, now_s)
+                assert self.alarm is not None
+                if self.alarm.text not in (session.reason or ""):
+                    session.reason = "; ".join(filter(None, (session.reason, self.alarm.text)))
+        elif found is not None:
+            if alarm is None or not alarm.open:
+                self.alarm = Alarm(text=found.text, at_s=found.since_s)
+        elif alarm is not None and alarm.open:
+            self.alarm = None  # it was seen to cool
+
+    def of_idle(self, found: str | None, now_s: float) -> str | None:
+        """Take what was found without a session; what of it is news."""
+        if found is None and self.alarm is not None and self.alarm.open:
+            found = self.alarm.text  # nobody is left to see it cool
+        return found if found is not None and self._ask(found, now_s) else None
+
+    def _ask(self, text: str, now_s: float) -> bool:
+        alarm = self.alarm
+        if alarm is not None and alarm.asked and not alarm.over:
+            return False
+        if alarm is None or not alarm.open:
+            alarm = Alarm(text=text, at_s=now_s)
+        log.error("%s: %s: its mains have to be cut", self._printer, alarm.text)
+        self.alarm = alarm.model_copy(update={"asked": True})
+        return True
+
+    def outcome(self) -> str | None:
+        """What came of the command, told once; None where nothing is new."""
+        said = None if self._run is None else self._run.outcome()
+        if said is not None:
+            self._run = None
+        elif self._command is None and self.pending:
+            said = NO_COMMAND
+        if said is not None and self.alarm is not None:
+            self.alarm = self.alarm.model_copy(update={"said": said})
+        return said
+
+    def act(self) -> None:
+        """Run the command where that is asked for; it is written down."""
+        if self._run is None and self._command is not None and self.pending:
+            self._run = PowerOff(self._command, self._printer)
+
+    def wake_wall_s(self) -> float:
+        """When `outcome` wants to be called."""
+        return math.inf if self._run is None else wall_s() + LOOK_S
