@@ -19,9 +19,10 @@ from typing import IO, Any
 
 from drivers.clock import Clock
 from drivers.emulator import person
-from drivers.emulator.faults import Faults, parse_faults
+from drivers.emulator.faults import DUE, Faults, parse_faults
 from drivers.emulator.firmware import Firmware
 from drivers.emulator.launch import ALIVE_LOCK, CONTROL, TTY, Command, short_path
+from drivers.emulator.mishaps import happen
 from drivers.emulator.port import Port
 from drivers.emulator.status import EmulatorStatus, write_status
 from drivers.emulator.wire import Wire
@@ -184,6 +185,11 @@ class Emulator:
                 person.move(self._firmware, float(request["z_mm"]), now_s)
             case Command.PRINT_SD:
                 person.print_sd(self._firmware, now_s)
+            case Command.BREAK:
+                if request["fault"] not in DUE:
+                    return {"error": f"no fault {request['fault']!r}; use one of {', '.join(DUE)}"}
+                self._firmware.feed(b"", now_s)
+                happen(request["fault"], self._firmware, now_s)
             case Command.UNPLUG:
                 self._pieces.clear()
                 self._port.unplug()

@@ -95,6 +95,9 @@ _NUMBER = re.compile(rb"N(\d+) ?")
 WEAK_NOZZLE_C, WEAK_BED_C = 140.0, 45.0
 
 
+DUE = tuple(field.name for field in fields(Faults) if field.name.endswith("_after"))
+
+
 class Dice:
     """The faults that are drawn, from a generator of their own."""
 

@@ -44,6 +44,7 @@ class Command(StrEnum):
     MOVE = "move"  # the bed to z_mm
     PRINT_SD = "print_sd"
     UNPLUG = "unplug"  # the USB cable; the printer goes on
+    BREAK = "break"  # not a deed: one of the faults that count lines happens now
     PLUG = "plug"  # it is another device then
 
 
@@ -103,7 +104,7 @@ def alive(folder: Path) -> bool:
     return held(folder / ALIVE_LOCK)
 
 
-def control(folder: Path, command: Command | str, **values: float) -> dict[str, Any]:
+def control(folder: Path, command: Command | str, **values: float | str) -> dict[str, Any]:
     """Do what a person would do at the printer; returns its answer when it is done (off: when it has ended).
 
     Raises
