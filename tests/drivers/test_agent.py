@@ -34,7 +34,10 @@ def test_a_print_is_printed_once_and_the_bed_is_not_clear_after_it(tmp_path: Pat
             assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
             await one.until(lambda s: s.print is None)
             assert (await one.client.request(m.BedCleared(id=0))).error is None
-            await one.until(lambda s: s.bed_clear is True)
+            await one.until(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
+            told = await one.start(text)  # ended and forgotten: never printed twice either
+            assert told.error is None
+            assert told.snapshot is not None and told.snapshot.print is None
             assert read_status(one.folder / "emulator").moves == moves
             assert (await one.client.request(m.Shutdown(id=0))).error is None
             assert one.process is not None

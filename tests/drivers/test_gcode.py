@@ -329,3 +329,13 @@ def test_the_modes_and_the_height_at_a_line_are_those_of_the_lines_before(lines:
         relative_e = {"M83": True, "M82": False}.get(line, relative_e)
         if line.startswith("G1 Z") and not relative:
             highest_mm = max(highest_mm, float(line[4:]))
+
+
+@pytest.mark.parametrize("command", ["M104", "M109", "M140", "M190"])
+def test_no_heater_is_told_more_than_its_printer_stands(command: str):
+    heater, most_c = ("nozzle", 260) if command in ("M104", "M109") else ("bed", 115)
+    assert program(f"{command} S{most_c}\n").heats[0].target_c == most_c
+    with pytest.raises(
+        BadGcode, match=f"{most_c + 0.5} degrees are too many for the {heater}: at most {most_c}"
+    ):
+        program(f"{command} S{most_c + 0.5}\n")

@@ -366,3 +366,29 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
             assert [body for _, body in bench.firmware.done] == [b"M82", *program]
             assert seen == sorted(seen)
             assert bench.link.repeated == 0
+
+
+def test_a_resend_from_far_back_is_believed_when_it_comes_again():
+    """One digit of it may be garbled; a board that was reset asks for the same once more."""
+    program, bench = lines(120), Bench().boot()
+    stream(bench, program)
+    bench.run(until_s=0.8)
+    sent = bench.link.streamed
+    assert 50 < sent < 100
+    bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
+    assert bench.link.phase is Phase.LIVE and bench.troubles() == []
+    bench.events += bench.link.receive(b"Resend: 6\n", bench.now_s) or ()
+    assert bench.troubles() == []
+    bench.events += bench.link.receive(b"Resend: 6\n", bench.now_s) or ()
+    assert bench.troubles() == [Fault.REBOOT]
+    assert bench.link.phase is Phase.DEAD
+
+
+def test_a_garbled_resend_from_far_back_costs_nothing():
+    program, bench = lines(120), Bench().boot()
+    stream(bench, program)
+    bench.run(until_s=0.8)
+    bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
+    bench.run()
+    assert [text for _, text in bench.firmware.done] == program
+    assert bench.troubles() == []

@@ -1,0 +1,103 @@
+"""What was promised to be on the disk is there after a power cut, which leaves only what was synced."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers import messages as m
+from drivers.agent.journal import JOURNAL, Journal
+from farm.services.files import sha256_of, store_file
+from farm.tracking.store import Store
+from power_cut import PowerCut
+
+CC = shutil.which("cc")
+SYNCED = Path(__file__).parents[1] / "support" / "synced.c"
+COMMITS = """
+import sys
+from pathlib import Path
+from farm.tracking.books import Books
+from farm.tracking.rules import apply
+from farm.tracking.store import Store
+from make_books import fleet, job
+from farm.tracking import events as ev
+
+store, books = Store(Path(sys.argv[1])), Books()
+for event in (*fleet(), ev.JobSubmitted(at_s=0.0, job=job())):
+    after, _ = apply(event, books)
+    store.commit(event, books, after)
+    books = after
+    print(type(event).__name__, flush=True)
+    sys.stdin.readline()
+"""
+
+
+@pytest.mark.parametrize("new", [True, False])
+def test_an_agent_s_journal_has_every_record_that_it_acted_on(tmp_path, monkeypatch, new):
+    folder = tmp_path / "agent"
+    folder.mkdir()
+    if not new:
+        Journal(folder / JOURNAL).write(0.0, filament="at_nozzle")
+    disk = PowerCut(monkeypatch, folder)
+    journal = Journal(folder / JOURNAL)
+    for number, phase in enumerate((m.PrintPhase.SPOOLED, m.PrintPhase.PRINTING, m.PrintPhase.DONE)):
+        shot = m.PrintSnapshot(print_id="p-1", phase=phase)
+        journal.write(float(number), print=shot.model_dump(mode="json"), filament="parked", hot=number < 2)
+        left = Journal(disk.left(tmp_path / f"left-{number}") / JOURNAL).memory
+        assert (left.print, left.filament, left.hot) == (shot, m.Filament.PARKED, number < 2)
+    assert left.ended == {"p-1"}
+
+
+@pytest.mark.parametrize("suffix", [".gcode", ".stl"])
+def test_a_stored_file_is_whole_under_its_name(tmp_path, monkeypatch, suffix):
+    folder = tmp_path / "state"
+    (folder / "files").mkdir(parents=True)
+    (folder / "work").mkdir()
+    disk = PowerCut(monkeypatch, folder)
+    made = folder / "work" / f"made{suffix}"
+    made.write_bytes(os.urandom(100_000))
+    name = store_file(folder / "files", made)
+    left = disk.left(tmp_path / "left") / "files" / name
+    assert sha256_of(left) + suffix == name
+
+
+def test_the_books_are_synced_at_every_commit_by_their_own_connection(tmp_path):
+    with Store(tmp_path / "farm.db") as store:
+        assert store._db.execute("PRAGMA synchronous").fetchone() == (2,)  # FULL
+        assert store._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+
+
+@pytest.mark.skipif(CC is None, reason="needs a C compiler")
+def test_the_books_have_every_event_that_was_committed(tmp_path):
+    """SQLite syncs by itself, below Python: a library before libc keeps what was synced."""
+    shim, synced, books = tmp_path / "synced.so", tmp_path / "synced", tmp_path / "state" / "farm.db"
+    subprocess.run([CC, "-shared", "-fPIC", "-o", shim, SYNCED, "-ldl"], check=True)
+    synced.mkdir()
+    books.parent.mkdir()
+    env = {**os.environ, "LD_PRELOAD": str(shim), "SYNCED_TO": str(synced)}
+    env["PYTHONPATH"] = os.pathsep.join((str(SYNCED.parent), str(SYNCED.parents[2])))
+    words = [sys.executable, "-c", COMMITS, str(books)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(words, env=env, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdin is not None and process.stdout is not None
+        committed: list[str] = []
+        while said := process.stdout.readline().strip():
+            committed.append(said)
+            left = tmp_path / f"left-{len(committed)}"
+            left.mkdir()
+            for file in synced.iterdir():
+                if (books.parent / file.name).exists():  # SQLite deletes no journal before that is synced
+                    shutil.copy(file, left)
+            with Store(left / "farm.db") as store:
+                assert [kind for _, kind, _ in store.events()] == committed
+                printers, jobs = store.load().printers, store.load().jobs
+                assert len(printers) + len(jobs) == len(committed)
+                assert all(json.loads(body) for _, _, body in store.events())
+            process.stdin.write("\n")
+            process.stdin.flush()
+    assert process.returncode == 0
+    assert committed[-1] == "JobSubmitted"

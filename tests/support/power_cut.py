@@ -1,0 +1,46 @@
+"""A disk of which only what was synced is left: the worst that a power cut may leave."""
+
+import os
+from pathlib import Path
+
+
+class PowerCut:
+    """Notes what is synced in a folder from now on.
+
+    A file keeps the bytes that it had when it was synced last; a name is kept where its folder was synced
+    after it was given. What was there before counts as synced.
+    """
+
+    def __init__(self, monkeypatch, folder):
+        self._bytes = {}  # of a file, by its inode
+        self._names = {}  # of a folder's entries, by the folder
+        for path in (folder, *folder.rglob("*")):
+            self._note(path)
+        sync = os.fsync
+
+        def fsync(descriptor):
+            sync(descriptor)
+            self._note(Path(f"/proc/self/fd/{descriptor}").readlink())
+
+        monkeypatch.setattr(os, "fsync", fsync)
+        monkeypatch.setattr(os, "fdatasync", fsync)
+        self._folder = folder
+
+    def _note(self, path):
+        if path.is_dir():
+            self._names[path] = {entry.name: entry.stat().st_ino for entry in path.iterdir()}
+        else:
+            self._bytes[path.stat().st_ino] = path.read_bytes()
+
+    def left(self, into):
+        """What is left, as a new folder."""
+        self._rebuild(self._folder, into)
+        return into
+
+    def _rebuild(self, folder, into):
+        into.mkdir(parents=True)
+        for name, inode in self._names.get(folder, {}).items():
+            if (folder / name).is_dir():
+                self._rebuild(folder / name, into / name)
+            else:
+                (into / name).write_bytes(self._bytes.get(inode, b""))

@@ -1,0 +1,47 @@
+/* Keeps a copy of every file as it was when it was synced last: what a power cut leaves of it.
+ * Loaded before libc's own (LD_PRELOAD); the copies go to the folder $SYNCED_TO. */
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+static void keep(int descriptor)
+{
+    char link[64], path[4096], copy[8192], bytes[65536];
+    struct stat what;
+    const char *to = getenv("SYNCED_TO");
+    if (!to || fstat(descriptor, &what) || !S_ISREG(what.st_mode))
+        return;
+    snprintf(link, sizeof link, "/proc/self/fd/%d", descriptor);
+    ssize_t length = readlink(link, path, sizeof path - 1);
+    if (length < 0)
+        return;
+    path[length] = 0;
+    snprintf(copy, sizeof copy, "%s/%s", to, strrchr(path, '/') + 1);
+    int in = open(path, O_RDONLY), out = open(copy, O_WRONLY | O_CREAT | O_TRUNC, 0600);
+    while (in >= 0 && out >= 0 && (length = read(in, bytes, sizeof bytes)) > 0)
+        if (write(out, bytes, length) != length)
+            abort();
+    close(in);
+    close(out);
+}
+
+int fsync(int descriptor)
+{
+    int (*real)(int) = dlsym(RTLD_NEXT, "fsync");
+    int result = real(descriptor);
+    keep(descriptor);
+    return result;
+}
+
+int fdatasync(int descriptor)
+{
+    int (*real)(int) = dlsym(RTLD_NEXT, "fdatasync");
+    int result = real(descriptor);
+    keep(descriptor);
+    return result;
+}
