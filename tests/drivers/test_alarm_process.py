@@ -7,12 +7,12 @@ import time
 from pathlib import Path
 
 import pytest
+from one_printer import MODEL, Printer, gcode, printer, run
 
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import PortError
-from one_printer import MODEL, Printer, gcode, printer, run
 
 SCALE = 6.0  # quicker, and the least patience (4 s of wall time) would be longer than what is shown here
 
