@@ -3,7 +3,7 @@
 project = "farm"
 html_title = "farm"
 extensions = ["myst_parser"]
-myst_enable_extensions = ["colon_fence"]
+myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["reference/*.intro.md"]
 html_theme = "furo"
