@@ -315,6 +315,8 @@ class Printer(Entity):
     filament: FilamentState = FilamentState.UNKNOWN
     look: str | None = None  # why a person has to look before it prints again
     look_s: float | None = None  # since when
+    alarm: str | None = None  # what its agent last said of a heater that cannot be switched off
+    alarm_s: float | None = None  # when it said so
     maintenance: str | None = None  # why a person has taken it out of use
     lost_s: float | None = None  # when its board was last found to be gone
     restored_s: float | None = None  # when its books were last put back from a copy
@@ -370,6 +372,7 @@ class AgentSnapshot(Entity):
     heaters_off: bool = False
     filament: FilamentState = FilamentState.UNKNOWN
     bed_clear: bool | None = None  # an emulator's own word
+    alarm: str | None = None  # a heater that cannot be switched off: a person has to go there now
     doubt: str | None = None  # why bed and filament are not known, until a person has cleared the bed
     reset_verified: bool = True  # its board can be stopped by a reset; else it prints only while attended
     heard_cancel: str | None = None  # a print that it had been told to end when it said this

@@ -46,7 +46,7 @@ from farm.services.planning import Inspected, Plan, TooFewPrinters
 from farm.tracking import events as ev
 from farm.tracking.faults import OwnFault
 from farm.tracking.outage import window_s
-from farm.tracking.reconcile import observe, owed, reconcile, unexpected
+from farm.tracking.reconcile import alarmed, observe, owed, reconcile, unexpected
 from farm.tracking.recount import recount
 from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
@@ -160,6 +160,7 @@ class Core:
     def _book(self, snapshot: AgentSnapshot, before: AgentSnapshot | None) -> None:
         """Bring the books in line with an agent's word."""
         now_s = self.clock.now()
+        self.happened(*alarmed(self.books.printer(snapshot.printer), snapshot, now_s))
         attempt = self.books.open_print_on(snapshot.printer)
         if attempt is not None:
             wanted = attempt.cancel_asked is None and self.view(snapshot.printer) is not None

@@ -298,7 +298,9 @@ class AgentLink:
         if self._section is None or not self._section.simulated:
             changes["bed_clear"] = None  # only an emulator can tell
         if _CLEARED in self._asked:
-            changes["doubt"] = None  # a person has just dispelled it: this was on its way meanwhile
+            changes["doubt"] = changes["alarm"] = (
+                None  # a person has just dispelled it: this was on its way meanwhile
+            )
         return translate(said, self._clock).model_copy(update=changes)
 
     def _is_ours(self, said: m.Snapshot) -> bool:

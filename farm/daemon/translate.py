@@ -68,6 +68,7 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
         filament=FilamentState(said.filament),
         bed_clear=said.bed_clear,
         doubt=_line(said.doubt),
+        alarm=_line(said.alarm),
         reset_verified=said.reset_verified,
         print=None if said.print is None else translate_print(said.print, shift_s(said, clock)),
     )

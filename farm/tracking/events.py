@@ -265,6 +265,13 @@ class PrinterSeen(Event):
     filament: FilamentState
 
 
+class PrinterAlarmed(Event):
+    """A heater cannot be switched off, or what was done about it became known."""
+
+    printer: str
+    reason: str
+
+
 class PrinterDoubted(Event):
     """Something happened at the printer that the farm did not cause: bed and filament are not known."""
 
@@ -306,6 +313,7 @@ AnyEvent = (
     | JournalTold
     | PrinterSeen
     | PrinterDoubted
+    | PrinterAlarmed
 )
 
 

@@ -23,6 +23,7 @@ class Notice:
     key: str
     at_s: float
     text: str
+    urgent: bool = False  # told at once
 
 
 def due(books: Books, now_s: float, since_s: float, told: Collection[str]) -> list[Notice]:
@@ -30,10 +31,25 @@ def due(books: Books, now_s: float, since_s: float, told: Collection[str]) -> li
 
     What is lost is told a moment later: what went with it may make it an outage, which is told once.
     """
-    found = [*_jobs(books), *_parts(books), *_losses(books), *_restored(books), *_nothing_left(books)]
+    found = [
+        *_alarms(books),
+        *_jobs(books),
+        *_parts(books),
+        *_losses(books),
+        *_restored(books),
+        *_nothing_left(books),
+    ]
     wait_s = books.outage_window_s  # from the moment on, also where the clock was set back after it
-    new = (n for n in found if since_s <= n.at_s and abs(now_s - n.at_s) >= wait_s and n.key not in told)
+    ripe = (n for n in found if n.urgent or abs(now_s - n.at_s) >= wait_s)
+    new = (n for n in ripe if since_s <= n.at_s and n.key not in told)
     return sorted(new, key=lambda one: (one.at_s, one.key))
+
+
+def _alarms(books: Books) -> Iterator[Notice]:
+    for printer in books.printers.values():
+        if printer.alarm is not None and printer.alarm_s is not None:
+            text = f"go to {printer.name} now: {printer.alarm}"
+            yield Notice(f"alarm {printer.name} {printer.alarm_s:.3f}", printer.alarm_s, text, urgent=True)
 
 
 def _jobs(books: Books) -> Iterator[Notice]:

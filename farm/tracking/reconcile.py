@@ -126,6 +126,12 @@ def observe(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator
             yield ev.PrinterSeen(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
 
 
+def alarmed(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """What is news of a heater that cannot be switched off, whatever the printer is doing."""
+    if snapshot.alarm is not None and snapshot.alarm != printer.alarm:
+        yield ev.PrinterAlarmed(at_s=now_s, printer=printer.name, reason=snapshot.alarm)
+
+
 def unexpected(
     printer: Printer, known: Print | None, snapshot: AgentSnapshot, now_s: float
 ) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:

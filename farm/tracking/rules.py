@@ -287,7 +287,7 @@ def _(event: ev.BedCleared, books: Books) -> Result:
         raise ValueError(f"{printer.name} is printing")
     filament = event.filament or printer.filament
     judged = books.to_judge(printer.name)
-    books = put(books, edited(printer, bed=Bed.CLEAR, look=None, filament=filament))
+    books = put(books, edited(printer, bed=Bed.CLEAR, look=None, alarm=None, filament=filament))
     if judged is not None:
         books = put(books, edited(judged, verdict=event.verdict, verdict_why=event.why))
         books = settle(books, judged.job, event.at_s)
@@ -394,6 +394,13 @@ def _(event: ev.PrinterSeen, books: Books) -> Result:
     bed = event.bed if printer.bed is Bed.UNKNOWN else printer.bed
     filament = event.filament if printer.filament is FilamentState.UNKNOWN else printer.filament
     return put(books, edited(printer, bed=bed, filament=filament)), ()
+
+
+@apply.register
+def _(event: ev.PrinterAlarmed, books: Books) -> Result:
+    printer = books.printer(event.printer)
+    alarmed = edited(printer, alarm=event.reason, alarm_s=event.at_s, look=event.reason, look_s=event.at_s)
+    return put(books, alarmed), ()
 
 
 @apply.register

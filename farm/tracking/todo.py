@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from farm import api
-from farm.model import Bed, Link, PlanStep, Printer
+from farm.model import AgentSnapshot, Bed, Link, PlanStep, Printer
 from farm.tracking.asks import asks
 from farm.tracking.deadlines import deadlines
 from farm.tracking.scene import Scene
@@ -13,8 +13,8 @@ from farm.tracking.whole import may_be_whole, part_of
 
 
 def todo(scene: Scene) -> list[api.Todo]:
-    """What a person has to do now: look, connect, clear; each printer once."""
-    looks, absent, full, ending = [], [], [], []
+    """What a person has to do now: go there, look, connect, clear; each printer once."""
+    alarms, looks, absent, full, ending = [], [], [], [], []
     outage = scene.books.outage
     if outage is not None:
         names = " ".join(outage.printers)
@@ -27,6 +27,11 @@ def todo(scene: Scene) -> list[api.Todo]:
         away = snapshot.link is Link.ABSENT or (
             snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
         )
+        if snapshot.alarm is not None:
+            state = attempt.state if attempt is not None else snapshot.link
+            text = f"go to {section.name} now: {snapshot.alarm} ({state}{_heat(snapshot)})"
+            alarms.append(api.Todo(code="alarm", printers=[section.name], text=text))
+            continue
         if entry.maintenance is not None and attempt is None:
             continue  # a person has it in hand
         if outage is not None and section.name in outage.printers:
@@ -55,7 +60,7 @@ def todo(scene: Scene) -> list[api.Todo]:
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
     own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(scene)]
-    return [*own, *looks, *absent, *ending, *clear, *asks(scene.books)]
+    return [*alarms, *own, *looks, *absent, *ending, *clear, *asks(scene.books)]
 
 
 def _ask_whole(scene: Scene, printer: str) -> str:
@@ -65,6 +70,19 @@ def _ask_whole(scene: Scene, printer: str) -> str:
         return ""
     part = part_of(scene.books, attempt)
     return f"; if part {part} is whole and good: `farm cleared {printer} --good {part}`"
+
+
+def _heat(snapshot: AgentSnapshot) -> str:
+    """How hot it is."""
+    heaters = (
+        ("nozzle", snapshot.nozzle_c, snapshot.nozzle_target_c),
+        ("bed", snapshot.bed_c, snapshot.bed_target_c),
+    )
+    return "".join(
+        f", {name} {now_c:.0f} C, target {target_c or 0.0:.0f}"
+        for name, now_c, target_c in heaters
+        if now_c is not None
+    )
 
 
 def _troubles(scene: Scene) -> list[str]:

@@ -276,6 +276,8 @@ def _progress(scene: Scene, attempt: Print) -> api.PrintProgress:
 def _printer_state(entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool) -> str:
     if not enabled:
         return "disabled"
+    if snapshot.alarm is not None:
+        return "look"
     if attempt is not None:
         return str(attempt.state)
     if entry.maintenance is not None:

@@ -135,3 +135,10 @@ def test_a_dry_run_is_on_the_board_only_while_it_is_made():
     assert [one.id for one in shown_jobs(books)] == [1, 2]
     books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
     assert [one.id for one in shown_jobs(books)] == [1]
+
+
+def test_a_heater_that_cannot_be_switched_off_comes_before_all_else():
+    view = status_of(night_books())
+    alarm = api.Todo(code="alarm", printers=["um2-05"], text="go to um2-05 now: it burns")
+    lines = shown(view.model_copy(update={"todo": [alarm, *view.todo]}))
+    assert lines[1].startswith("DO NOW   go to um2-05 now: it burns")

@@ -221,3 +221,11 @@ def test_a_person_pauses_what_a_printer_prints_and_is_told_by_when_to_resume_it(
     farm.desk.cancel_job(1, "ann")
     with pytest.raises(Refused, match="ending"):
         farm.desk.pause_printer("a", True, "ann")
+
+
+def test_a_heater_that_cannot_be_switched_off_is_booked_whether_the_printer_prints_or_not(farm):
+    farm.ready("a", "b")
+    for link in (Link.BUSY, Link.FAULT):
+        found = f"the nozzle is off, and gets hotter ({link})"
+        farm.core.heard(AgentSnapshot(printer="a", link=link, agent_pid=7, alarm=found))
+        assert (farm.core.books.printers["a"].look, farm.core.books.printers["a"].alarm) == (found, found)
