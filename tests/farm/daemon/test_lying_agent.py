@@ -27,7 +27,7 @@ numbers = st.sampled_from(WILD)
 
 
 class Clock:
-    scale = 1.0
+    scale, ahead_s = 1.0, 0.0
 
     def now(self):
         return NOW_S
@@ -69,6 +69,7 @@ snapshots = st.fixed_dictionaries(
         "filament": st.sampled_from(list(Filament)),
         "bed_clear": st.sampled_from([None, True, False]),
         "doubt": st.sampled_from([None, "it was moved\x1b[2J"]),
+        "alarm": st.sampled_from([None, "it was moved\x1b[2J"]),
         "nozzle": st.fixed_dictionaries({"now_c": numbers, "target_c": numbers}),
         "print": st.none() | prints,
     },
