@@ -18,6 +18,7 @@ import uvicorn
 from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
 from farm.daemon.backups import Nightly, open_books
+from farm.daemon.connections import BoundedServer, descriptor_limit, most_connections
 from farm.daemon.core import Core
 from farm.daemon.links import Links
 from farm.daemon.notify import Notifier, forget
@@ -133,7 +134,9 @@ class Daemon:
             lifespan="off",
             timeout_graceful_shutdown=_GRACE_S,
         )
-        self._server = uvicorn.Server(config)
+        workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
+        most = most_connections(descriptor_limit(), len(self._fleet.printers), workers)
+        self._server = BoundedServer(config, most)
         self._core.start(self._restored_s)
         self._links.start({attempt.printer for attempt in self._core.books.open_prints()})
         timers = self._timers

@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
+import h11
 from fastapi import Depends, Request
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from farm.errors import FleetFileError, Refused
 
 log = logging.getLogger(__name__)
+_BACKLOG = 1024  # who waits there costs no descriptor, and whoever finds it full is turned away
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
 
@@ -47,15 +49,35 @@ class Person:
 
 
 class PeerProtocol(H11Protocol):
-    """HTTP in which every request carries who is at the other end: `request.state.person`."""
+    """HTTP in which every request carries who is at the other end (`request.state.person`).
+
+    It knows since when it waits for the rest of a request.
+    """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
+        self._waits_s = self.loop.time()
         peer: socket.socket | None = transport.get_extra_info("socket")
         if peer is not None and peer.family == socket.AF_UNIX:
             said = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
             _, uid, gid = _CREDENTIALS.unpack(said)
             self.app_state: dict[str, Any] = {**self.app_state, "person": Person(uid, gid)}
+
+    def data_received(self, data: bytes) -> None:
+        before = self.conn.their_state
+        super().data_received(data)
+        if self.conn.their_state is h11.SEND_BODY or self.conn.their_state is not before:
+            self._waits_s = self.loop.time()  # a head has its time as a whole, a body each of its pieces
+
+    def on_response_complete(self) -> None:
+        self._waits_s = self.loop.time()
+        super().on_response_complete()
+
+    @property
+    def owes_since_s(self) -> float | None:
+        """Since when the other end owes the rest of a request; None where it owes nothing."""
+        waits = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
+        return self._waits_s if waits else None
 
 
 def _person(request: Request) -> Person | None:
@@ -109,7 +131,7 @@ def listen(path: Path, group: str) -> socket.socket:
         listening.close()
         raise Refused(f"{path}: the daemon cannot listen there ({error}); name another --socket") from error
     _share(path, group)
-    listening.listen(64)
+    listening.listen(_BACKLOG)
     listening.setblocking(False)
     return listening
 

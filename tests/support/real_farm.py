@@ -39,6 +39,7 @@ class RealFarm:
         self.state = folder / "state"
         self.fleet = folder / "fleet.yaml"
         self.printers = list(printers)
+        self.wrapper = []  # a program that starts `farm`
         self.write_fleet(printers)
 
     def write_fleet(self, printers):
@@ -48,7 +49,7 @@ class RealFarm:
 
     def run(self, *arguments, **env):
         """Run a farm command to its end; a result with code, out and err."""
-        command = [str(FARM), *map(str, arguments), "--state", str(self.state)]
+        command = [*self.wrapper, str(FARM), *map(str, arguments), "--state", str(self.state)]
         if arguments[0] in ("up", "daemon"):
             command += ["--fleet", str(self.fleet)]
         return subprocess.run(

@@ -1,0 +1,159 @@
+"""Connections to the daemon: no more than its descriptors allow, and none that keeps a request to itself.
+
+Whoever connects and asks for nothing must not cost an agent its start: descriptors are kept back for agents,
+workers and the books. Where all connections are taken, the one that has owed a request longest makes room.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+import resource
+import socket
+from collections.abc import Iterable
+from contextlib import suppress
+from typing import Protocol, cast
+
+import uvicorn
+
+log = logging.getLogger(__name__)
+
+REQUEST_S = 10.0  # wall seconds for a request to come, and between two pieces of its body
+MOST = 64
+_LEAST = 4
+_OF_THE_FARM = (
+    32  # descriptors of books, socket, timers and log, and what starting an agent takes for a moment
+)
+_EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # an upload is a file too
+_SWEEP_S = 1.0
+_WAIT_S = 0.1
+_LOG_EVERY_S = 60.0
+
+
+class Owing(Protocol):
+    """A connection that may owe the rest of a request."""
+
+    transport: asyncio.Transport
+
+    @property
+    def owes_since_s(self) -> float | None:
+        """Since when, on the event loop's clock; None where it owes nothing."""
+
+
+def most_connections(descriptors: int, printers: int, workers: int) -> int:
+    """How many connections leave enough descriptors for agents and workers.
+
+    Parameters
+    ----------
+    descriptors
+        The soft limit of this process (RLIMIT_NOFILE).
+    printers, workers
+        How many there are.
+    """
+    kept = _OF_THE_FARM + _EACH_PRINTER * printers + _EACH_WORKER * workers
+    return max(_LEAST, min(MOST, (descriptors - kept) // _EACH_CONNECTION))
+
+
+def descriptor_limit() -> int:
+    """How many descriptors this process may have open."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return 2**20 if soft == resource.RLIM_INFINITY else soft
+
+
+def overdue(connections: Iterable[Owing], now_s: float) -> list[Owing]:
+    """The connections that have owed a request for too long."""
+    return [
+        one
+        for one in connections
+        if (since_s := one.owes_since_s) is not None and now_s - since_s > REQUEST_S
+    ]
+
+
+def longest_owing(connections: Iterable[Owing]) -> Owing | None:
+    """The connection that has owed a request longest; None where none owes any."""
+    owing = [one for one in connections if one.owes_since_s is not None]
+    return min(owing, key=lambda one: one.owes_since_s or 0.0, default=None)
+
+
+class SeldomLog:
+    """Logs a trouble that may come thousands of times once a minute, with how often it came."""
+
+    def __init__(self) -> None:
+        self._next_s = -math.inf
+        self._unsaid = 0
+
+    def warn(self, text: str, now_s: float) -> None:
+        self._unsaid += 1
+        if now_s >= self._next_s:
+            log.warning("%s (%d times)", text, self._unsaid)
+            self._next_s, self._unsaid = now_s + _LOG_EVERY_S, 0
+
+
+class BoundedServer(uvicorn.Server):
+    """A server on one socket that takes `most` connections at a time.
+
+    It accepts by itself: asyncio's own servers accept without a bound, and where descriptors run out log each
+    of thousands of tries.
+    """
+
+    def __init__(self, config: uvicorn.Config, most: int) -> None:
+        super().__init__(config)
+        self._most = most
+        self._tasks: list[asyncio.Task[None]] = []
+        self._seldom = SeldomLog()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets=[])
+        for listening in sockets or ():
+            self._tasks.append(asyncio.create_task(self._accept(listening)))
+        self._tasks.append(asyncio.create_task(self._sweep()))
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await super().shutdown(sockets)
+
+    @property
+    def _connections(self) -> set[Owing]:
+        return cast(set[Owing], self.server_state.connections)
+
+    def _protocol(self) -> asyncio.Protocol:
+        make = cast(type, self.config.http_protocol_class)
+        made: asyncio.Protocol = make(
+            config=self.config, server_state=self.server_state, app_state=self.lifespan.state
+        )
+        return made
+
+    async def _accept(self, listening: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                connection, _ = await loop.sock_accept(listening)
+            except OSError as error:
+                self._seldom.warn(f"no connection can be accepted: {error}", loop.time())
+                await asyncio.sleep(_SWEEP_S)
+                continue
+            with suppress(OSError):  # it is gone again
+                await self._make_room()
+                await loop.connect_accepted_socket(self._protocol, connection)
+
+    async def _make_room(self) -> None:
+        """Wait until there are fewer than `most`; whoever has owed a request longest has to go."""
+        while len(self._connections) >= self._most:
+            idle = longest_owing(self._connections)
+            if idle is not None:
+                idle.transport.abort()
+                self._seldom.warn("too many connections: one that asked for nothing was ended", self._now_s())
+            await asyncio.sleep(0.0 if idle is not None else _WAIT_S)
+
+    async def _sweep(self) -> None:
+        while True:
+            for one in overdue(self._connections, self._now_s()):
+                one.transport.abort()
+            await asyncio.sleep(_SWEEP_S)
+
+    @staticmethod
+    def _now_s() -> float:
+        return asyncio.get_running_loop().time()
