@@ -216,6 +216,8 @@ class Agent:
             (session.phase, session.extruded, session.filament, session.heaters_off) if session else None,
         )
         now_s = wall_s()
+        if self._server is not None:
+            self._server.end_stalled()
         if key == self._pushed and now_s < self._push_wall_s:
             return
         self._pushed = key

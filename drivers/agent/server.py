@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import selectors
 import socket
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from pydantic import ValidationError
 
+from drivers.clock import wall_s
 from drivers.messages import FromAgent, Reply, Request, Snapshot, request_adapter
 
 log = logging.getLogger(__name__)
 
 SOCKET = "agent.sock"
 _REQUEST_BYTES = 64 * 1024
+_MOST = 16  # clients: the daemon, a bridge, and a few people; each costs a descriptor
+_REQUEST_S = 10.0  # wall seconds in which a request that has begun has to be whole
+_DEAF_S = 1.0  # without accepting, where no descriptor is left
+_LOG_EVERY_S = 60.0
 _BACKLOG_BYTES = 1024 * 1024  # a client that reads so slowly is dropped; it comes back and asks
 
 
 class _Client:
-    __slots__ = ("incoming", "outgoing", "socket")
+    __slots__ = ("asked_s", "half_since_s", "incoming", "outgoing", "socket")
 
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
+        self.asked_s = -math.inf  # when it last asked for something
+        self.half_since_s = math.inf  # since when half a request has been there
         self.incoming = b""
         self.outgoing = b""
 
@@ -56,7 +63,9 @@ class Server:
         self._selector = selector
         self._answer = answer
         self._look = look
-        self._clients: set[_Client] = set()
+        self._clients: dict[_Client, None] = {}  # in the order in which they came
+        self._listening = False
+        self._deaf_until_s = self._log_from_s = -math.inf
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         (folder / SOCKET).unlink(missing_ok=True)  # the agent holds the folder's lock: nobody lives there
         descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
@@ -68,7 +77,7 @@ class Server:
             os.close(descriptor)
         self._listener.listen()
         self._listener.setblocking(False)
-        selector.register(self._listener, selectors.EVENT_READ, self._accept)
+        self._listen(True)
 
     def push(self, snapshot: Snapshot) -> None:
         """Send a snapshot to every client."""
@@ -76,21 +85,49 @@ class Server:
         for client in tuple(self._clients):
             self._send(client, line)
 
+    def end_stalled(self) -> None:
+        """End clients that have left a request half said for 10 s; to be called every few seconds."""
+        now_s = wall_s()
+        for client in tuple(self._clients):
+            if now_s - client.half_since_s > _REQUEST_S:
+                self._drop(client)
+        self._listen(now_s >= self._deaf_until_s)
+
     def close(self) -> None:
         """Let all clients go."""
         for client in tuple(self._clients):
             self._drop(client)
-        self._selector.unregister(self._listener)
+        self._listen(False)
         self._listener.close()
 
+    def _listen(self, wanted: bool) -> None:
+        """Hear of new clients, or not."""
+        if wanted and not self._listening:
+            self._selector.register(self._listener, selectors.EVENT_READ, self._accept)
+        elif self._listening and not wanted:
+            self._selector.unregister(self._listener)
+        self._listening = wanted
+
     def _accept(self, _: int) -> None:
-        with suppress(OSError):  # it is gone again, or there are too many: it comes back
+        now_s = wall_s()
+        try:
             connection, _address = self._listener.accept()
-            connection.setblocking(False)
-            client = _Client(connection)
-            self._clients.add(client)
-            self._selector.register(connection, selectors.EVENT_READ, partial(self._ready, client))
-            self._send(client, _line(self._look()))
+        except (BlockingIOError, ConnectionAbortedError):
+            return  # it is gone again
+        except OSError as error:  # else the loop would spin
+            self._deaf_until_s = now_s + _DEAF_S
+            self._listen(False)
+            if now_s >= self._log_from_s:
+                self._log_from_s = now_s + _LOG_EVERY_S
+                log.warning("no client can be accepted: %s", error)
+            return
+        if len(self._clients) >= _MOST:  # whoever was turned out and lives comes back
+            self._drop(min(self._clients, key=lambda client: client.asked_s))
+        connection.setblocking(False)
+        client = _Client(connection)
+        self._clients[client] = None
+        self._selector.register(connection, selectors.EVENT_READ, partial(self._ready, client))
+        self._send(client, _line(self._look()))
 
     def _ready(self, client: _Client, mask: int) -> None:
         if mask & selectors.EVENT_WRITE:
@@ -109,6 +146,13 @@ class Server:
         if not data or len(client.incoming) > _REQUEST_BYTES:
             self._drop(client)
             return
+        now_s = wall_s()
+        if lines or not client.incoming:
+            client.half_since_s = math.inf
+        if client.incoming:
+            client.half_since_s = min(client.half_since_s, now_s)
+        if lines:
+            client.asked_s = now_s
         for line in lines:
             try:
                 request = request_adapter.validate_json(line)
@@ -139,7 +183,7 @@ class Server:
 
     def _drop(self, client: _Client) -> None:
         if client in self._clients:
-            self._clients.discard(client)
+            del self._clients[client]
             self._selector.unregister(client.socket)
             client.socket.close()
 
