@@ -50,7 +50,7 @@ def submitted(view: api.JobView, wait: bool) -> None:
     screen = console()
     screen.print(f"job {view.id}: {view.name} submitted")
     for line in _changes(view):
-        screen.print(f"  {line}")
+        screen.print(_change(line))
     if not wait:
         if view.hold is not None:
             screen.print(f"  waits: {view.hold.text}")
@@ -61,6 +61,10 @@ def _changes(view: api.JobView) -> list[str]:
     """What the farm did to the model."""
     scaled = [f"Scaled by {view.scale:g}."] if view.scale is not None and view.scale != 1 else []
     return [*view.repairs, *scaled]
+
+
+def _change(line: str) -> Text:
+    return Text(f"  {line}", style="yellow" if line.startswith("Warning: ") else "")
 
 
 def result(view: api.JobView) -> None:
@@ -76,7 +80,7 @@ def _job(view: api.JobView) -> RenderableType:
     rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style="bold")]
     if view.reason:
         rows.append(Text(f"  {view.reason}", style="red"))
-    rows += [Text(f"  {line}") for line in _changes(view)]
+    rows += [_change(line) for line in _changes(view)]
     rows += [
         Text(f"  plate {plate.id}: {line}", style="yellow")
         for plate in view.plates

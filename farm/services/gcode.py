@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import uuid
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from farm.services.rooms import bed_boxes
 from farm.services.trouble import in_farm_words
 from slicing.errors import GcodeRefused
 from slicing.foreign.accept import ForeignGcode, accept
-from slicing.foreign.lines import LONGEST
+from slicing.foreign.lines import LONGEST, shown
 from slicing.resources import find_resources
 from slicing.settings import Settings
 
@@ -37,6 +38,7 @@ _PACKED = {
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _REACH_MM = 10.0  # above its build height the bed still goes down: what a last hop may use
 _SLACK_MM = 0.05
+_SAME_MATERIAL = {"PET": "PETG", "CPE": "PETG", "PA": "NYLON", "FLEX": "TPU"}
 _APART_C = 30.0  # brands of one material are not so far apart
 
 
@@ -175,14 +177,25 @@ def _settings(section: PrinterSection) -> Settings:
 
 def _notices(accepted: ForeignGcode, section: PrinterSection) -> tuple[str, ...]:
     """What was changed, and whether the file looks like one for another material."""
+    notices = list(accepted.notices)
+    own, kind = accepted.filament_type, find_resources().material_kind(section.material)
+    if own is not None and kind is not None and _material(own) != _material(kind):
+        notices.append(
+            f"Warning: it was sliced for {shown(own)}, and {section.name} has {section.material} ({kind})."
+        )
     usual_c = _settings(section).nozzle_c
-    if abs(accepted.nozzle_c - usual_c) <= _APART_C:
-        return accepted.notices
-    return (
-        *accepted.notices,
-        f"It heats the nozzle to {accepted.nozzle_c:g} C, and {section.material} on {section.name} usually "
-        f"has {usual_c:g} C: was it sliced for another material?",
-    )
+    if abs(accepted.nozzle_c - usual_c) > _APART_C:
+        notices.append(
+            f"Warning: it heats the nozzle to {accepted.nozzle_c:g} C, and {section.material} on "
+            f"{section.name} usually has {usual_c:g} C: was it sliced for another material?"
+        )
+    return tuple(notices)
+
+
+def _material(kind: str) -> str:
+    """A material's kind under one name: slicers and Cura have several for some."""
+    first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
+    return _SAME_MATERIAL.get(first, first)
 
 
 def _own(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:

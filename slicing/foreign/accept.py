@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from slicing.errors import GcodeRefused
 from slicing.foreign.clearance import Clearance
 from slicing.foreign.extent import Extent
+from slicing.foreign.machine import check_machine
 from slicing.foreign.survey import survey
 from slicing.foreign.walk import Walk
 from slicing.foreign.writer import Stopwatch, Writer
@@ -46,8 +47,10 @@ class ForeignGcode:
         Of all that it extrudes, in the printer's coordinates; in X and Y also of moves as low as clips.
     reach_min_mm, reach_max_mm
         Of all moves.
+    filament_type
+        The material that it was sliced for, like PLA; None where it does not say.
     notices
-        What was changed, in sentences.
+        What was changed, in sentences, and warnings.
     """
 
     gcode: bytes
@@ -61,6 +64,7 @@ class ForeignGcode:
     max_mm: tuple[float, float, float]
     reach_min_mm: tuple[float, float, float]
     reach_max_mm: tuple[float, float, float]
+    filament_type: str | None
     notices: tuple[str, ...]
 
 
@@ -111,7 +115,8 @@ def accept(
         walk.follow(raw, number)
     walk.finish()
     extent = walk.extent
-    _check_section(extent, writer.layers, filament_mm2, line_mm)
+    ratio = _section_ratio(extent, writer.layers, filament_mm2, line_mm)
+    warnings = check_machine(found.machine, found.nozzle_mm, ratio)
     seconds = writer.finish()
     head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"
     return ForeignGcode(
@@ -126,22 +131,32 @@ def accept(
         max_mm=_three(extent.high),
         reach_min_mm=_three(extent.reach_low),
         reach_max_mm=_three(extent.reach_high),
-        notices=_notices(found.ulticode, walk.left_out),
+        filament_type=found.machine.filament_type,
+        notices=_notices(found.ulticode, walk.left_out) + warnings,
     )
 
 
-def _check_section(extent: Extent, layers: int, filament_mm2: float, nozzle_mm: float) -> None:
-    """Refuse a file whose E means something else than mm of this filament."""
+def _section_ratio(extent: Extent, layers: int, filament_mm2: float, nozzle_mm: float) -> float:
+    """Section of the lines, as a multiple of a line's as wide as the nozzle and as high as a layer.
+
+    Raises
+    ------
+    GcodeRefused
+        Where E means something else than mm of this filament.
+    """
     section_mm2 = extent.filament_mm * filament_mm2 / extent.path_mm
     # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be
-    layer_mm = extent.layer_mm or min(extent.high[2] / max(1, layers), HIGHEST_LAYER * nozzle_mm)
+    mean_mm = min(extent.high[2] / max(1, layers), HIGHEST_LAYER * nozzle_mm)
+    layer_mm = max(extent.layer_mm, mean_mm)
     usual_mm2 = nozzle_mm * layer_mm
-    if not PLAUSIBLE[0] < section_mm2 / usual_mm2 < PLAUSIBLE[1]:
+    ratio = section_mm2 / usual_mm2
+    if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
         raise GcodeRefused(
             f"its lines have {section_mm2:.3f} mm2 in the mean, and layers of {layer_mm:.3g} mm with a "
             f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to 2.85 mm in "
             "your slicer, and let it count E in mm, not in mm3"
         )
+    return ratio
 
 
 def _notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:

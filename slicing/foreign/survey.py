@@ -10,6 +10,7 @@ from slicing.errors import GcodeRefused
 from slicing.foreign import rules
 from slicing.foreign.completeness import Completeness
 from slicing.foreign.lines import plain_move, split
+from slicing.foreign.machine import FOREIGN_START, Machine, find_machine
 
 FILAMENT_MM = (2.75, 3.05)
 """What is sold as 2.85 mm, and also as 3 mm."""
@@ -21,8 +22,11 @@ _LAYER = re.compile(
 _MARLIN = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
 _FACT = re.compile(
     rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
-    rb"|use_volumetric_e|gcode_flavor)\s*[:=,]\s*([^,;|]*)"
+    rb"|use_volumetric_e|gcode_flavor|Nozzle Diameter #1|Filament Diameter #1|fiber_dia_mm|filament_type"
+    rb"|Filament Type #1|TARGET_MACHINE\.NAME|printer_model|printer_name|machine_name|printer_settings_id"
+    rb"|bed_shape|printable_area)\s*[:=,]\s*([^,;|]*)"
 )
+_FILAMENT = ("filament_diameter", "filamentdiameters", "filament diameter #1", "fiber_dia_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +45,8 @@ class Survey:
         Whether comments say where layers begin.
     closed
         Whether the slicer's closing mark stands behind all that is printed; False for a slicer without one.
+    machine
+        The machine that it was sliced for.
     """
 
     ulticode: bool
@@ -48,6 +54,7 @@ class Survey:
     begins: int
     marks_layers: bool
     closed: bool
+    machine: Machine
 
 
 def is_layer(comment: bytes) -> bool:
@@ -69,6 +76,7 @@ def survey(lines: Iterable[bytes]) -> Survey:
     prints = number = 0
     raw = b"\n"
     completeness = Completeness()
+    start: tuple[int, str] | None = None
     for number, raw in enumerate(lines, 1):
         if (move := plain_move(raw)) is not None:
             prints = number if "E" in move and ("X" in move or "Y" in move) else prints
@@ -88,6 +96,7 @@ def survey(lines: Iterable[bytes]) -> Survey:
         if code in ("G0", "G1", "G2", "G3"):
             prints = number if "E" in rest and ("X" in rest or "Y" in rest) else prints
         elif not prints:
+            start = (number, code) if start is None and code in FOREIGN_START else start
             waited = number if code == "M109" else waited
             homed = number if code == "G28" else homed
             ready = number if code in ("M109", "M190", "G28") else ready
@@ -101,10 +110,11 @@ def survey(lines: Iterable[bytes]) -> Survey:
         raise GcodeRefused(f"line {number}: the file ends here, but not its print: {missing}; {INCOMPLETE}")
     return Survey(
         ulticode=ulticode,
-        nozzle_mm=_number(facts, "nozzle_diameter") or _number(facts, "extruderdiameter"),
+        nozzle_mm=_number(facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
         begins=layer or ready + 1,
         marks_layers=bool(layer),
         closed=bool(completeness.closed(prints)),
+        machine=find_machine(facts, _number(facts, *_FILAMENT), start),
     )
 
 
@@ -119,7 +129,7 @@ def _is_ulticode(facts: dict[str, bytes]) -> bool:
         )
     if facts.get("use_volumetric_e") == b"1":
         raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
-    diameter_mm = _number(facts, "filament_diameter") or _number(facts, "filamentdiameters")
+    diameter_mm = _number(facts, *_FILAMENT)
     if diameter_mm is not None and not FILAMENT_MM[0] <= diameter_mm <= FILAMENT_MM[1]:
         raise GcodeRefused(
             f"it was sliced for filament of {diameter_mm:g} mm: set the filament's diameter to 2.85 mm"
@@ -127,8 +137,12 @@ def _is_ulticode(facts: dict[str, bytes]) -> bool:
     return False
 
 
-def _number(facts: dict[str, bytes], name: str) -> float | None:
-    try:
-        return float(facts[name])
-    except (KeyError, ValueError):
-        return None
+def _number(facts: dict[str, bytes], *names: str) -> float | None:
+    """The first of these facts that is a number other than 0."""
+    for name in names:
+        try:
+            if value := float(facts[name]):
+                return value
+        except (KeyError, ValueError):
+            continue
+    return None

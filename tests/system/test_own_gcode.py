@@ -71,3 +71,22 @@ def test_what_cannot_be_printed_is_refused_at_submission(one, tmp_path):
     result = one.run("submit", packed)
     assert (result.returncode, "gunzip" in result.stderr) == (5, True)
     assert one.status()["jobs"] == []
+
+
+def test_a_cut_file_is_refused_and_one_for_another_machine_is_warned_of(one, tmp_path):
+    path, whole = tmp_path / "tower.gcode", [";LAYER_COUNT:3", *marlin()]
+    for cut, said in (
+        ("\n".join(whole[: whole.index(";LAYER:2")]) + "\n", "names 3 layers, and 2 of them"),
+        ("\n".join(whole), "no newline"),
+    ):
+        path.write_text(cut)
+        result = one.run("submit", path)
+        assert (result.returncode, said in result.stderr, "--force" in result.stderr) == (5, True, False)
+    path.write_text("\n".join([*whole, "; printer_model = MK3S"]) + "\n")
+    warning = "Warning: it was sliced for 'MK3S'."
+    assert warning in one.ok("submit", path)
+    assert warning in " ".join(one.ok("status", "1").split())
+    (said,) = [
+        line for line in json.loads(one.ok("status", "1", "--json"))["job"]["repairs"] if "MK3S" in line
+    ]
+    assert said.startswith(warning)

@@ -182,6 +182,29 @@ def test_a_file_for_another_material_is_asked_about(plan, inspect, nozzle_c, ask
         assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is asked
 
 
+@pytest.mark.parametrize(
+    ("said", "material", "warned"),
+    [
+        ("PLA", "generic_pla", False),
+        ("PLA+", "generic_pla", False),
+        ("PETG", "generic_pla", True),
+        ("FLEX", "generic_tpu", False),
+        ("ABS", "generic_cpe", True),
+    ],
+)
+def test_a_file_that_names_another_material_is_warned_of(plan, inspect, said, material, warned):
+    lines, fleet = [*marlin(), f"; filament_type = {said}"], [printer("a", material=material)]
+    for notices in (inspect(lines, fleet).repairs, plan(lines, fleet).repairs):
+        told = [line for line in notices if line.startswith("Warning: it was sliced for")]
+        assert [repr(said) in line and material in line for line in told] == [True] * warned
+
+
+def test_another_machine_is_warned_of_on_the_job(plan, inspect):
+    lines = [*marlin(), "; printer_model = MK3S"]
+    for notices in (inspect(lines).repairs, plan(lines).repairs):
+        assert notices[-1].startswith("Warning: it was sliced for 'MK3S'.")
+
+
 def test_the_time_is_that_of_the_firmwares_planner():
     clock = FirmwareTime(PROFILES[LOW])
     clock.move(105.0, 50.0, 20.0, 0.0, 50.0)

@@ -1,0 +1,91 @@
+"""A person's own G-code that names another machine, nozzle or filament."""
+
+import pytest
+
+from make_gcode import FILAMENT_MM2, marlin, square
+from own_gcode import refused, take
+
+THIN = square(e_per_mm=0.4 * 0.2 / (FILAMENT_MM2 * 1.75**2 / 2.85**2) * 0.85)
+"""As a slicer counts E for filament of 1.75 mm: few enough to look plausible for 2.85 mm."""
+
+
+def named(comment, lines=None):
+    flavour, *rest = lines or marlin()
+    return [flavour, comment, *rest]
+
+
+def warnings(lines):
+    return [line for line in take(lines).notices if line.startswith("Warning: ")]
+
+
+@pytest.mark.parametrize(
+    "comment",
+    [
+        ";TARGET_MACHINE.NAME:Creality Ender-3",
+        ";TARGET_MACHINE.NAME:Ultimaker 2",
+        ";TARGET_MACHINE.NAME:Ultimaker 2+ Connect",
+        "; printer_model = MK3S",
+        "; printer_settings_id = Original Prusa i3 MK3",
+        "; printer_name = ATOM 3D PRINTER",
+    ],
+)
+def test_another_machine_is_warned_of_where_its_file_fits(comment):
+    (warning,) = warnings(named(comment))
+    assert repr(comment.split(":")[-1].split("=")[-1].strip()) in warning
+
+
+@pytest.mark.parametrize(
+    "comment",
+    [
+        ";TARGET_MACHINE.NAME:Ultimaker 2+",
+        ";TARGET_MACHINE.NAME:Ultimaker 2 Extended+",
+        "; printer_model = ultimaker2_extended_plus",
+        "; printer_model = UM2+",
+        "; printer_model = ",
+        '; printer_settings_id = ""',
+        "; printer_settings_id = - default FFF printer -",
+    ],
+)
+def test_an_ultimaker_2_plus_by_any_name_and_no_machine_are_not(comment):
+    assert warnings(named(comment)) == []
+
+
+@pytest.mark.parametrize("command", ["G29", "M420 S1", "G80", 'M862.3 P "MK3S"', "M906 X800"])
+def test_another_machine_whose_start_does_not_fit_is_refused(command):
+    lines = named("; printer_model = MK3S")
+    lines.insert(3, command)
+    refused(lines, rf"sliced for 'MK3S' \(line 4: {command.split()[0]} .*slice it for an Ultimaker 2\+")
+
+
+def test_another_machine_with_its_origin_elsewhere_is_refused():
+    lines = named("; printer_model = Delta", [*marlin(), "; bed_shape = -100x-100,100x-100,100x100,-100x100"])
+    refused(lines, "sliced for 'Delta' .its bed begins at '-100x-100'")
+    assert warnings([line.replace("-100x-100,", "0x0,") for line in lines])
+
+
+def test_another_machine_has_to_show_its_filament():
+    """E for filament of 1.75 mm would press 2.3 times as much."""
+    assert warnings(marlin(THIN)) == [
+        "Warning: its lines have 2.3 times the section of a line as wide as the nozzle: was it sliced for "
+        "another one?"
+    ]
+    refused(named(";TARGET_MACHINE.NAME:Creality Ender-3", marlin(THIN)), "'Creality Ender-3' .* 2.3 times")
+    refused(named(";Filament Diameter #1: 1.75"), "1.75 mm: set the filament's diameter")
+    refused(named("; fiber_dia_mm = 1.75"), "1.75 mm: set the filament's diameter")
+
+
+def test_lines_for_a_wider_nozzle_are_warned_of_where_the_file_names_none():
+    wide = square(e_per_mm=0.8 * 0.2 / FILAMENT_MM2)
+    assert len(warnings(marlin(wide))) == 1
+    assert warnings(named(";Nozzle Diameter #1: 0.80", marlin(wide))) == []
+    assert take(named(";Nozzle Diameter #1: 0.80", marlin(wide))).nozzle_mm == 0.8
+
+
+def test_a_name_cannot_write_to_the_terminal():
+    (warning,) = warnings(named("; printer_model = \x1b[2J[red]" + "x" * 500))
+    assert warning.isprintable() and len(warning) < 300
+
+
+def test_the_material_is_told():
+    assert take(named("; filament_type = PETG;PETG")).filament_type == "PETG"
+    assert take(marlin()).filament_type is None
