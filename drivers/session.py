@@ -40,6 +40,7 @@ from drivers.steps import (
 __all__ = ["PARKED_MM", "Pace", "Session", "Suspicion"]
 
 SUSPECT_S = 25.0  # for a heater that was found stuck on to be seen to cool
+LEFT_S = 15.0  # for a board to start again and tell how hot it is, where the agent died after the finding
 BLIND_S = 700.0  # printing without a report: longer than any command may take
 _OFF = {HeaterName.NOZZLE: 0.0, HeaterName.BED: 0.0}
 
@@ -181,7 +182,9 @@ class Session(Leaving):
         """When the mains are asked for, unless the suspected heater was seen to cool before."""
         if self.suspicion is None or self.wants_power_off or self.ended:
             return math.inf
-        return self.suspicion.since_s + max(SUSPECT_S, 2 * self._pace.floor_s)
+        patience_s = 2 * self._pace.floor_s
+        found_s, begun_s = self.suspicion.since_s, self.started_s  # it may be of the session before
+        return max(found_s + max(SUSPECT_S, patience_s), begun_s + max(LEFT_S, patience_s))
 
     # --- what was heard ---
 

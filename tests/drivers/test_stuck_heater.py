@@ -133,12 +133,18 @@ def test_the_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     assert rig.session.heaters_off is not burns
 
 
-def test_a_finding_of_long_ago_asks_at_once():
+@pytest.mark.parametrize("burns", [False, True])
+def test_a_finding_of_long_ago_asks_as_soon_as_the_heater_had_time_to_show_that_it_is_cold(burns: bool):
     rig = Rig()
+    rig.firmware.board.nozzle.burns = burns
+    begun_s = rig.now_s
     old = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
     rig.session = Session(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old)
-    rig.session.advance((), rig.now_s)
-    assert rig.session.wants_power_off
+    if burns:
+        rig.firmware.board.nozzle._temperature_c = 200.0
+        assert asked(rig) - begun_s <= LIMIT_S / 2
+    rig.run()
+    assert rig.session.wants_power_off is burns and rig.session.heaters_off is not burns
 
 
 def test_no_rule_is_quicker_than_the_patience_of_an_accelerated_clock():
