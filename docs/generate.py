@@ -20,6 +20,7 @@ from pydantic import BaseModel
 from drivers.errors import Fault
 from drivers.profiles import PROFILES
 from farm import api
+from farm.cli.button import Said
 from farm.cli.main import app
 from farm.config import ComputeSection, FleetSection, PrinterSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
@@ -36,6 +37,7 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm status JOB --json and farm submit --json", api.JobStatus),
     ("farm submit --dry-run --json", api.Night),
     ("farm history --json", api.History),
+    ("One printer of farm estop --json", Said),
 )
 
 
