@@ -1,7 +1,7 @@
 """`farm estop` of those who may not touch the agents: a socket of its own, without the daemon.
 
-Whoever may write to the socket names printers; a process of the farm's user, which systemd starts for each
-of them (`deploy/systemd/farm-estop.socket`), stops them and says line by line what came of it.
+Whoever may write to the socket names printers; a process of the farm's user, which `estop_server` starts for
+each request (`deploy/systemd/farm-estop.socket`), stops them and says line by line what came of it.
 """
 
 from __future__ import annotations

@@ -13,15 +13,22 @@ from pathlib import Path
 
 import pytest
 
-from real_farm import FARM, RealFarm
+from real_farm import RealFarm
 
 NOBODY = 65534
+CROWD = 80  # that connects and asks for nothing
 ANOTHER = """
 import os, sys
 from farm.cli.main import app
 os.setgroups([]); os.setgid(int(sys.argv[1])); os.setuid(int(sys.argv[1]))
 app(["estop", "--json", "--socket", sys.argv[2]])
 """
+
+
+def connected(path):
+    one = socket.socket(socket.AF_UNIX)
+    one.connect(str(path))
+    return one
 
 
 @pytest.mark.system
@@ -31,27 +38,31 @@ def test_another_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang
     shared = Path(tempfile.mkdtemp())
     shared.chmod(0o755)
     path = shared / "estop.sock"
-    command = [FARM, "estop", "--asked", "--state", farm.state, "--fleet", farm.fleet]
+    command = [sys.executable, "-m", "farm.cli.estop_server", "--state", farm.state, "--fleet", farm.fleet]
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(path))
         os.chown(path, -1, NOBODY)
         path.chmod(0o660)
-        listening.listen()
-        hung = []
+        listening.listen(128)
+        hung, serving = [], None
         try:
             farm.up()
             hung += [farm.status()["daemon"]["pid"], farm.printer("um2-01")["agent_pid"]]
             for pid in hung:
                 os.kill(pid, signal.SIGSTOP)
             words = [sys.executable, "-c", ANOTHER, str(NOBODY), shared / "farm.sock"]
+            idle = [connected(path) for _ in range(CROWD)]
+            serving = subprocess.Popen(command, stdin=listening)  # as systemd does it
             asking = subprocess.Popen(words, stdout=subprocess.PIPE)
-            talk, _ = listening.accept()
-            with talk:  # as systemd does it
-                subprocess.run(command, stdin=talk, stdout=talk, check=True, timeout=120)
-            said, _ = asking.communicate(timeout=60)
+            said, _ = asking.communicate(timeout=120)
+            for one in idle:
+                one.close()
             [row] = json.loads(said)["printers"]
             assert (asking.returncode, row["printer"], row["seen_off"]) == (0, "um2-01", True)
         finally:
+            if serving is not None:
+                serving.kill()
+                serving.wait()
             for pid in hung:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGCONT)
