@@ -11,7 +11,7 @@ SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-.PHONY: install demo test test-system test-waiting test-rest interop peers check docs lock clean engine
+.PHONY: install demo test test-system test-waiting test-rest interop peers check docs mutants lock clean engine
 .DELETE_ON_ERROR:
 
 install: engine $(VENV)/.installed
@@ -71,6 +71,15 @@ check: $(VENV)/.installed-dev
 docs: $(VENV)/.installed-dev
 	$(SITE)
 	@echo "The documentation is in build/docs/index.html"
+
+# Deliberate faults in the rules that prints depend on, and which of them no test sees: about half an hour.
+mutants: $(VENV)/mutants/.installed
+	nice -n 19 $(VENV)/mutants/bin/python bench/mutants.py --at-once 2
+
+$(VENV)/mutants/.installed: bench/mutants.txt $(VENV)/.installed-dev
+	$(PYTHON) -m venv $(VENV)/mutants
+	$(VENV)/mutants/bin/python -m pip --disable-pip-version-check install --quiet -r bench/mutants.txt
+	@touch $@
 
 # New versions of what pyproject.toml asks for: `make lock UPGRADE=--upgrade`.
 lock:

@@ -44,9 +44,8 @@ from farm.services.made import planned_event
 from farm.services.outlook import Rooms, Span, may_begin, own_holds, plate_views, printer_views, span
 from farm.services.planning import Inspected, Plan, TooFewPrinters
 from farm.tracking import events as ev
-from farm.tracking.faults import OwnFault
 from farm.tracking.outage import window_s
-from farm.tracking.reconcile import alarmed, observe, owed, reconcile, unexpected
+from farm.tracking.reconcile import alarmed, not_begun, observe, owed, reconcile, unexpected
 from farm.tracking.recount import recount
 from farm.tracking.reels import with_reels
 from farm.tracking.rules import apply
@@ -285,21 +284,8 @@ class Core:
         self._refusals[print_id] += 1
         if attempt.state is not PrintState.ASSIGNED or not (late or self._refusals[print_id] >= REFUSALS):
             return
-        now_s = self.clock.now()
-        self.happened(
-            ev.PrintEnded(
-                at_s=now_s,
-                print_id=print_id,
-                state=PrintState.CANCELLED if late else PrintState.FAILED,
-                fault=None if late else OwnFault.REFUSED,
-                reason=f"never begun: {reason}" if late else f"its agent would not start it: {reason}",
-                started_s=None,
-                ended_s=now_s,
-                extruded=False,
-                filament=self.books.printer(attempt.printer).filament,
-                printed_share=0.0,  # its reel is as it was
-            )
-        )
+        printer = self.books.printer(attempt.printer)
+        self.happened(not_begun(attempt, printer, reason, late, self.clock.now()))
         self.settle()
 
     def spares(self) -> int:

@@ -73,6 +73,22 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
         )
 
 
+def not_begun(attempt: Print, printer: Printer, reason: str, late: bool, now_s: float) -> ev.PrintEnded:
+    """The end of a print that its agent did not start: never begun where it came too `late`, else failed."""
+    return ev.PrintEnded(
+        at_s=now_s,
+        print_id=attempt.id,
+        state=PrintState.CANCELLED if late else PrintState.FAILED,
+        fault=None if late else OwnFault.REFUSED,
+        reason=f"never begun: {reason}" if late else f"its agent would not start it: {reason}",
+        started_s=None,
+        ended_s=now_s,
+        extruded=False,
+        filament=printer.filament,
+        printed_share=0.0,  # its reel is as it was
+    )
+
+
 def _over(snapshot: AgentSnapshot) -> bool:
     """Whether there is no agent any more that could begin anything."""
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None

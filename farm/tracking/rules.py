@@ -37,6 +37,7 @@ from farm.tracking.factor import learned
 from farm.tracking.faults import LOSSES, UNCHARGED, OwnFault
 from farm.tracking.outcome import Standing, printed
 from farm.tracking.reels import less, used_grams
+from farm.tracking.replaced import replace_plate
 from farm.tracking.whole import book_whole
 
 
@@ -169,31 +170,7 @@ def _(event: ev.PlatesHeld, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.PlateReplaced, books: Books) -> Result:
-    plate = books.plates[event.plate]
-    job = books.job(plate.job)
-    waits = plate.id in job.plates and books.standing(plate) is Standing.WAITING
-    if job.state is not JobState.PRINTING or not waits:
-        return books, ()
-    kept = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
-    plates = [edited(new, **kept) for new in event.plates]
-    names = tuple(new.id for new in plates)
-    old = edited(plate, replaced_by=names, hold=None)
-    job = edited(
-        job,
-        plates=_instead(job.plates, (plate.id,), names),
-        parts=_instead(job.parts, plate.parts, tuple(part.id for part in event.parts)),
-        picture=event.picture or job.picture,
-        assembly=event.assembly or job.assembly,
-        cuts={**job.cuts, plate.parts[0]: event.decomposition} if event.decomposition else job.cuts,
-    )
-    return put(books, old, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
-
-
-def _instead(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
-    """The names with the new ones where the old ones were."""
-    at = names.index(old[0])
-    kept = tuple(name for name in names if name not in old)
-    return (*kept[:at], *new, *kept[at:])
+    return replace_plate(event, books)
 
 
 @apply.register

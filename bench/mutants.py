@@ -1,0 +1,152 @@
+"""Mutation testing: which deliberate faults in the rules that prints depend on no test sees.
+
+.venv/mutants/bin/python bench/mutants.py --room link
+
+Of all mutants that cosmic-ray makes of a room's modules a sample is drawn (`--seed`), put one by one into a
+copy of the sources, and the room's tests are run on each. cosmic-ray is in an environment of its own
+(`make mutants`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from cosmic_ray.work_db import WorkDB, use_db
+from cosmic_ray.work_item import TestOutcome, WorkerOutcome, WorkResult
+
+ROOT = Path(__file__).parents[1]
+PYTHON = ROOT / ".venv" / "bin" / "python"
+TIMEOUT_S = 600.0
+_NO_FAULT = ("BitOr", "RemoveDecorator")  # in annotations; and of what is registered by a decorator
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """Modules, the tests that hold them, and how many mutants of them are tried."""
+
+    modules: tuple[str, ...]
+    tests: tuple[str, ...]
+    mutants: int
+
+
+ROOMS = {
+    "link": Room(
+        ("drivers/marlin.py", "drivers/outbox.py", "drivers/replies.py"),
+        ("tests/drivers/test_marlin.py", "tests/drivers/test_wire.py"),
+        26,
+    ),
+    "session": Room(
+        tuple(
+            f"drivers/{name}.py" for name in ("session", "steps", "leaving", "parking", "identify", "watch")
+        ),
+        (
+            "tests/drivers/test_watch.py",
+            "tests/drivers/test_session.py",
+            "tests/drivers/test_session_hours.py",
+            "tests/drivers/test_session_identity.py",
+            "tests/drivers/test_session_pause.py",
+            "tests/drivers/test_session_reset.py",
+            "tests/drivers/test_stuck_heater.py",
+            "tests/drivers/test_ways_out.py",
+        ),
+        22,
+    ),
+    "books": Room(
+        tuple(
+            f"farm/tracking/{name}.py"
+            for name in (
+                "account", "books", "consequences", "factor", "notices", "outage", "outcome", "reconcile",
+                "recount", "reels", "restored", "rules", "whole",
+            )
+        ),
+        ("tests/farm/tracking", "tests/farm/daemon/test_desk.py", "tests/farm/daemon/test_copied_books.py"),
+        28,
+    ),
+    "scheduling": Room(
+        tuple(
+            f"farm/scheduling/{name}.py"
+            for name in (
+                "again", "assign", "forecast", "front", "holds", "hours", "moments", "rules", "snapshot",
+            )
+        ),
+        ("tests/farm/scheduling",),
+        26,
+    ),
+    "cost": Room(("decompose/cost.py",), ("tests/decompose/test_cost.py",), 14),
+}  # fmt: skip
+
+
+def try_room(name: str, room: Room, seed: int, folder: Path) -> list[tuple[str, str]]:
+    """Run a sample of a room's mutants; what became of each: its outcome, and its diff."""
+    copy, session, config = folder / "sources", folder / "session.sqlite", folder / "config.toml"
+    shutil.rmtree(folder, ignore_errors=True)
+    listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
+    files = subprocess.run(listed, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    for file in files:
+        (copy / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / file, copy / file)
+    command = f"{PYTHON} -m pytest -x --hypothesis-profile=ci -p no:cacheprovider {' '.join(room.tests)}"
+    modules = ", ".join(f'"{module}"' for module in room.modules)
+    config.write_text(
+        f'[cosmic-ray]\nmodule-path = [{modules}]\ntimeout = {TIMEOUT_S}\ntest-command = "{command}"\n'
+        '[cosmic-ray.distributor]\nname = "local"\n'
+    )
+
+    def run(*words: str | Path) -> None:
+        # No bytecode: two mutants of one second and one size would be taken for each other.
+        env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+        tool = Path(sys.executable).with_name("cosmic-ray")
+        subprocess.run([tool, *words], cwd=copy, env=env, check=True)
+
+    run("baseline", config)
+    run("init", config, session)
+    with use_db(session, WorkDB.Mode.open) as db:
+        _sample(db, random.Random(f"{name} {seed}"), room.mutants)
+    run("exec", config, session)
+    with use_db(session, WorkDB.Mode.open) as db:
+        tried = [result for _, result in db.results if result.worker_outcome is not WorkerOutcome.SKIPPED]
+    return [(str((r.test_outcome or TestOutcome.INCOMPETENT).value), r.diff or "") for r in tried]
+
+
+def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
+    """Leave so many mutants to be tried."""
+    items = sorted(db.work_items, key=lambda item: str(item.mutations))
+    real = [item for item in items if not any(no in item.mutations[0].operator_name for no in _NO_FAULT)]
+    tried = {item.job_id for item in rng.sample(real, min(count, len(real)))}
+    skipped = WorkResult(worker_outcome=WorkerOutcome.SKIPPED)
+    db.set_multiple_results([item.job_id for item in items if item.job_id not in tried], skipped)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--room", choices=ROOMS, action="append", help="one or more; all of them if left out")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--at-once", type=int, default=1, help="rooms that are tried at a time")
+    options = parser.parse_args()
+    names = options.room or list(ROOMS)
+
+    def work(name: str) -> list[tuple[str, str]]:
+        return try_room(name, ROOMS[name], options.seed, ROOT / "build" / "mutants" / name)
+
+    with ThreadPoolExecutor(options.at_once) as pool:
+        found = dict(zip(names, pool.map(work, names), strict=True))
+    for name, results in found.items():
+        for outcome, diff in results:
+            if outcome == TestOutcome.SURVIVED.value:
+                print(f"--- {name}: survived\n{diff}")
+    print(f"{'room':12} {'made':>5} {'killed':>7} {'survived':>9}")
+    for name, results in found.items():
+        survived = sum(outcome == TestOutcome.SURVIVED.value for outcome, _ in results)
+        print(f"{name:12} {len(results):5} {len(results) - survived:7} {survived:9}")
+
+
+if __name__ == "__main__":
+    main()
