@@ -27,11 +27,11 @@ import numpy as np
 
 from bench.print_time_parts import recipe_of
 from decompose import exact, unequal
-from decompose.assignment import printers_for
+from decompose.assignment import assign_printers
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
 from decompose.mesh import load_model
-from decompose.problem import Found, Problem
+from decompose.problem import Partition, Problem
 from decompose.report import Engine, Options
 from drivers.profiles import PROFILES, part_room
 
@@ -51,13 +51,13 @@ def fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) ->
     )
 
 
-def makespan_s(problem: Problem, found: Found) -> float:
+def makespan_s(problem: Problem, found: Partition) -> float:
     """When the last part ends on the printers of a problem."""
-    poses = [pose for pose in problem.poses(list(found.pieces)) if pose is not None]
-    takers = printers_for(poses, problem.printers)
+    poses = [pose for pose in problem.find_poses(list(found.pieces)) if pose is not None]
+    takers = assign_printers(poses, problem.printers)
     assert len(poses) == len(found.pieces)
     assert takers is not None
-    return max(pose.seconds * taker.time_factor for pose, taker in zip(poses, takers, strict=True))
+    return max(pose.price_s * taker.time_factor for pose, taker in zip(poses, takers, strict=True))
 
 
 def shared(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:

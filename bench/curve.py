@@ -22,7 +22,7 @@ import numpy as np
 from bench.print_time_parts import recipe_of
 from decompose.bound import makespan_bound
 from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import curve
+from decompose.curve import makespan_curve
 from decompose.guillotine import Partitioner
 from decompose.mesh import load_model
 from decompose.problem import Problem
@@ -56,17 +56,17 @@ def main() -> None:
         took[stage] = {"wall_s": perf_counter() - wall, "cpu_s": process_time() - cpu}
         return answer
 
-    grid = timed("grid", lambda: problem.grid(model))
-    problem.boxes(grid)  # compiles, or loads what was compiled
-    boxes = timed("boxes", lambda: problem.boxes(grid))
+    grid = timed("grid", lambda: problem.build_grid(model))
+    problem.price_boxes(grid)  # compiles, or loads what was compiled
+    boxes = timed("boxes", lambda: problem.price_boxes(grid))
     solver = Partitioner(boxes)
     for ties in (False, True):
-        solver.parts(0.0, ties)
+        solver.solve(0.0, ties)
     fleets = np.arange(1, asked.most + 1)[:, None]  # of equal printers
     with ThreadPoolExecutor(os.cpu_count()) as executor:
-        points = timed("curve", lambda: curve([boxes], fleets, executor))
+        points = timed("curve", lambda: makespan_curve([boxes], fleets, executor))
     report: dict[str, Any] = {"cells": grid.shape, "boxes": len(boxes.seconds), "stages": took}
-    if timed("search", lambda: solver.least_makespan(asked.printers, 0.0)) is not None:
+    if timed("search", lambda: solver.find_least_makespan(asked.printers, 0.0)) is not None:
         makespan_s = solver.longest_s()
         proven = timed("bound", lambda: makespan_bound(boxes, grid.needed, asked.printers, makespan_s))
         report |= {"makespan_s": makespan_s, "bound_s": proven.seconds}

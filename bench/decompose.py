@@ -31,12 +31,12 @@ import numpy as np
 import trimesh
 
 from bench.print_time_parts import ANYWHERE, recipe_of
-from decompose.again import level_again
+from decompose.again import relevel_planes
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import DecomposeError
-from decompose.files import write
+from decompose.files import write_decomposition
 from decompose.mesh import load_model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.report import BUDGET_S, Decomposition, Engine, Options
 from drivers.profiles import PROFILES, part_room
 from farm.errors import FarmError
@@ -92,7 +92,7 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     try:
         model = load_model(run.path, longest_side_mm=run.side_mm)
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = decompose(model, printers, options, cost, executor)
+            result = decompose_model(model, printers, options, cost, executor)
         wall_s = perf_counter() - start
     except DecomposeError as error:
         return {"refused": f"{type(error).__name__}: {error}"}
@@ -107,7 +107,7 @@ def cut_again(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | N
     cost = CostModel.from_recipe(recipe_of(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            result = level_again(model, was, took_s, cost, executor)
+            result = relevel_planes(model, was, took_s, cost, executor)
     except DecomposeError as error:
         print(f"{run.name}, levelled again: {error}", file=sys.stderr)
         return None
@@ -116,8 +116,8 @@ def cut_again(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | N
 
 def _written(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
     """The report, with the parts in a folder, and what `cut_again` needs of them."""
-    report = write(result, folder).as_dict()
-    (folder / CUTTING).write_bytes(pickle.dumps(result.bare()))
+    report = write_decomposition(result, folder).as_dict()
+    (folder / CUTTING).write_bytes(pickle.dumps(result.without_parts()))
     report["wall_s"] = wall_s
     report["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     return report
@@ -130,7 +130,7 @@ def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None
 
     box = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     options = Options(Engine.GUILLOTINE, granularity=5)
-    decompose(box, [PrinterRoom(str(i), room) for i in range(4)], options, cost)
+    decompose_model(box, [PrinterRoom(str(i), room) for i in range(4)], options, cost)
 
 
 def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, jobs: int) -> list[float | None]:

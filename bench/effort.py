@@ -43,7 +43,7 @@ def measured(problem: Problem) -> tuple[Effort, dict[str, float]]:
         ends_s[stage] = process_time() - began_s
 
     try:
-        ENGINES[problem.options.engine](replace(problem, effort=effort, lap=lap))
+        ENGINES[problem.options.engine](replace(problem, effort=effort, on_stage=lap))
     except NoFit as error:
         print(f"{problem.options.engine}: {error}", file=sys.stderr)
     lap("all")
@@ -90,9 +90,9 @@ def main() -> None:
                 cpu_s = ends_s["all"]
                 done = {str(work): units for work, units in effort.done.items()}
                 run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}
-                runs.append(run | {"effort_s": effort.seconds, "ends_s": ends_s, "done": done})
+                runs.append(run | {"effort_s": effort.spent_s, "ends_s": ends_s, "done": done})
                 if not asked.json:
-                    off = f"{effort.seconds:6.1f} s counted, {cpu_s:6.1f} s of the processor"
+                    off = f"{effort.spent_s:6.1f} s counted, {cpu_s:6.1f} s of the processor"
                     print(f"{path.stem:20} N {printers:3} {engine:13} {off}", flush=True)
     report = {"schema": 1, "runs": runs, "fit_ns": fitted(runs)}
     print(json.dumps(report, indent=1) if asked.json else json.dumps(report["fit_ns"], indent=1))

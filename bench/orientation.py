@@ -29,9 +29,9 @@ from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, models
 from bench.shapes import SHAPES
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
 from decompose.errors import DecomposeError
-from decompose.orientation import TOUCHED_MM2, Pose, best_pose, measure
-from decompose.partition import decompose
-from decompose.piece import cut_faces
+from decompose.orientation import TOUCHED_MM2, Pose, find_best_pose, measure_pose
+from decompose.partition import decompose_model
+from decompose.piece import find_cut_faces
 from decompose.report import Options, Part
 from decompose.solid import Solid
 from decompose.stl import write_stl
@@ -89,7 +89,7 @@ def parts(
         for name, model in models(folder, shapes):
             for printers in COUNTS:
                 try:
-                    found = decompose(model, [room] * printers, Options(prove=False), cost).parts
+                    found = decompose_model(model, [room] * printers, Options(prove=False), cost).parts
                 except DecomposeError as error:
                     print(f"{name} for {printers}: {error}", file=sys.stderr)
                     continue
@@ -102,10 +102,10 @@ def parts(
 def sliced_s(folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: PartSettings) -> float | None:
     """CuraEngine's print time of a part in a pose; None where the slice is refused."""
     settings = resolve_settings(REQUEST, find_resources(), chosen)
-    posed = Part(part.id, part.solid, pose.to_model, pose.seconds, part.printer)
+    posed = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         stl = Path(scratch) / "part.stl"
-        write_stl(stl, posed.triangles())
+        write_stl(stl, posed.stl_triangles())
         out = stl.with_suffix(".gcode")
         try:
             return slice_plate(
@@ -122,19 +122,19 @@ def compare(
     """Slice one part in all poses."""
     name, part = named
     vertices, faces = part.solid.arrays()
-    cut = cut_faces(vertices, faces, part.planes)
+    cut = find_cut_faces(vertices, faces, part.planes)
     begun = perf_counter()
-    ours = best_pose(vertices, faces, cut, [room], cost)
+    ours = find_best_pose(vertices, faces, cut, [room], cost)
     compute_s = perf_counter() - begun
     if ours is None:
         raise SystemExit(f"{name} fits in no pose")
-    axes = [measure(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
+    axes = [measure_pose(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
     fitting = [pose for pose in axes if room.fits(*pose.size_mm)]
     time_of = partial(sliced_s, folder, cache, part)
     chosen = PartSettings(None, ours.brim_width_mm, ours.layer_0_expansion_mm)
     return Row(
         part=name,
-        estimated_s=ours.seconds,
+        estimated_s=ours.price_s,
         compute_s=compute_s,
         ours_s=time_of(ours, chosen),
         full_brim_s=time_of(ours, ANY_PART),

@@ -184,7 +184,7 @@ def shell() -> Solid:
         ellipsoid((0.0, 0.0, 0.0), (98.0, 73.0, 58.0)),
     )
     half = outer.subtract(Solid.union([inner, Solid.box((-200.0, -200.0, -100.0), (200.0, 200.0, 0.0))]))
-    return half.turned(rotation_matrix(0.35, [0.3, 1.0, 0.0])[:3, :3])
+    return half.rotate(rotation_matrix(0.35, [0.3, 1.0, 0.0])[:3, :3])
 
 
 OTHER_SHAPES: Mapping[str, Callable[[], Solid]] = {

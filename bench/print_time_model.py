@@ -27,7 +27,7 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from bench.print_time_parts import ALWAYS, SETTINGS, Row, make, read, recipe_of, write
-from decompose.cost import ADDITIVE, FACTORS, SUPPORT, CostModel, terms
+from decompose.cost import ADDITIVE, FACTORS, SUPPORT, CostModel, time_terms
 
 Floats = npt.NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Table:
         self.kinds = {kind: np.array([getattr(row, kind) for row in rows]) for kind in KINDS}
         recipes = {name: recipe_of(name) for name in SETTINGS}
         features = [_features(row, recipes[row.settings].brim_mm) for row in rows]
-        each = {name: terms(recipe) for name, recipe in recipes.items()}
+        each = {name: time_terms(recipe) for name, recipe in recipes.items()}
         seconds = [
             {term: vector * f for term, vector in each[row.settings].items()}
             for row, f in zip(rows, features, strict=True)

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 
 from bench.shapes import SHAPES
-from decompose.columns import columns
+from decompose.columns import measure_columns
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, Recipe, pose_features
 from decompose.errors import DecomposeError
 from decompose.mesh import Model, load_model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.report import Options
 from decompose.solid import Solid
-from decompose.stl import single_precision, write_stl
+from decompose.stl import round_triangles, write_stl
 from drivers.profiles import PROFILES, part_room
 from farm.services.recipe import recipe
 from slicing.errors import SlicingError
@@ -178,7 +178,7 @@ def parts(folder: Path | None, each: int) -> Iterator[Posed]:
         for count in COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]
             try:
-                found = list(decompose(model, printers, Options(prove=False), cost).parts)
+                found = list(decompose_model(model, printers, Options(prove=False), cost).parts)
             except DecomposeError as error:
                 print(f"{name} for {count}: {error}", file=sys.stderr)
                 continue
@@ -186,12 +186,12 @@ def parts(folder: Path | None, each: int) -> Iterator[Posed]:
             draw.shuffle(found)  # type: ignore[arg-type]
             for part in found[:each]:
                 label = f"{count}-{part.id}"
-                yield Posed(name, label, True, part.triangles())
+                yield Posed(name, label, True, part.stl_triangles())
                 if draw.random() < 0.35:
-                    vertices, faces = part.printed()
+                    vertices, faces = part.printing_mesh()
                     turned = vertices @ POSE_ROTATIONS[draw.choice(OTHER_POSES)].T
                     lo, hi = turned.min(axis=0), turned.max(axis=0)
-                    corners = single_precision(turned - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
+                    corners = round_triangles(turned - [*(lo + hi)[:2] / 2.0, lo[2]], faces)
                     if corners is not None:
                         yield Posed(name, f"{label}-turned", False, corners)
 
@@ -216,7 +216,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
     (features,), (extents,) = pose_features(*posed.arrays, POSE_ROTATIONS[4:5], cost)
     unmarked = np.zeros(len(posed.corners), dtype=np.bool_)
-    support = columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)
+    support = measure_columns(posed.corners.astype(np.float64), unmarked, cost.overhang_cos)
     figures = [*map(float, features), *map(float, extents)]
     figures += [support.support_mm3, support.support_side_mm2, support.towers_mm, support.islands_mm]
     return Row(posed.model, posed.part, posed.printed, setting, *figures, sliced_s, **kinds)

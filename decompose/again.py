@@ -15,20 +15,20 @@ from time import perf_counter
 
 import numpy as np
 
-from decompose.assignment import printers_for
+from decompose.assignment import assign_printers
 from decompose.cost import CostModel
 from decompose.effort import Effort
 from decompose.mesh import Model
-from decompose.piece import Piece, in_order, pieces_in_box
-from decompose.planes import evened_from
-from decompose.problem import Found, GridFigures, Problem
+from decompose.piece import Piece, cut_box, sort_pieces
+from decompose.planes import shift_box_planes
+from decompose.problem import GridFigures, Partition, Problem
 from decompose.report import Cutting, Decomposition, Engine
-from decompose.result import finished, really
+from decompose.result import apply_time_ratios, finish_result
 
 WORTH = 0.005  # share of the makespan that has to be promised: the parts are sliced again for it
 
 
-def level_again(
+def relevel_planes(
     model: Model,
     was: Decomposition,
     took_s: Sequence[float],
@@ -65,17 +65,19 @@ def level_again(
     options = replace(was.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
     effort = Effort(was.options.budget_s)
     asked = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
-    problem = asked.turned(cutting.frame)
-    before = _pieces(problem, cutting, took_s)
+    problem = asked.rotate(cutting.frame)
+    before = _cut_previous_boxes(problem, cutting, took_s)
     if before is None:
         return None
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
-    after = evened_from(problem, problem.grid(problem.model), boxes_mm, before)
-    if _ends_s(problem, after) > (1.0 - WORTH) * _ends_s(problem, [p for pieces in before for p in pieces]):
+    after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
+    if _makespan_s(problem, after) > (1.0 - WORTH) * _makespan_s(
+        problem, [p for pieces in before for p in pieces]
+    ):
         return None
     grid = GridFigures(was.grid_makespan_s, was.lower_bound_s, was.cells)
-    found = Found(tuple(after), problem.model, np.eye(3), grid)
-    result = finished(problem, found, (was.serial_s, was.serial_as_is_s))
+    found = Partition(tuple(after), problem.model, np.eye(3), grid)
+    result = finish_result(problem, found, (was.serial_s, was.serial_as_is_s))
     took = perf_counter() - began_s
     return replace(
         result,
@@ -88,7 +90,9 @@ def level_again(
     )
 
 
-def _pieces(problem: Problem, cutting: Cutting, took_s: Sequence[float]) -> list[list[Piece]] | None:
+def _cut_previous_boxes(
+    problem: Problem, cutting: Cutting, took_s: Sequence[float]
+) -> list[list[Piece]] | None:
     """What is in each box, in the order in which it is cut out, with what its slice took over its price.
 
     `took_s` is in seconds, in the order of the parts. None where those are not the parts that there were.
@@ -100,33 +104,33 @@ def _pieces(problem: Problem, cutting: Cutting, took_s: Sequence[float]) -> list
         parts_of.setdefault(box.tobytes(), []).append(i)
     found = []
     for parts in parts_of.values():
-        pieces = pieces_in_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
+        pieces = cut_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
         if len(pieces) != len(parts):
             return None
-        numbers = [parts[in_order(pieces).index(piece)] for piece in pieces]
+        numbers = [parts[sort_pieces(pieces).index(piece)] for piece in pieces]
         pieces = [
             replace(piece, printer=cutting.cut_for[number])
             for piece, number in zip(pieces, numbers, strict=True)
         ]
-        poses = [pose for pose in problem.poses(pieces) if pose is not None]
+        poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
         if len(poses) != len(pieces):
             return None
         found.append(
             [
-                replace(piece, slower=took_s[number] / pose.seconds)
+                replace(piece, time_ratio=took_s[number] / pose.price_s)
                 for piece, number, pose in zip(pieces, numbers, poses, strict=True)
             ]
         )
     return found
 
 
-def _ends_s(problem: Problem, pieces: Sequence[Piece]) -> float:
+def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
     """When the last piece ends, as sliced, in seconds, each on its best printer; inf where one fits none."""
-    poses = [pose for pose in problem.poses(pieces) if pose is not None]
+    poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf
-    posed = really(pieces, poses)
-    takers = printers_for(posed, problem.printers)
+    posed = apply_time_ratios(pieces, poses)
+    takers = assign_printers(posed, problem.printers)
     if takers is None:
         return math.inf
-    return max(pose.seconds * taker.time_factor for pose, taker in zip(posed, takers, strict=True))
+    return max(pose.price_s * taker.time_factor for pose, taker in zip(posed, takers, strict=True))

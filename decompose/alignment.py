@@ -28,7 +28,7 @@ ON_BED_MM = 1e-3  # a face as low as this lies on the bed
 
 
 @dataclass(frozen=True, slots=True)
-class Aligned:
+class AlignedModel:
     """A model in the frame that it is cut in.
 
     Attributes
@@ -44,7 +44,7 @@ class Aligned:
     mirror: tuple[int, float] | None
 
 
-def align(model: Model, seed: int, overhang_cos: float) -> Aligned:
+def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
     """Turn a model for its symmetry and its overhangs.
 
     A plane of symmetry next to a face would cut slivers off, and the face be taken for a cut: there is none.
@@ -62,14 +62,14 @@ def align(model: Model, seed: int, overhang_cos: float) -> Aligned:
     if overhang_mm2(corners @ turn.T, overhang_cos) < WORTH_TURNING * overhang_mm2(corners, overhang_cos):
         rotation = turn @ rotation
     if (rotation != np.eye(3)).any():
-        model = replace(model, solid=model.solid.turned(rotation))
+        model = replace(model, solid=model.solid.rotate(rotation))
     if mirror is None:
-        return Aligned(model, rotation, None)
+        return AlignedModel(model, rotation, None)
     at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
     vertices, faces = model.solid.arrays()
     if (np.abs(flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
-        return Aligned(model, rotation, None)
-    return Aligned(model, rotation, (axis, at_mm))
+        return AlignedModel(model, rotation, None)
+    return AlignedModel(model, rotation, (axis, at_mm))
 
 
 def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:

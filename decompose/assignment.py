@@ -16,20 +16,20 @@ from decompose.orientation import Pose
 Floats = npt.NDArray[np.float64]
 
 
-def printers_for(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
+def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
     """The printer of each part, so that the last one ends soonest; None where they do not all fit.
 
     A part fits by its pose, whose time leaves the speeds of the printers out.
     """
     seconds = [
-        [pose.seconds * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
+        [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
         for pose in posed
     ]
-    found = soonest(np.array(seconds))
+    found = assign_bottleneck(np.array(seconds))
     return None if found is None else [printers[i] for i in found]
 
 
-def soonest(seconds: Floats) -> list[int] | None:
+def assign_bottleneck(seconds: Floats) -> list[int] | None:
     """The printer of each part, so that the last part ends as soon as it can, and all together soonest then.
 
     Parameters

@@ -9,19 +9,19 @@ from dataclasses import replace
 import numpy as np
 
 from decompose import partition
-from decompose.classes import classes_of
+from decompose.classes import classify_printers
 from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import ASSEMBLE_S, CLEAR_S, Point, curve, in_time, knee
+from decompose.curve import ASSEMBLE_S, CLEAR_S, CurvePoint, find_fewest_in_time, find_knee, makespan_curve
 from decompose.errors import NoFit
 from decompose.mesh import Model
-from decompose.problem import Problem, checked
+from decompose.problem import Problem, validate_problem
 from decompose.report import Decomposition, Options
-from decompose.unequal import tables_of
+from decompose.unequal import class_tables
 
-MOST_SUMS = 1e8  # of the curve of unequal printers, over all boxes: about a second for each limit
+MAX_SUMS = 1e8  # of the curve of unequal printers, over all boxes: about a second for each limit
 
 
-def decompose(
+def decompose_auto(
     model: Model,
     printers: Sequence[PrinterRoom],
     options: Options,
@@ -40,7 +40,7 @@ def decompose(
     Parameters
     ----------
     printers
-        Those that are free, the best ones first; see `partition.decompose`.
+        Those that are free, the best ones first; see `partition.decompose_model`.
     clear_s, assemble_s
         What a person is busy with each part: to make its bed clear, and to put it to the others.
     within_s
@@ -49,37 +49,41 @@ def decompose(
     Raises
     ------
     NoFit, GeometryError
-        As `partition.decompose`, where all of the printers are not enough.
+        As `partition.decompose_model`, where all of the printers are not enough.
     """
-    checked(model, tuple(printers), options)
-    points = curve_of(Problem(model, tuple(printers), cost, options, executor))
+    validate_problem(model, tuple(printers), options)
+    points = build_curve(Problem(model, tuple(printers), cost, options, executor))
     wanted = len(printers)
     if points:
-        best = knee(points, clear_s, assemble_s) if within_s is None else in_time(points, within_s)
+        best = (
+            find_knee(points, clear_s, assemble_s)
+            if within_s is None
+            else find_fewest_in_time(points, within_s)
+        )
         wanted = best.printers
     try:
-        result = partition.decompose(model, printers[:wanted], options, cost, executor)
+        result = partition.decompose_model(model, printers[:wanted], options, cost, executor)
     except NoFit:
         if wanted == len(printers):
             raise
-        result = partition.decompose(model, printers, options, cost, executor)
+        result = partition.decompose_model(model, printers, options, cost, executor)
     return replace(result, curve=points)
 
 
-def curve_of(problem: Problem) -> tuple[Point, ...]:
+def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
     """The makespan of the first of a problem's printers by the tables, for each number that is enough.
 
     Unequal printers are taken in classes, on a grid as for few of them, since there are more ways to share
     parts out; within a class each number has the mean speed of its printers.
     """
     printers = problem.printers
-    gridded = problem if problem.alike else replace(problem, printers=problem.rooms)
-    grid = gridded.grid(problem.model)
-    shared = problem.boxes(grid)
-    classes = classes_of(printers, MOST_SUMS / len(shared.seconds))
+    gridded = problem if problem.is_uniform else replace(problem, printers=problem.rooms)
+    grid = gridded.build_grid(problem.model)
+    shared = problem.price_boxes(grid)
+    classes = classify_printers(printers, MAX_SUMS / len(shared.seconds))
     own = [next(i for i, each in enumerate(classes) if printer in each.printers) for printer in printers]
     fleets = np.cumsum(np.eye(len(classes), dtype=np.int64)[own], axis=0)
-    points = curve(tables_of(problem, grid, shared, classes), fleets, problem.executor)
+    points = makespan_curve(class_tables(problem, grid, shared, classes), fleets, problem.executor)
     taken_s = [classes[i].time_factor for i in own]
     real_s = [printer.time_factor for printer in printers]
     return tuple(

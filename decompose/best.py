@@ -19,14 +19,14 @@ from decompose.grid import cell_counts
 from decompose.problem import FINEST, Problem
 from decompose.report import Attempt, Decomposition, Engine
 
-TRIED_BY_BEST = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
+BEST_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid
 OTHER_YAWS_DEG = (45.0, 15.0, 75.0, 30.0, 60.0)  # about z: a quarter turn is the same grid again
 WORTH_TURNING = 0.01  # share of the makespan: cuts along a model's own sides are easier to glue
 NEAR = 0.03  # share of the makespan that has to be left to gain, so that another grid is worth its work
 
 
-def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
+def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
     """The best result, as far as the budget goes; the first engine is always begun.
 
     Parameters
@@ -40,20 +40,20 @@ def best_of(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> 
         Of the first engine, where none has a result.
     """
     options = problem.options
-    so_far = _SoFar(problem, by_engine, options.budget_s)
-    for engine in TRIED_BY_BEST:
-        so_far.tries(engine, options.granularity)
+    so_far = _Trials(problem, by_engine, options.budget_s)
+    for engine in BEST_ENGINES:
+        so_far.try_engine(engine, options.granularity)
     if options.granularity == "auto" and len(problem.printers) > 1:
-        so_far.tries_other_grids()
+        so_far.try_other_grids()
         for yaw_deg in OTHER_YAWS_DEG:
-            so_far.tries(Engine.GUILLOTINE, options.granularity, yaw_deg)
+            so_far.try_engine(Engine.GUILLOTINE, options.granularity, yaw_deg)
         if so_far.yaw_deg:
-            so_far.tries_other_grids()
+            so_far.try_other_grids()
     return so_far.result()
 
 
 @dataclass(slots=True)
-class _SoFar:
+class _Trials:
     """What was tried, and the best of it; `yaw_deg` is how the model lies there."""
 
     problem: Problem
@@ -72,17 +72,21 @@ class _SoFar:
         options = self.problem.options
         return replace(self.best, options=options, yaw_deg=self.yaw_deg, attempts=tuple(self.attempts))
 
-    def tries(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
+    def try_engine(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
         """Add an engine's attempt, as far as the budget goes."""
         if self.attempts and self.left_s <= 0.0:
             why = "not begun: the budget was spent"
             self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=why))
             return
         began_s, effort, makespan_s, reason = perf_counter(), Effort(self.left_s), None, ""
-        to_beat_s = math.inf if self.best is None or self.best.faults else self.best.makespan_s
+        best_known_s = math.inf if self.best is None or self.best.faults else self.best.makespan_s
         options = replace(self.problem.options, engine=engine, granularity=cells)
         trial = replace(
-            turned(self.problem, yaw_deg), options=options, effort=effort, to_beat_s=to_beat_s, thorough=True
+            rotate_about_z(self.problem, yaw_deg),
+            options=options,
+            effort=effort,
+            best_known_s=best_known_s,
+            thorough=True,
         )
         try:
             found = self.by_engine(trial)
@@ -95,9 +99,9 @@ class _SoFar:
             reason = "nothing was found before the budget was spent" if late else str(error)
         took_s, finished = perf_counter() - began_s, not effort.cut_short
         self.attempts.append(
-            Attempt(engine, cells, yaw_deg, makespan_s, took_s, effort.seconds, finished, reason)
+            Attempt(engine, cells, yaw_deg, makespan_s, took_s, effort.spent_s, finished, reason)
         )
-        self.left_s -= effort.seconds
+        self.left_s -= effort.spent_s
 
     def _is_better(self, found: Decomposition, yaw_deg: float) -> bool:
         if self.best is None:
@@ -106,24 +110,24 @@ class _SoFar:
             found = replace(found, makespan_s=found.makespan_s / (1.0 - WORTH_TURNING))
         return _rank(found) < _rank(self.best)
 
-    def tries_other_grids(self) -> None:
+    def try_other_grids(self) -> None:
         """Add the guillotine engine on other grids, none twice, where enough is left to be gained."""
-        problem, yaw_deg = turned(self.problem, self.yaw_deg), self.yaw_deg
+        problem, yaw_deg = rotate_about_z(self.problem, self.yaw_deg), self.yaw_deg
         extents_mm, first = problem.model.extents_mm, problem.granularity(problem.model)
         shapes = {cell_counts(extents_mm, first)}
         for share in OTHER_GRIDS:
             cells = min(FINEST, round(share * first))
             shape = cell_counts(extents_mm, cells)
-            if self.best is not None and self.best.to_gain(problem.printers) < NEAR:
+            if self.best is not None and self.best.possible_gain(problem.printers) < NEAR:
                 break
             if shape not in shapes:
                 shapes.add(shape)
-                self.tries(Engine.GUILLOTINE, cells, yaw_deg)
+                self.try_engine(Engine.GUILLOTINE, cells, yaw_deg)
 
 
-def turned(problem: Problem, yaw_deg: float) -> Problem:
+def rotate_about_z(problem: Problem, yaw_deg: float) -> Problem:
     """The same problem, its model turned about z."""
-    return problem.turned(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())
+    return problem.rotate(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())
 
 
 def _rank(result: Decomposition) -> tuple[bool, float, int]:

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Boxes, interval
-from decompose.covering import fewest
+from decompose.boxes import BoxTables, interval
+from decompose.covering import cover_cells
 from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
@@ -81,7 +81,7 @@ def _proven_s(
     return proven
 
 
-def _proof(boxes: Boxes, weights: Floats, printers: int, makespan_s: float) -> Bound:
+def _proof(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
     """What weights prove."""
     whole = np.floor(weights * UNIT).astype(np.int64)
     sat = np.pad(whole, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
@@ -89,7 +89,9 @@ def _proof(boxes: Boxes, weights: Floats, printers: int, makespan_s: float) -> B
     return Bound(_proven_s(sat, printers, makespan_s, *tables), whole)
 
 
-def makespan_bound(boxes: Boxes, needed: npt.NDArray[np.bool_], printers: int, makespan_s: float) -> Bound:
+def makespan_bound(
+    boxes: BoxTables, needed: npt.NDArray[np.bool_], printers: int, makespan_s: float
+) -> Bound:
     """A lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
 
     Parameters
@@ -118,7 +120,7 @@ def makespan_bound(boxes: Boxes, needed: npt.NDArray[np.bool_], printers: int, m
             break
         if limit <= low.seconds:
             limit = (low.seconds + high) / 2.0
-        weights = fewest(boxes, needed, limit, printers, weights).weights
+        weights = cover_cells(boxes, needed, limit, printers, weights).weights
         proof = _proof(boxes, weights, printers, makespan_s)
         low = max(low, proof, key=lambda bound: bound.seconds)
         if proof.seconds <= limit:

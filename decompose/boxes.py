@@ -21,7 +21,7 @@ Box = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, ha
 
 
 @dataclass(frozen=True, slots=True)
-class Boxes:
+class BoxTables:
     """Every axis-aligned box of a grid. A box's index combines those of its intervals along x, y and z.
 
     Attributes
@@ -265,14 +265,14 @@ def _count_pieces(
                                 pieces[box] = max(1, k)
 
 
-def shared_rooms(printers: list[PrinterRoom]) -> Floats:
+def room_array(printers: list[PrinterRoom]) -> Floats:
     """The distinct rooms as (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
     distinct = sorted({p.boxes for p in printers})
     most = max(len(boxes) for boxes in distinct)
     return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (most - len(boxes)) for boxes in distinct])
 
 
-def all_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Boxes:
+def price_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> BoxTables:
     """Tables over all boxes of a grid; a box fits where it fits every one of the printers."""
     prefix = []
     for axis, cut in enumerate(grid.cuts):
@@ -288,14 +288,14 @@ def all_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Boxes
         prefix[0],
         prefix[1],
         prefix[2],
-        shared_rooms(printers),
+        room_array(printers),
         cost.coefficients(),
     )
     full = np.isfinite(grid.extents[..., 0])
     nx, ny, nz = grid.shape
     open_x, open_y, open_z = (c > 0.0 for c in grid.cuts)
     _count_pieces(full, open_x[:nx], open_y[:, :ny], open_z[:, :, :nz], trimmed, seconds, pieces)
-    return Boxes(grid.shape, seconds, trimmed, pieces, cut_mm2)
+    return BoxTables(grid.shape, seconds, trimmed, pieces, cut_mm2)
 
 
 def box_index(box: Box, shape: tuple[int, int, int]) -> int:
@@ -308,11 +308,11 @@ def box_at(index: int, shape: tuple[int, int, int]) -> Box:
     _, ny, nz = shape
     index, iz = divmod(index, nz * (nz + 1) // 2)
     ix, iy = divmod(index, ny * (ny + 1) // 2)
-    (x0, x1), (y0, y1), (z0, z1) = (ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True))
+    (x0, x1), (y0, y1), (z0, z1) = (interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True))
     return x0, y0, z0, x1, y1, z1
 
 
-def ends(interval: int, n: int) -> tuple[int, int]:
+def interval_ends(interval: int, n: int) -> tuple[int, int]:
     """The inverse of `interval`."""
     length = 1
     while interval >= n - length + 1:

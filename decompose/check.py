@@ -15,7 +15,7 @@ import trimesh
 from decompose.cost import PrinterRoom
 from decompose.errors import GeometryError, Rule
 from decompose.mesh import Model
-from decompose.piece import ON_PLANE_MM, cut_faces
+from decompose.piece import ON_PLANE_MM, find_cut_faces
 from decompose.report import Coverage, Part
 from decompose.solid import Solid
 
@@ -27,7 +27,7 @@ FIT_MM = 1e-6
 LAP_MM = 1e-6  # by which boxes are larger where they are joined, or rounding leaves films between them
 
 
-def check(
+def check_result(
     parts: Sequence[Part],
     boxes_mm: npt.NDArray[np.float64],
     model: Model,
@@ -74,7 +74,7 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
     pieces = len(part.solid.pieces())
     if pieces != 1:
         raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
-    printed, _ = part.printed()
+    printed, _ = part.printing_mesh()
     width, depth, height = np.ptp(printed, axis=0) - FIT_MM
     room = rooms.get(part.printer)
     if room is None or not room.fits(width, depth, height):
@@ -106,7 +106,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
         triangles = vertices[faces]
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         area = np.linalg.norm(cross, axis=1) / 2.0
-        covered += float(area[~cut_faces(vertices, faces, part.planes)].sum())
+        covered += float(area[~find_cut_faces(vertices, faces, part.planes)].sum())
     whole = model.solid.area_mm2
     error = abs(covered - whole) / whole
     if error > SURFACE_SHARE:

@@ -44,12 +44,12 @@ class PrinterClass:
         return len(self.printers)
 
     @property
-    def pace(self) -> float:
+    def throughput(self) -> float:
         """What all of them can do."""
         return self.count / self.time_factor
 
 
-def classes_of(printers: Sequence[PrinterRoom], most_sums: float) -> list[PrinterClass]:
+def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list[PrinterClass]:
     """The classes of some printers, the largest first; one where they are about equal.
 
     Parameters
@@ -61,17 +61,17 @@ def classes_of(printers: Sequence[PrinterRoom], most_sums: float) -> list[Printe
     for printer in printers:
         alike.setdefault((printer.boxes, printer.time_factor), []).append(printer)
     found = [PrinterClass(*key, tuple(alike[key])) for key in sorted(alike)]
-    limit = LITTLE * sum(each.pace for each in found)
+    limit = LITTLE * sum(each.throughput for each in found)
     while len(found) > 1:
         lost, a, b = min((_lost(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(found), 2))
-        if lost > limit and sums([each.count for each in found]) <= most_sums:
+        if lost > limit and count_sums([each.count for each in found]) <= most_sums:
             break
         one = _merged(found[a], found[b])
         found = [*(each for i, each in enumerate(found) if i not in (a, b)), one]
     return sorted(found, key=lambda each: (-each.count, each.boxes, each.time_factor))
 
 
-def sums(counts: Sequence[int]) -> int:
+def count_sums(counts: Sequence[int]) -> int:
     """In how many ways printers of all classes but the largest are shared out between the sides of a cut."""
     return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
 
@@ -79,8 +79,8 @@ def sums(counts: Sequence[int]) -> int:
 def _lost(a: PrinterClass, b: PrinterClass) -> float:
     """What two classes can do less as one."""
     one = _merged(a, b)
-    rooms = sum(each.pace for each in (a, b) if each.boxes != one.boxes)
-    return a.pace + b.pace - one.pace + ROOM_WORTH * rooms
+    rooms = sum(each.throughput for each in (a, b) if each.boxes != one.boxes)
+    return a.throughput + b.throughput - one.throughput + ROOM_WORTH * rooms
 
 
 def _merged(a: PrinterClass, b: PrinterClass) -> PrinterClass:

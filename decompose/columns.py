@@ -17,12 +17,12 @@ Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 COLUMNS = 12_000  # about how many: support volumes then err by 1 to 2 %
-LEAST_STEP_MM = 0.4
+MIN_STEP_MM = 0.4
 LEVELS = 8  # heights at which the growing part is looked at
 ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
 LEVEL_MM = 0.01  # heights that are the same
 STEEPEST = 20.0  # the tangent that counts as upright
-LEAST_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no support
+MIN_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no support
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Columns:
     centres_mm: Floats
 
 
-def columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = COLUMNS) -> Columns:
+def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = COLUMNS) -> Columns:
     """Cut a closed mesh into columns.
 
     Parameters
@@ -78,7 +78,7 @@ def columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = 
     triangles = np.ascontiguousarray(triangles)
     lo, hi = _bounds(triangles)
     width, depth, height = (hi - lo).tolist()
-    step = max(LEAST_STEP_MM, math.sqrt(width * depth / count))
+    step = max(MIN_STEP_MM, math.sqrt(width * depth / count))
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
@@ -159,7 +159,7 @@ def _sweep(
                     continue
                 bottom, air, support = z, z - below, 0.0
                 lean = min(STEEPEST, np.sqrt(1.0 - up * up) / -up)
-                if -up > overhang_cos and air > LEAST_GAP_MM:
+                if -up > overhang_cos and air > MIN_GAP_MM:
                     supports[i, j] += air
                     air, support = 0.0, air
                     touched += marked[t] + on_marked
@@ -315,7 +315,7 @@ def _towers(
             bottom, air = runs[k, 0], runs[k, 2]
             # Between two columns a thin wall that leans goes down by so much: what it stands on is below it.
             reached = bottom - runs[k, 4]
-            if air <= LEAST_GAP_MM:
+            if air <= MIN_GAP_MM:
                 continue
             begins, edge = True, False
             for i in range(max(0, column // ny - 1), min(nx, column // ny + 2)):

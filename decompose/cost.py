@@ -68,7 +68,7 @@ TOWER = 2.7
 """What a layer of a tower of support takes, in islands: it is printed, too."""
 INSET = 8.0
 """A loop is shorter by so many mm for each mm that it lies inside the outline: two at each right angle."""
-INSET_AT_MOST = 0.1
+MAX_INSET_SHARE = 0.1
 """Share of the walls that is lost so at most: beyond it they are as thick as the part."""
 OUTLINE_MM = 0.004
 """By so much less than it may a layer reach out beyond the one below, and is supported: outlines are rounded,
@@ -160,7 +160,7 @@ class Recipe:
         return math.cos(math.atan(bare_mm / (self.walls_mm + self.line_width_mm / 2.0)))
 
 
-def terms(recipe: Recipe) -> dict[str, Floats]:
+def time_terms(recipe: Recipe) -> dict[str, Floats]:
     """Seconds of each term for one unit of each of `FEATURES`: (12,) vectors, under the names of `FACTORS`.
 
     An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
@@ -204,7 +204,7 @@ class CostModel:
 
     ``t = fixed + max(volume V + lateral L - inset H, least H) + skin S - rim sqrt(S) + slope X + overhang O
     + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in
-    mm2, H the height in mm. Where a part's columns are known, `support_seconds` takes the place of O.
+    mm2, H the height in mm. Where a part's columns are known, `support_price_s` takes the place of O.
 
     Held out by model, over parts that the decomposition makes, a part with its own supports errs by 1.5 % on
     average, and in each of five settings by 2.3 % at most, also where three of them are not fitted on; the
@@ -239,7 +239,7 @@ class CostModel:
     def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
         """The terms of the settings, each times its factor."""
         each = sum(
-            (factors[name] * vector for name, vector in terms(recipe).items()), np.zeros(len(FEATURES))
+            (factors[name] * vector for name, vector in time_terms(recipe).items()), np.zeros(len(FEATURES))
         )
         seconds = dict(zip(FEATURES, each.tolist(), strict=True))
         return cls(
@@ -263,7 +263,7 @@ class CostModel:
             island_s_mm=seconds["islands_mm"],
         )
 
-    def support_seconds(
+    def support_price_s(
         self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
     ) -> float:
         """The time of a support of this volume and these upright sides, with towers and islands this high."""
@@ -274,7 +274,7 @@ class CostModel:
         """The coefficients in the order of the fields, for compiled code."""
         return np.array([getattr(self, f.name) for f in fields(self)], dtype=np.float64)
 
-    def seconds(self, additive: Sequence[float] | Floats, extents: Sequence[float] | Floats) -> float:
+    def price_s(self, additive: Sequence[float] | Floats, extents: Sequence[float] | Floats) -> float:
         """The print time for one pose: `ADDITIVE` features (5,), and width, depth and height in mm."""
         c = self.coefficients()
         return float(price(c, *map(float, additive), *map(float, extents)))
@@ -294,7 +294,7 @@ def price(
 ) -> float:
     """Seconds, by `CostModel.coefficients`: one formula for tables and parts."""
     ring = c[8] * (2.0 * (width + depth) + np.pi * c[8])
-    inset = min(c[11] * height, INSET_AT_MOST * c[2] * lateral)
+    inset = min(c[11] * height, MAX_INSET_SHARE * c[2] * lateral)
     body = max(c[1] * volume + c[2] * lateral - inset, c[7] * height)
     flat = max(0.0, c[3] * skin - c[12] * np.sqrt(skin))
     seconds: float = c[0] + body + flat + c[4] * slope + c[5] * column + c[6] * ring
@@ -381,14 +381,14 @@ def pose_features(
     return features, extents
 
 
-def pose_seconds(
+def pose_prices_s(
     vertices: Floats, faces: npt.NDArray[np.int64], rotations: Floats, cost: CostModel
 ) -> Floats:
     """Print time (k,) in seconds of a closed mesh in each of k poses; see `pose_features`."""
     features, extents = pose_features(vertices, faces, rotations, cost)
-    return np.array([cost.seconds(*each) for each in zip(features, extents, strict=True)])
+    return np.array([cost.price_s(*each) for each in zip(features, extents, strict=True)])
 
 
-def pose_costs(vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel) -> Floats:
+def axis_prices_s(vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel) -> Floats:
     """Print time (6,) in seconds of a closed mesh in each axis pose."""
-    return pose_seconds(vertices, faces, POSE_ROTATIONS, cost)
+    return pose_prices_s(vertices, faces, POSE_ROTATIONS, cost)

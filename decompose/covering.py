@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Boxes, box_index, interval
+from decompose.boxes import BoxTables, box_index, interval
 from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
@@ -203,7 +203,7 @@ def _solve(
     return best_weights, best_shares
 
 
-def fewest(boxes: Boxes, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
+def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
     """The fewest boxes within a time that cover the needed cells, or as near as it takes to tell.
 
     Parameters

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Boxes
-from decompose.guillotine import Others, Partitioner
+from decompose.boxes import BoxTables
+from decompose.guillotine import OtherClass, Partitioner
 
 Ints = npt.NDArray[np.int64]
 
@@ -29,7 +29,7 @@ ASSEMBLE_S = 216.0
 
 
 @dataclass(frozen=True, slots=True)
-class Point:
+class CurvePoint:
     """The least makespan in seconds that a search found for a number of printers."""
 
     printers: int
@@ -39,10 +39,10 @@ class Point:
 class _Narrowing:
     """What is known of each number of printers; `fleets` as of `curve`."""
 
-    def __init__(self, tables: Sequence[Boxes], fleets: Ints) -> None:
+    def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         most = fleets.max(axis=0)
         self._boxes = tables[0]
-        self._others = [Others(own, int(count)) for own, count in zip(tables[1:], most[1:], strict=True)]
+        self._others = [OtherClass(own, int(count)) for own, count in zip(tables[1:], most[1:], strict=True)]
         self._fleets = fleets
         self.reached_s = np.full(len(fleets), np.inf)
         self.refuted_s = np.zeros(len(fleets))
@@ -50,8 +50,8 @@ class _Narrowing:
     def solve(self, limit_s: float) -> tuple[float, npt.NDArray[np.bool_], float]:
         """A limit, which fleets reach it, and when the last part of the fewest ends then."""
         solver = Partitioner(self._boxes, self._others)
-        solver.parts(limit_s)
-        states, fewest = solver.shares()
+        solver.solve(limit_s)
+        states, fewest = solver.class_shares()
         beside = {tuple(state): int(least) for state, least in zip(states.tolist(), fewest, strict=True)}
         enough = np.array([own >= beside[tuple(others)] for own, *others in self._fleets.tolist()])
         ends_s = solver.longest_s() if enough.any() and not self._others else limit_s
@@ -73,7 +73,9 @@ class _Narrowing:
         return [(low + high) / 2.0 for low, high in widest]
 
 
-def curve(tables: Sequence[Boxes], fleets: Ints, executor: Executor | None = None) -> tuple[Point, ...]:
+def makespan_curve(
+    tables: Sequence[BoxTables], fleets: Ints, executor: Executor | None = None
+) -> tuple[CurvePoint, ...]:
     """The least makespan of guillotine partitions for some fleets.
 
     Each is known to `CLOSE`; those that are too few for any partition are left out.
@@ -96,15 +98,17 @@ def curve(tables: Sequence[Boxes], fleets: Ints, executor: Executor | None = Non
             narrowing.learn(*found)
         limits = narrowing.next_limits()
     counts, reached_s = fleets.sum(axis=1).tolist(), narrowing.reached_s.tolist()
-    return tuple(Point(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))
+    return tuple(CurvePoint(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))
 
 
-def knee(points: Sequence[Point], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S) -> Point:
+def find_knee(
+    points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
+) -> CurvePoint:
     """The point where printing and what a person does after it, part by part, take least together."""
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
 
 
-def in_time(points: Sequence[Point], within_s: float) -> Point:
+def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurvePoint:
     """The fewest printers that are done within so many seconds; where none are, the soonest."""
     enough = [point for point in points if point.makespan_s <= within_s]
     if enough:

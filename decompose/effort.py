@@ -28,7 +28,7 @@ class Work(StrEnum):
     BOX_PROVEN = "box-proven"  # a box of the grid that a lower bound is about
 
 
-NANOSECONDS = {
+WORK_NS = {
     Work.FACE_GRIDDED: 4_000.0,
     Work.BOX_PRICED: 350.0,
     Work.SUM: 0.7,
@@ -63,21 +63,21 @@ class Effort:
     cut_short: bool = False
 
     @property
-    def seconds(self) -> float:
+    def spent_s(self) -> float:
         """What was done, in seconds of one core of a usual machine."""
-        return sum(price * self.done[work] for work, price in NANOSECONDS.items()) / 1e9
+        return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
 
-    def did(self, work: Work, units: int) -> None:
+    def book(self, work: Work, units: int) -> None:
         self.done[work] += units
 
-    def affords(self, work: Work, units: int) -> bool:
+    def can_afford(self, work: Work, units: int) -> bool:
         """Whether that much may be done; what may not is not begun, which is remembered."""
-        affords = self.seconds + units * NANOSECONDS[work] / 1e9 <= self.budget_s
-        self.cut_short = self.cut_short or not affords
-        return affords
+        can_afford = self.spent_s + units * WORK_NS[work] / 1e9 <= self.budget_s
+        self.cut_short = self.cut_short or not can_afford
+        return can_afford
 
     def is_spent(self) -> bool:
         """Whether no more may be done; who asks and may not goes on no longer, which is remembered."""
-        spent = self.seconds >= self.budget_s
+        spent = self.spent_s >= self.budget_s
         self.cut_short = self.cut_short or spent
         return spent

@@ -14,7 +14,7 @@ from decompose.report import Decomposition
 from decompose.stl import write_stl
 
 
-def write(decomposition: Decomposition, folder: Path) -> Decomposition:
+def write_decomposition(decomposition: Decomposition, folder: Path) -> Decomposition:
     """Write one binary STL a part, decomposition.json, assembly.png and assembly.glb; read each STL back.
 
     Returns
@@ -31,7 +31,7 @@ def write(decomposition: Decomposition, folder: Path) -> Decomposition:
     parts = []
     for part in decomposition.parts:
         named = replace(part, file=f"{part.id}.stl")
-        write_stl(folder / named.file, named.triangles())
+        write_stl(folder / named.file, named.stl_triangles())
         check_stl(folder / named.file, named)
         parts.append(named)
     written = replace(decomposition, parts=tuple(parts))

@@ -21,12 +21,14 @@ ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
 STEADY = 3.0  # times the width of its walls' feet that a part may be high without a brim
 GOOD_CONTACT_MM2 = 400.0
 WARPS_MM = (60.0, 120.0)  # bases this long begin to lift at their corners; need all the brim there is
-WARPS_AT = 0.007  # where the material shrinks by so much (ABS): what lifts is shrinkage times length squared
-LEAST_BRIM_MM = 2.0
+REFERENCE_SHRINKAGE = (
+    0.007  # where the material shrinks by so much (ABS): what lifts is shrinkage times length squared
+)
+MIN_BRIM_MM = 2.0
 
 # [assumed] What the squeezed first layer adds to each side; thinner walls could be lost by taking it off.
 ELEPHANT_FOOT_MM = 0.2
-LEAST_WALL_MM = 2.0
+MIN_WALL_MM = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class Footing:
     edges: Floats
 
     @classmethod
-    def of(cls, triangles: Floats, props_mm: Floats) -> Footing:
+    def from_mesh(cls, triangles: Floats, props_mm: Floats) -> Footing:
         """The footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
         contact_mm2, outline_mm, points = _first_layer(triangles)
         rim = convex_outline(points)
@@ -78,7 +80,7 @@ class Footing:
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
 
     def brim_width_mm(
-        self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = WARPS_AT
+        self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
     ) -> float:
         """The brim that a part of this height needs; 0 for none, never more than the widest.
 
@@ -88,16 +90,16 @@ class Footing:
         """
         lever = (height_mm / STEADY - self.wall_mm) / 2.0
         contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
-        longer = math.sqrt(WARPS_AT / max(shrinkage, 1e-4))
+        longer = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
         begins, all_of_it = (longer * length_mm for length_mm in WARPS_MM)
         warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
         beside = widest_mm if lean_mm < 0.0 else 0.0
         needed = max(lever, contact, beside, warp if self.sharp_corners else warp / 2.0)
-        return 0.0 if needed < LEAST_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
+        return 0.0 if needed < MIN_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
 
     def expansion_mm(self, joined: bool) -> float:
         """The first layer's horizontal expansion: what is joined to a neighbour must not stick out."""
-        return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= LEAST_WALL_MM else 0.0
+        return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 
 def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:

@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Box, Boxes, index_of
+from decompose.boxes import Box, BoxTables, index_of
 from decompose.grid import OVERHANG, VOLUME, Grid
 from decompose.jit import jit
 
@@ -81,13 +81,13 @@ class Terrain:
         return replace(self, needed=self.needed & ~other, barred=self.barred | other)
 
 
-def terrain_in_seconds(grid: Grid, boxes: Boxes) -> Terrain:
+def time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
     """P is the print time in the best pose that fits, with its supports, so that O is nothing."""
     none = np.zeros(len(boxes.seconds), np.float32)
     return Terrain(grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, none)
 
 
-def terrain_of_the_paper(grid: Grid, boxes: Boxes) -> Terrain:
+def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
     """P is speed times volume plus speed times area, O the least overhanging area.
 
     Parameters
@@ -143,7 +143,7 @@ def _paper_prices(
 
 
 @jit
-def can_grow(
+def grown_box_index(
     block: Ints,
     direction: int,
     owner: Ints,
@@ -191,7 +191,7 @@ def can_grow(
 
 
 @jit
-def take(block: Ints, number: int, owner: Ints) -> None:
+def claim_cells(block: Ints, number: int, owner: Ints) -> None:
     """Make a block the owner of all its cells."""
     owner[block[0] : block[3], block[1] : block[4], block[2] : block[5]] = number
 
@@ -234,7 +234,7 @@ def _grow(
     cost = np.zeros(len(blocks))
     for i in range(len(blocks)):
         b = blocks[i]
-        take(b, i, owner)
+        claim_cells(b, i, owner)
         cost[i] = printing[index_of(b[0], b[1], b[2], b[3], b[4], b[5], nx, ny, nz)]
     while len(blocks):
         cheapest = int(np.argmin(cost))
@@ -242,7 +242,7 @@ def _grow(
             return
         chosen, best, price = -1, 0.0, 0.0
         for direction in range(6):
-            box = can_grow(blocks[cheapest], direction, owner, needed, seconds, pieces)
+            box = grown_box_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
             if box < 0:
                 continue
             score = abs(printing[box] + overhang[box])
@@ -254,11 +254,11 @@ def _grow(
             cost[cheapest] = np.inf
             continue
         blocks[cheapest, chosen] += 1 if chosen >= 3 else -1
-        take(blocks[cheapest], cheapest, owner)
+        claim_cells(blocks[cheapest], cheapest, owner)
         cost[cheapest] = price
 
 
-def grow(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints, Ints]:
+def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints, Ints]:
     """Grow blocks from seeds, which are single cells, no two the same.
 
     Returns

@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Box, Boxes, box_at, box_index, interval
+from decompose.boxes import Box, BoxTables, box_at, box_index, interval
 from decompose.jit import jit
 
 UNREACHABLE = 16_000  # more parts than anybody has printers; twice as many are an int16
 PART = 1 << 46  # of a key: the digit of the parts
 SECOND = 1 << 20  # of the seconds, rounded; what is left counts the area of the cuts
 AREA_MM2 = 64.0  # in units of this
-MOST_S = 1e6  # so many seconds of a box count, so that the digits keep apart
+MAX_S = 1e6  # so many seconds of a box count, so that the digits keep apart
 
-MOST_TIED = 120_000_000  # values of all states, beyond which what is least is left to chance: too much memory
+MAX_TIED = 120_000_000  # values of all states, beyond which what is least is left to chance: too much memory
 
 Ints = npt.NDArray[np.int64]
 Table = npt.NDArray[np.int16] | npt.NDArray[np.int64]
@@ -125,7 +125,7 @@ def _count(
 @jit
 def _key(seconds: float, pieces: int, cut_mm2: float) -> int:
     """Of a box that is not cut: parts, seconds and area of cuts as digits of one number."""
-    key: int = pieces * PART + round(min(seconds, MOST_S)) * SECOND + round(cut_mm2 / AREA_MM2)
+    key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND + round(cut_mm2 / AREA_MM2)
     return key
 
 
@@ -149,7 +149,7 @@ def _keys(
 
 
 @dataclass(frozen=True, slots=True)
-class Others:
+class OtherClass:
     """Printers of another class, beside those that a partition is first of all for.
 
     Attributes
@@ -160,7 +160,7 @@ class Others:
         How many there are.
     """
 
-    boxes: Boxes
+    boxes: BoxTables
     count: int
 
 
@@ -172,16 +172,16 @@ class Partitioner:
     search is exact over all ways to share the parts out. The cost grows with the square of the states.
     """
 
-    def __init__(self, boxes: Boxes, others: Sequence[Others] = ()) -> None:
+    def __init__(self, boxes: BoxTables, others: Sequence[OtherClass] = ()) -> None:
         self.boxes = boxes
         self.others = tuple(others)
-        self._states, self._sums = states([other.count for other in others])
+        self._states, self._sums = class_states([other.count for other in others])
         self._value: Table = np.zeros(0, np.int16)
         self._limit_s = 0.0
         self._root: Box = (0, 0, 0, *boxes.shape)
         self.sums = 0  # that all solves have made
 
-    def parts(self, limit_s: float, ties: bool = False) -> int:
+    def solve(self, limit_s: float, ties: bool = False) -> int:
         """The fewest printers of the first class with which each part costs at most limit_s.
 
         Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
@@ -194,13 +194,13 @@ class Partitioner:
         for state in range(len(self._states)):
             self._fill(state, slice(0, size), self._value[state * size : (state + 1) * size])
         _solve(self._value, self._sums, *self.boxes.shape)
-        self.sums += len(self._sums) * sums_of(self.boxes.shape)
+        self.sums += len(self._sums) * count_cuts(self.boxes.shape)
         return min(int(self.counts[box_index(self._root, self.boxes.shape)]), UNREACHABLE)
 
     @property
-    def can_tie(self) -> bool:
+    def can_break_ties(self) -> bool:
         """Whether there is memory to choose among partitions of as few parts."""
-        return len(self._states) * len(self.boxes.seconds) <= MOST_TIED
+        return len(self._states) * len(self.boxes.seconds) <= MAX_TIED
 
     def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
         """What the boxes at these indices are worth in a state where they are not cut."""
@@ -230,7 +230,7 @@ class Partitioner:
             return (value // PART).astype(np.int16)
         return value.astype(np.int16, copy=False)
 
-    def shares(self) -> tuple[Ints, Ints]:
+    def class_shares(self) -> tuple[Ints, Ints]:
         """(m, classes) How many printers of the others may be used, and (m,) the fewest of the first then.
 
         Of the last solution; `UNREACHABLE` or more where there is none.
@@ -240,7 +240,7 @@ class Partitioner:
         fewest = value // PART if value.dtype == np.int64 else value
         return self._states, fewest.astype(np.int64)
 
-    def chosen(self, within: Box | None = None) -> list[Box]:
+    def chosen_boxes(self, within: Box | None = None) -> list[Box]:
         """The boxes of the last solution, all or those of one box, in the order of the cuts."""
         found: list[Box] = []
         stack = [(within or self._root, len(self._states) - 1)]
@@ -283,7 +283,7 @@ class Partitioner:
         at = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
         return None if at < 0 else box_at(at, self.boxes.shape)
 
-    def least_makespan(
+    def find_least_makespan(
         self, printers: int, at_least_s: float, tolerance_s: float = 1.0, at_most_s: float = math.inf
     ) -> float | None:
         """The least limit (to tolerance_s) at which so many printers of the first class are enough.
@@ -294,23 +294,23 @@ class Partitioner:
         finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
         high = min(at_most_s, max((float(each.max()) for each in finite if len(each)), default=-math.inf))
         low = max(0.0, at_least_s)
-        if high < 0.0 or self.parts(high) > printers:
+        if high < 0.0 or self.solve(high) > printers:
             return None
         while high - low > tolerance_s:
             middle = (low + high) / 2.0
-            if self.parts(middle) <= printers:
+            if self.solve(middle) <= printers:
                 high = middle if self.others else min(middle, self.longest_s())
             else:
                 low = middle
-        self.parts(high, ties=self.can_tie)
+        self.solve(high, ties=self.can_break_ties)
         return high
 
     def longest_s(self) -> float:
         """The time of the costliest box of the last solution on a printer of the first class."""
-        return self.boxes.longest_s(self.chosen())
+        return self.boxes.longest_s(self.chosen_boxes())
 
 
-def states(counts: Sequence[int]) -> tuple[Ints, Ints]:
+def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     """How many of each of some classes may be used, and which two states are a third together.
 
     Returns
@@ -328,7 +328,7 @@ def states(counts: Sequence[int]) -> tuple[Ints, Ints]:
     return np.array(each, dtype=np.int64).reshape(len(each), len(counts)), np.array(sums, dtype=np.int64)
 
 
-def sums_of(shape: tuple[int, int, int]) -> int:
+def count_cuts(shape: tuple[int, int, int]) -> int:
     """The cuts of all boxes of a grid, each of which is a sum."""
     spans = [n * (n + 1) // 2 for n in shape]
     cuts = [n * (n * n - 1) // 6 for n in shape]

@@ -23,7 +23,7 @@ SAME_MM = 1e-9  # coordinates closer than this are the same plane
 COVERED = 1e-9  # share of a cell that rounding may leave open
 
 
-def filled_out(chosen: Sequence[Box], empty: Bools) -> list[Box]:
+def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
     """Boxes of cells, grown over cells without solid (nx, ny, nz) so that they face more of their neighbours.
 
     A face can only give way to a box that covers all of it. Nothing is printed of what is added here.
@@ -59,7 +59,7 @@ def _cells(box: Ints) -> tuple[slice, ...]:
     return tuple(slice(box[axis], box[axis + 3]) for axis in range(3))
 
 
-def moving_together(boxes_mm: Floats) -> Ints:
+def group_faces(boxes_mm: Floats) -> Ints:
     """(n, 2, 3) The number of the group that each face of boxes (n, 2, 3) moves with; -1 where it is fixed.
 
     A face is fixed whose group has no two faces on each other: there is nobody to give to or to take from.
@@ -133,7 +133,7 @@ class _Groups:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cells:
+class NeededCells:
     """What boxes have to cover: the needed cells of a grid.
 
     Attributes
@@ -147,7 +147,7 @@ class Cells:
     planes: tuple[Floats, Floats, Floats]
     needed: Bools
 
-    def partitioned(self, boxes_mm: Floats) -> bool:
+    def is_partition(self, boxes_mm: Floats) -> bool:
         """Whether boxes (n, 2, 3) do not overlap and leave nothing of a needed cell open."""
         lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
@@ -161,13 +161,13 @@ class Cells:
         return bool((share[self.needed] > 1.0 - COVERED).all())
 
 
-def moved(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
+def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
     """Boxes with each group (of `moving_together`) moved along its axis by so much (groups,)."""
     by = np.append(by_mm, 0.0)  # the last is for the faces that are fixed: group -1
     return np.asarray(boxes_mm + by[groups])
 
 
-def directions(boxes_mm: Floats, groups: Ints, cells: Cells, step_mm: float) -> Bools:
+def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
     """(groups, 2) Whether each group can move down, and up, by a step while all others stay."""
     count = int(groups.max(initial=-1)) + 1
     free = np.zeros((count, 2), dtype=np.bool_)
@@ -175,11 +175,11 @@ def directions(boxes_mm: Floats, groups: Ints, cells: Cells, step_mm: float) -> 
         for side, sign in enumerate((-1.0, 1.0)):
             by = np.zeros(count)
             by[group] = sign * step_mm
-            free[group, side] = cells.partitioned(moved(boxes_mm, groups, by))
+            free[group, side] = cells.is_partition(move_groups(boxes_mm, groups, by))
     return free
 
 
-def clear_of(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
+def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
     """Where a plane comes to lie that was to move: short of the new place where that is near a flat face.
 
     Between the old and the new place, as far from all flats (k,) as asked; the old place where there is none.

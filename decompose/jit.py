@@ -18,7 +18,7 @@ import numba
 F = TypeVar("F", bound=Callable[..., object])
 
 
-def content(folder: Path) -> str:
+def hash_sources(folder: Path) -> str:
     """A name for the content of all files below a folder that compile something."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
@@ -33,7 +33,7 @@ def _kept_in() -> Path:
     here = Path(__file__).parent
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     root = here / "__pycache__" if os.access(here, os.W_OK) else home / "farm"
-    return root / content(here)
+    return root / hash_sources(here)
 
 
 numba.config.CACHE_DIR = str(_kept_in())  # type: ignore[attr-defined]

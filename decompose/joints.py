@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from decompose.piece import ON_PLANE_MM, cut_faces
-from decompose.shells import components
+from decompose.piece import ON_PLANE_MM, find_cut_faces
+from decompose.shells import label_components
 from decompose.solid import Solid
 
 Floats = npt.NDArray[np.float64]
@@ -24,7 +24,7 @@ FLAKE_SHARE = 0.25  # of a flake's surface at least is cut
 SAME_DIGITS = 6  # of a plane's normal and distance: two pieces were cut at the same one
 
 
-class Cut(Protocol):
+class CutSolid(Protocol):
     """A `piece.Piece` or a `report.Part`: a solid, and the planes (k, 4) that it was cut at, in one frame."""
 
     @property
@@ -71,10 +71,10 @@ class Fault:
     """A piece that should not be: what is wrong with it, as the end of a sentence."""
 
     piece: int
-    what: str
+    reason: str
 
 
-def joints(pieces: Sequence[Cut]) -> list[Joint]:
+def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
     """All joints, by the numbers of the pieces."""
     sides: dict[tuple[float, ...], list[tuple[int, shapely.Geometry]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
@@ -95,8 +95,8 @@ def joints(pieces: Sequence[Cut]) -> list[Joint]:
     ]
 
 
-def faults(
-    pieces: Sequence[Cut], min_glue_mm2: float = MIN_GLUE_MM2, touching: Sequence[Joint] | None = None
+def find_faults(
+    pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, touching: Sequence[Joint] | None = None
 ) -> list[Fault]:
     """The pieces that a partition is better without, at most one for each reason.
 
@@ -106,7 +106,7 @@ def faults(
     they are known already.
     """
     found = [Fault(i, what) for i, piece in enumerate(pieces) if (what := _sliver(piece))]
-    touching = joints(pieces) if touching is None else touching
+    touching = find_joints(pieces) if touching is None else touching
     return found + _loose([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
 
 
@@ -126,7 +126,7 @@ def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2
     return [Fault(piece, joint.weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
 
 
-def _sliver(piece: Cut) -> str:
+def _sliver(piece: CutSolid) -> str:
     """Why a piece is a sliver; empty where it is none."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
@@ -136,7 +136,7 @@ def _sliver(piece: Cut) -> str:
             return f"is {across_mm:.1f} mm thin where it was cut, of {SLIVER_MM:g} mm that are wanted"
     thick_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
     if thick_mm < TWO_WALLS_MM:
-        triangles = vertices[faces[cut_faces(vertices, faces, piece.planes)]]
+        triangles = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
         cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         if np.linalg.norm(cross, axis=1).sum() / 2.0 > FLAKE_SHARE * piece.solid.area_mm2:
             return f"is a flake of {thick_mm:.1f} mm"
@@ -145,7 +145,7 @@ def _sliver(piece: Cut) -> str:
 
 def _groups(count: int, touching: Sequence[Joint]) -> npt.NDArray[np.int64]:
     pairs = np.array([(j.a, j.b) for j in touching], dtype=np.int64).reshape(-1, 2)
-    return components(count, pairs[:, 0], pairs[:, 1])
+    return label_components(count, pairs[:, 0], pairs[:, 1])
 
 
 def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.Geometry]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from decompose.cost import INSET_AT_MOST, CostModel
+from decompose.cost import MAX_INSET_SHARE, CostModel
 from decompose.jit import jit
 
 Floats = npt.NDArray[np.float64]
@@ -28,7 +28,7 @@ def short_layers_s(triangles: Floats, cost: CostModel) -> float:
     slab_mm = height_mm / SLABS
     lateral_mm2, section_mm2 = _by_slab(np.ascontiguousarray(triangles), height_mm)
     walls_s = cost.lateral_s_mm2 * lateral_mm2
-    inset_s = np.minimum(cost.inset_s_mm * slab_mm, INSET_AT_MOST * walls_s)
+    inset_s = np.minimum(cost.inset_s_mm * slab_mm, MAX_INSET_SHARE * walls_s)
     lines_s = cost.volume_s_mm3 * slab_mm * section_mm2 + walls_s - inset_s
     least_s = np.minimum(cost.least_s_mm * slab_mm, SLOWED_AT_MOST * lines_s)
     known_s = max(0.0, cost.least_s_mm * height_mm - float(lines_s.sum()))

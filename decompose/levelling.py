@@ -14,7 +14,7 @@ Ints = npt.NDArray[np.int64]
 MOVE_S_MM = 0.05  # what a move has to save, so that nothing moves in vain
 
 
-def levelled(
+def solve_plane_shifts(
     seconds: Floats,
     slopes: Floats,
     groups: Ints,

@@ -22,9 +22,9 @@ from decompose.errors import (
     ModelTiny,
     ModelUnreadable,
 )
-from decompose.repair import close
+from decompose.repair import close_surface
 from decompose.solid import Solid
-from decompose.stl import faces_present, faces_promised, is_binary_stl
+from decompose.stl import header_face_count, is_binary_stl, stored_face_count
 
 SUFFIXES = (".stl", ".obj", ".ply", ".off")
 TINY_MM = 5.0  # under this longest side the unit is doubted
@@ -123,7 +123,7 @@ def load_model(
             f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
             "give a smaller --longest-side, or move the model to its origin"
         )
-    solid, repairs = close(name, triangles * factor)
+    solid, repairs = close_surface(name, triangles * factor)
     return Model(solid, tuple(repairs), factor)
 
 
@@ -147,7 +147,7 @@ def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
     if suffix == ".stl" and is_binary_stl(data):
         if len(data) < 84:
             raise ModelUnreadable(f"{name}: {len(data)} bytes are no STL; export the model again")
-        promised, present = faces_promised(data), faces_present(data)
+        promised, present = header_face_count(data), stored_face_count(data)
         if promised > present:
             raise ModelUnreadable(
                 f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "

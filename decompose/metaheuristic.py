@@ -15,9 +15,9 @@ from threadpoolctl import threadpool_limits
 
 from decompose.boxes import Box, box_index
 from decompose.grid import Grid
-from decompose.growth import Bools, Ints, Score, Terrain, grow
-from decompose.seeds import seeds
-from decompose.voids import fill
+from decompose.growth import Bools, Ints, Score, Terrain, grow_blocks
+from decompose.seeds import draw_seeds
+from decompose.voids import fill_voids
 
 Floats = npt.NDArray[np.float64]
 Seeds = list[Box]
@@ -32,7 +32,7 @@ class Run(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Attempt:
+class BlockPartition:
     """A partition: blocks that cover every needed cell once.
 
     Attributes
@@ -48,7 +48,7 @@ class Attempt:
     parts: int
 
 
-def draws(
+def draw_seed_sets(
     points: Floats, grid: Grid, barred: Bools, printers: int, tries: int, seed: int, run: Run = map
 ) -> list[Seeds]:
     """The seeds to grow blocks from: `tries` draws of each number from `printers` down to 1.
@@ -63,15 +63,15 @@ def draws(
     wanted = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
 
     def one(draw: tuple[int, int]) -> Seeds:
-        return seeds(points, grid, barred, draw[0], np.random.default_rng([seed, *draw]))
+        return draw_seeds(points, grid, barred, draw[0], np.random.default_rng([seed, *draw]))
 
     with threadpool_limits(1):  # threads of k-means would add up in any order
         return list(run(one, wanted))
 
 
-def attempts(
+def run_attempts(
     drawn: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
-) -> list[Attempt]:
+) -> list[BlockPartition]:
     """All attempts that cover the model, the best first: least parallel score, then fewest parts.
 
     Parameters
@@ -82,23 +82,23 @@ def attempts(
         A reading of it, low or high.
     """
 
-    def one(seeds: Seeds) -> Attempt | None:
+    def one(seeds: Seeds) -> BlockPartition | None:
         return _attempt(seeds, terrain, printers, score)
 
     found = [result for result in run(one, drawn) if result is not None]
     return sorted(found, key=lambda a: (a.longest, a.parts))
 
 
-def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> Attempt | None:
+def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
     """One attempt; None where it needs more parts than there are printers."""
-    blocks, owner = grow(seeds, terrain, score)
-    filled = fill(blocks, owner, terrain, printers - _parts(blocks, terrain))
+    blocks, owner = grow_blocks(seeds, terrain, score)
+    filled = fill_voids(blocks, owner, terrain, printers - _parts(blocks, terrain))
     if filled is None or _parts(filled, terrain) > printers:
         return None
     boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in filled.tolist()]
     shape = terrain.shape
     longest = max(float(terrain.printing[box_index(box, shape)]) for box in boxes)
-    return Attempt(tuple(boxes), longest, _parts(filled, terrain))
+    return BlockPartition(tuple(boxes), longest, _parts(filled, terrain))
 
 
 def _parts(blocks: Ints, terrain: Terrain) -> int:

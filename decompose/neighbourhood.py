@@ -12,23 +12,23 @@ from itertools import combinations
 
 import numpy as np
 
-from decompose.boxes import Box, Boxes, box_index
+from decompose.boxes import Box, BoxTables, box_index
 from decompose.effort import Effort, Work
 from decompose.window import Window
 
-MOST_WINDOWS = 200  # that are solved in one search
-MOST_TOGETHER = 5  # boxes in a window
-MOST_ABOUT = 10  # neighbours of a box that are looked at, the quickest first
-MOST_EACH = 24  # windows about one box, the one with the most slack first
-MOST_BOXES = 150_000  # of all sizes in a window: larger ones take too long
+MAX_WINDOWS = 200  # that are solved in one search
+MAX_TOGETHER = 5  # boxes in a window
+MAX_ABOUT = 10  # neighbours of a box that are looked at, the quickest first
+MAX_EACH = 24  # windows about one box, the one with the most slack first
+MAX_BOXES = 150_000  # of all sizes in a window: larger ones take too long
 WORTH = 0.999  # a window has to end sooner than this share of its time
 
 
-def improved(
-    boxes: Boxes,
+def improve_locally(
+    boxes: BoxTables,
     chosen: Sequence[Box],
     printers: int,
-    most_windows: int = MOST_WINDOWS,
+    most_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
     """A partition whose times, the longest first, are less in the order of words, or the same partition.
@@ -56,9 +56,9 @@ def improved(
         others = [box for box in parts if box not in group]
         times = [_seconds(boxes, box) for box in group]
         window = Window(boxes, group, others)
-        found = window.solved(_pieces(boxes, group) + spare, WORTH * max(times), 0.5 * float(np.mean(times)))
-        effort.did(Work.BOX_PRICED, window.boxes)
-        effort.did(Work.SUM, window.sums)
+        found = window.solve(_pieces(boxes, group) + spare, WORTH * max(times), 0.5 * float(np.mean(times)))
+        effort.book(Work.BOX_PRICED, window.boxes)
+        effort.book(Work.SUM, window.sums)
         if found is None:
             failed.add(group)
         else:
@@ -67,20 +67,20 @@ def improved(
     return parts
 
 
-def times_s(boxes: Boxes, chosen: Sequence[Box]) -> list[float]:
+def sorted_times_s(boxes: BoxTables, chosen: Sequence[Box]) -> list[float]:
     """The times of a partition, the longest first: the less in the order of words, the better."""
     return sorted((_seconds(boxes, box) for box in chosen), reverse=True)
 
 
-def _seconds(boxes: Boxes, box: Box) -> float:
+def _seconds(boxes: BoxTables, box: Box) -> float:
     return float(boxes.seconds[box_index(box, boxes.shape)])
 
 
-def _pieces(boxes: Boxes, chosen: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
+def _pieces(boxes: BoxTables, chosen: Iterator[Box] | Sequence[Box] | frozenset[Box]) -> int:
     return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in chosen)
 
 
-def _groups(boxes: Boxes, parts: list[Box]) -> Iterator[frozenset[Box]]:
+def _groups(boxes: BoxTables, parts: list[Box]) -> Iterator[frozenset[Box]]:
     """Windows about each part, the slowest part first; of its windows the one with the most slack first."""
     ends = np.array(parts)
     seconds = np.array([_seconds(boxes, box) for box in parts])
@@ -88,13 +88,13 @@ def _groups(boxes: Boxes, parts: list[Box]) -> Iterator[frozenset[Box]]:
         lo, hi = ends[centre, :3], ends[centre, 3:]
         gap = np.maximum(ends[:, :3] - hi, lo - ends[:, 3:]).max(axis=1)
         about = [i for i in np.flatnonzero(gap <= 0).tolist() if i != centre and seconds[i] < seconds[centre]]
-        about = sorted(about, key=lambda i: seconds[i])[:MOST_ABOUT]
+        about = sorted(about, key=lambda i: seconds[i])[:MAX_ABOUT]
         found = []
-        for more in range(MOST_TOGETHER):
+        for more in range(MAX_TOGETHER):
             for rest in combinations(about, more):
                 group = [int(centre), *rest]
                 sides = ends[group, 3:].max(axis=0) - ends[group, :3].min(axis=0)
-                if np.prod(sides * (sides + 1) // 2) <= MOST_BOXES:
+                if np.prod(sides * (sides + 1) // 2) <= MAX_BOXES:
                     found.append((float(seconds[group].mean()), sorted(parts[i] for i in group)))
-        for _, window in sorted(found)[:MOST_EACH]:
+        for _, window in sorted(found)[:MAX_EACH]:
             yield frozenset(window)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import ConvexHull, QhullError
 
-from decompose.columns import Columns, columns
+from decompose.columns import Columns, measure_columns
 from decompose.convex import convex_outline, rectangles, smallest_rectangle
 from decompose.cost import ADDITIVE, POSE_ROTATIONS, CostModel, PrinterRoom, pose_features
 from decompose.footing import FIRST_LAYER_MM, Footing
@@ -29,7 +29,7 @@ Bools = npt.NDArray[np.bool_]
 
 HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
 APART_DEG = 2.0  # directions closer than this are one candidate
-MOST_MEASURED = 24  # of all candidates, in the order of their prices
+MAX_MEASURED = 24  # of all candidates, in the order of their prices
 FEW = 1_500  # columns of a glance
 SURELY = 0.8  # of a support seen at a glance is there
 DEGREES: Floats = np.radians(np.arange(90.0))
@@ -38,8 +38,8 @@ TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
 
 # [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
 # its side. What a support carries is made to be peeled off; the outer half of a brim is too thin to hold.
-LEAST_CONTACT_MM2 = 4.0
-LEAST_FOOT_MM = 0.8  # of `Footing.wall_mm`: an edge is narrower than a line, so that its layer is not printed
+MIN_CONTACT_MM2 = 4.0
+MIN_FOOT_MM = 0.8  # of `Footing.wall_mm`: an edge is narrower than a line, so that its layer is not printed
 STICKS_N_MM2 = 0.05
 PROPPED = 0.1  # share of that for the area that supports carry
 BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing
@@ -57,7 +57,7 @@ class Pose:
         (4, 4) the rigid motion from the bed (centred, on z = 0) to the model's frame, in mm.
     size_mm
         Width, depth and height.
-    seconds
+    price_s
         Estimated print time with the supports and the brim that it has.
     strain
         What pulls it over while it is printed, as a share of what holds it; up to 1 it holds.
@@ -73,7 +73,7 @@ class Pose:
 
     to_model: Floats
     size_mm: tuple[float, float, float]
-    seconds: float
+    price_s: float
     footing: Footing
     strain: float
     lean_mm: float
@@ -87,7 +87,7 @@ class Pose:
     def stands(self) -> bool:
         """Whether it stays where it is while it is printed, and its weight is on its footing or its brim."""
         footing = self.footing
-        touches = footing.contact_mm2 >= LEAST_CONTACT_MM2 and footing.wall_mm >= LEAST_FOOT_MM
+        touches = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
         return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
 
     @property
@@ -95,11 +95,11 @@ class Pose:
         """Less is better: standing, then clean cut faces, then time. Where none stands, the least strain."""
         touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
         if self.stands:
-            return (0, 0.0, touched, self.seconds)
-        return (1 if self.lean_mm >= -self.brim_share_mm else 2, self.strain, touched, self.seconds)
+            return (0, 0.0, touched, self.price_s)
+        return (1 if self.lean_mm >= -self.brim_share_mm else 2, self.strain, touched, self.price_s)
 
 
-def best_pose(
+def find_best_pose(
     vertices: Floats,
     faces: Ints,
     cut: Bools,
@@ -126,23 +126,23 @@ def best_pose(
         None where no pose fits.
     """
     hull = _hull_points(vertices)
-    ups = candidates(vertices, faces)
+    ups = candidate_directions(vertices, faces)
     turned = [_turned(up, hull, printers) for up in ups]
     rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
     if not len(rotations):
         return None
     features, extents = pose_features(vertices, faces, rotations, cost, hull)
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
-    least_s = [thinnest.seconds([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
-    most_s = [cost.seconds(f, e) for f, e in zip(features, extents, strict=True)]
+    least_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
+    most_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
     best: Pose | None = None
     measured = 0
     for i in np.argsort(most_s, kind="stable"):
         clean = best is not None and best.rank[:3] == (0, 0.0, 0.0)
         if best is not None and clean:
-            if least_s[i] >= best.seconds or measured >= MOST_MEASURED:
+            if least_s[i] >= best.price_s or measured >= MAX_MEASURED:
                 continue
-            if least_s[i] + SURELY * _support_s(vertices, faces, hull, rotations[i], cost) >= best.seconds:
+            if least_s[i] + SURELY * _support_s(vertices, faces, hull, rotations[i], cost) >= best.price_s:
                 continue
         pose = _measured(vertices, faces, cut, rotations[i], features[i], cost, fit_first_layer)
         measured += 1
@@ -154,11 +154,11 @@ def best_pose(
 def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
     """The time of the support in a pose, at a glance: too few columns to tell islands apart."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
-    seen = columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW)
-    return cost.support_seconds(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
+    seen = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW)
+    return cost.support_price_s(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
 
 
-def measure(
+def measure_pose(
     vertices: Floats,
     faces: Ints,
     cut: Bools,
@@ -187,8 +187,8 @@ def _measured(
     width, depth, height = (hi - lo).tolist()
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
-    inside = columns(triangles, cut, cost.overhang_cos)
-    footing = Footing.of(triangles, inside.props_mm)
+    inside = measure_columns(triangles, cut, cost.overhang_cos)
+    footing = Footing.from_mesh(triangles, inside.props_mm)
     leans = [footing.inside_mm(centre[None, :2]) for centre in inside.centres_mm]
     brim: float | None = None
     expansion: float | None = None
@@ -200,8 +200,8 @@ def _measured(
     return Pose(
         to_model=to_model,
         size_mm=(width, depth, height),
-        seconds=priced.seconds([*features[:COLUMN], 0.0], hi - lo)
-        + cost.support_seconds(
+        price_s=priced.price_s([*features[:COLUMN], 0.0], hi - lo)
+        + cost.support_price_s(
             inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
         )
         + short_layers_s(triangles, cost),
@@ -225,7 +225,7 @@ def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Seque
     return float(pulls / holds) if holds > 0.0 else math.inf
 
 
-def candidates(vertices: Floats, faces: Ints) -> Floats:
+def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
     """Directions (k, 3) that may point up: the axes, then away from hull facets and from large flat faces."""
     corners = vertices[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0

@@ -18,21 +18,21 @@ from itertools import islice, product
 import numpy as np
 import numpy.typing as npt
 
-from decompose.alignment import Aligned, align
-from decompose.boxes import Box, Boxes
+from decompose.alignment import AlignedModel, align_model
+from decompose.boxes import Box, BoxTables
 from decompose.effort import Work
 from decompose.errors import NoFit
 from decompose.grid import VOLUME, Grid
-from decompose.growth import OVERHANG_TOLERANCE_DEG, Score, Terrain, terrain_in_seconds, terrain_of_the_paper
-from decompose.joints import faults
-from decompose.metaheuristic import Attempt, attempts, draws
-from decompose.piece import Piece, pieces_in_cells
-from decompose.problem import Found, Problem
+from decompose.growth import OVERHANG_TOLERANCE_DEG, Score, Terrain, paper_terrain, time_terrain
+from decompose.joints import find_faults
+from decompose.metaheuristic import BlockPartition, draw_seed_sets, run_attempts
+from decompose.piece import Piece, cut_cells
+from decompose.problem import Partition, Problem
 from decompose.report import Options
 
 Floats = npt.NDArray[np.float64]
-MOST_CUT = 12  # partitions whose pieces are counted, the best first
-MOST_OF_A_HALF = 100  # attempts that are combined with those of the other half
+MAX_CUT = 12  # partitions whose pieces are counted, the best first
+MAX_OF_A_HALF = 100  # attempts that are combined with those of the other half
 
 
 def paper_settings(options: Options) -> Options:
@@ -44,7 +44,7 @@ def paper_settings(options: Options) -> Options:
     return replace(options, granularity="vfine", tries=3, score=reading)
 
 
-def search(problem: Problem) -> Found:
+def search(problem: Problem) -> Partition:
     """The pieces of the best attempt that has no more of them than there are printers.
 
     Raises
@@ -57,7 +57,7 @@ def search(problem: Problem) -> Found:
     for ground in grounds:
         if not tried or not problem.effort.is_spent():
             tried += _search(ground, problem)
-    problem.lap("search")
+    problem.on_stage("search")
     if not tried:
         raise NoFit(
             f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
@@ -69,10 +69,10 @@ def search(problem: Problem) -> Found:
             f"in every attempt of parallelobox that was looked at a part is bad to glue; in the best it "
             f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
         )
-    figures = problem.figures(best.ground.grid, best.ground.boxes, list(best.cut), best.pieces)
-    problem.lap("bound")
+    figures = problem.grid_figures(best.ground.grid, best.ground.boxes, list(best.cut), best.pieces)
+    problem.on_stage("bound")
     aligned = best.ground.aligned
-    return Found(best.pieces, aligned.model, aligned.rotation, figures)
+    return Partition(best.pieces, aligned.model, aligned.rotation, figures)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,15 +82,15 @@ class _Ground:
     `cut` are the pieces of each box that was cut already.
     """
 
-    aligned: Aligned
+    aligned: AlignedModel
     grid: Grid
-    boxes: Boxes
+    boxes: BoxTables
     terrains: tuple[Terrain, ...]
     cut: dict[Box, list[Piece]] = field(default_factory=dict)
 
     def pieces(self, box: Box) -> list[Piece]:
         if box not in self.cut:
-            self.cut[box] = pieces_in_cells(self.aligned.model.solid, self.grid, box)
+            self.cut[box] = cut_cells(self.aligned.model.solid, self.grid, box)
         return self.cut[box]
 
 
@@ -119,24 +119,24 @@ def _grounds(problem: Problem) -> list[_Ground]:
     found = []
     if options.faithful or options.granularity == "auto":
         like_paper = replace(problem, options=paper_settings(options))
-        aligned = align(problem.model, options.seed, steep)
-        grid = like_paper.grid(aligned.model, aligned.mirror)
-        boxes = problem.boxes(grid)
-        paper = terrain_of_the_paper(like_paper.grid(aligned.model, aligned.mirror, steep), boxes)
-        terrains = (paper,) if options.faithful else (paper, terrain_in_seconds(grid, boxes))
+        aligned = align_model(problem.model, options.seed, steep)
+        grid = like_paper.build_grid(aligned.model, aligned.mirror)
+        boxes = problem.price_boxes(grid)
+        paper = paper_terrain(like_paper.build_grid(aligned.model, aligned.mirror, steep), boxes)
+        terrains = (paper,) if options.faithful else (paper, time_terrain(grid, boxes))
         found.append(_Ground(aligned, grid, boxes, terrains))
     if not options.faithful:
-        aligned = align(problem.model, options.seed, problem.cost.overhang_cos)
-        grid = problem.grid(aligned.model, aligned.mirror)
+        aligned = align_model(problem.model, options.seed, problem.cost.overhang_cos)
+        grid = problem.build_grid(aligned.model, aligned.mirror)
         if not any(_same(aligned, grid, ground) for ground in found):
-            boxes = problem.boxes(grid)
-            terrains = (terrain_of_the_paper(grid, boxes), terrain_in_seconds(grid, boxes))
+            boxes = problem.price_boxes(grid)
+            terrains = (paper_terrain(grid, boxes), time_terrain(grid, boxes))
             found.append(_Ground(aligned, grid, boxes, terrains))
-    problem.lap("boxes")
+    problem.on_stage("boxes")
     return found
 
 
-def _same(aligned: Aligned, grid: Grid, ground: _Ground) -> bool:
+def _same(aligned: AlignedModel, grid: Grid, ground: _Ground) -> bool:
     return (aligned.rotation == ground.aligned.rotation).all() and grid.shape == ground.grid.shape
 
 
@@ -159,7 +159,9 @@ def _search(ground: _Ground, problem: Problem) -> list[_Tried]:
 
 
 Half = tuple[tuple[Terrain, ...], Floats, int]  # where blocks grow, the points for seeds, the printers
-Grown = dict[tuple[int, Score], list[Attempt]]  # by the number of the terrain and the reading of the score
+Grown = dict[
+    tuple[int, Score], list[BlockPartition]
+]  # by the number of the terrain and the reading of the score
 Ranked = list[tuple[float, list[Box]]]  # what partitions promise, the least first, and their boxes
 
 
@@ -184,23 +186,25 @@ def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
     terrains, points, printers = half
     options = problem.options
     clustered = len(points) * options.tries * printers * (printers + 1) // 2
-    if not problem.effort.affords(Work.POINT_CLUSTERED, clustered):
+    if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered):
         return {}
     run = map if problem.executor is None else problem.executor.map
-    drawn = draws(points, ground.grid, terrains[0].barred, printers, options.tries, options.seed, run)
-    problem.effort.did(Work.POINT_CLUSTERED, clustered)
+    drawn = draw_seed_sets(
+        points, ground.grid, terrains[0].barred, printers, options.tries, options.seed, run
+    )
+    problem.effort.book(Work.POINT_CLUSTERED, clustered)
     grown = len(drawn) * len(terrains) * len(options.score.readings)
-    problem.effort.did(Work.CELL_GROWN, grown * ground.grid.needed.size)
+    problem.effort.book(Work.CELL_GROWN, grown * ground.grid.needed.size)
     return {
-        (number, reading): attempts(drawn, terrain, printers, reading, run)
+        (number, reading): run_attempts(drawn, terrain, printers, reading, run)
         for number, terrain in enumerate(terrains)
         for reading in options.score.readings
     }
 
 
-def _ranked(found: Sequence[Sequence[Attempt]], key: Callable[[Attempt], float]) -> Ranked:
+def _ranked(found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]) -> Ranked:
     """The partitions that attempts on the halves make together, the best first."""
-    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MOST_OF_A_HALF] for half in found]
+    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in found]
     together = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
         for picks in product(*best)
@@ -211,14 +215,14 @@ def _ranked(found: Sequence[Sequence[Attempt]], key: Callable[[Attempt], float])
 
 def _first(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
     """The first of these that has no more pieces than there are printers, if any."""
-    tried = (_tried(boxes, ground, problem) for _, boxes in ranked[:MOST_CUT])
+    tried = (_tried(boxes, ground, problem) for _, boxes in ranked[:MAX_CUT])
     return list(islice((each for each in tried if each is not None), 1))
 
 
 def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
     """The one of these that ends soonest; it is looked for until no other promises more."""
     best: list[_Tried] = []
-    for promised_s, boxes in ranked[:MOST_CUT]:
+    for promised_s, boxes in ranked[:MAX_CUT]:
         enough = best and not best[0].fault and promised_s >= best[0].ends_s
         if enough or (best and problem.effort.is_spent()):
             break
@@ -231,11 +235,11 @@ def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
 def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None:
     """A partition cut and posed; None where it has more pieces than there are printers."""
     new = sum(box not in ground.cut for box in boxes)
-    problem.effort.did(Work.FACE_CUT, new * ground.aligned.model.solid.faces)
+    problem.effort.book(Work.FACE_CUT, new * ground.aligned.model.solid.faces)
     cut = {box: ground.pieces(box) for box in boxes}
     pieces = [piece for found in cut.values() for piece in found]
     if len(pieces) > len(problem.printers):
         return None
-    ends_s = max(math.inf if pose is None else pose.seconds for pose in problem.poses(pieces))
-    found = faults(pieces, problem.options.min_glue_mm2)
-    return _Tried(ground, cut, ends_s, found[0].what if found else "")
+    ends_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
+    found = find_faults(pieces, problem.options.min_glue_mm2)
+    return _Tried(ground, cut, ends_s, found[0].reason if found else "")

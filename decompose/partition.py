@@ -13,17 +13,17 @@ import numpy.typing as npt
 
 from decompose import parallelobox, unequal
 from decompose.baselines import cube_skeleton, symmetry_based
-from decompose.best import best_of
+from decompose.best import find_best
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
 from decompose.mesh import Model
-from decompose.orientation import best_pose, measure
-from decompose.problem import Found, Problem, checked
+from decompose.orientation import find_best_pose, measure_pose
+from decompose.problem import Partition, Problem, validate_problem
 from decompose.report import Decomposition, Engine, Options
-from decompose.result import finished
+from decompose.result import finish_result
 
 Floats = npt.NDArray[np.float64]
 
-ENGINES: dict[Engine, Callable[[Problem], Found]] = {
+ENGINES: dict[Engine, Callable[[Problem], Partition]] = {
     Engine.GUILLOTINE: unequal.search,
     Engine.PARALLELOBOX: parallelobox.search,
     Engine.SYMMETRY: symmetry_based.search,
@@ -31,7 +31,7 @@ ENGINES: dict[Engine, Callable[[Problem], Found]] = {
 }
 
 
-def decompose(
+def decompose_model(
     model: Model,
     printers: Sequence[PrinterRoom],
     options: Options,
@@ -63,40 +63,40 @@ def decompose(
         The result breaks a geometry rule.
     """
     began_s = perf_counter()
-    checked(model, tuple(printers), options)
+    validate_problem(model, tuple(printers), options)
     vertices, faces = model.solid.arrays()
-    serial = serial_seconds(vertices, faces, cost, options.fit_first_layer)
+    serial = estimate_serial_s(vertices, faces, cost, options.fit_first_layer)
     serial_s = perf_counter() - began_s
     problem = Problem(model, tuple(printers), cost, options, executor)
     by_engine = partial(_by_engine, serial=serial)
-    found = best_of(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
+    found = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
     stages = found.compute_s | {"serial": serial_s, "total": perf_counter() - began_s}
     return replace(found, compute_s=stages)
 
 
 def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
     """The result of one engine, checked; `serial` is what `serial_seconds` says of the model."""
-    watch = _Watch()
+    watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=parallelobox.paper_settings(problem.options))
-    problem = replace(problem, lap=watch.lap)
+    problem = replace(problem, on_stage=watch.lap)
     found = ENGINES[problem.options.engine](problem)
     watch.lap("engine")
-    return replace(finished(problem, found, serial), compute_s=watch.laps())
+    return replace(finish_result(problem, found, serial), compute_s=watch.laps())
 
 
-def serial_seconds(
+def estimate_serial_s(
     vertices: Floats, faces: npt.NDArray[np.int64], cost: CostModel, fit_first_layer: bool
 ) -> tuple[float, float]:
     """A whole model on a printer without limits, in seconds: in its best pose, and as it stands."""
     uncut = np.zeros(len(faces), dtype=np.bool_)
-    best = best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
-    as_is = measure(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)
+    best = find_best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
+    as_is = measure_pose(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)
     assert best is not None  # nothing is too large for a printer without limits
-    return best.seconds, as_is.seconds
+    return best.price_s, as_is.price_s
 
 
-class _Watch:
+class _StageTimes:
     """Wall time by stage."""
 
     def __init__(self) -> None:

@@ -41,29 +41,29 @@ class Piece:
     planes: Floats
     boxes_mm: Floats
     printer: PrinterRoom | None = None
-    slower: float = 1.0
+    time_ratio: float = 1.0
 
     @property
     def time_factor(self) -> float:
         """How many times as long its printer takes for it as the cost says."""
-        return self.slower * (1.0 if self.printer is None else self.printer.time_factor)
+        return self.time_ratio * (1.0 if self.printer is None else self.printer.time_factor)
 
 
-def in_order(pieces: Iterable[Piece]) -> list[Piece]:
+def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
     """Pieces by position, from the bottom up: so parts are numbered."""
     return sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
 
 
-def pieces_in_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:
+def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:
     """The connected pieces of a solid in an axis-aligned box, cut exactly in double precision."""
     box = np.array([lo_mm, hi_mm], dtype=np.float64)
     planes = box_planes(box)
     return [Piece(piece, planes, box[None]) for piece in solid.clip(*box).pieces()]
 
 
-def pieces_in_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
+def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
     """The same for a box of cells. The grid's outermost planes lie outside the model and cut no face."""
-    return pieces_in_box(solid, *grid.bounds_mm(box))
+    return cut_box(solid, *grid.bounds_mm(box))
 
 
 def box_planes(box_mm: Floats) -> Floats:
@@ -71,12 +71,12 @@ def box_planes(box_mm: Floats) -> Floats:
     return np.array([[*np.eye(3)[axis], box_mm[side, axis]] for side in range(2) for axis in range(3)])
 
 
-def cut_faces(vertices: Floats, faces: npt.NDArray[np.int64], planes: Floats) -> npt.NDArray[np.bool_]:
+def find_cut_faces(vertices: Floats, faces: npt.NDArray[np.int64], planes: Floats) -> npt.NDArray[np.bool_]:
     """(m,) Which faces lie on one of these planes (k, 4)."""
     on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < ON_PLANE_MM
     return np.asarray(np.any(np.all(on_plane[faces], axis=1), axis=1))
 
 
-def turned_planes(planes: Floats, rotation: Floats) -> Floats:
+def rotate_planes(planes: Floats, rotation: Floats) -> Floats:
     """Planes (k, 4) after ``v -> rotation @ v``."""
     return np.hstack([planes[:, :3] @ rotation.T, planes[:, 3:]])

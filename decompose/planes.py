@@ -22,14 +22,21 @@ from decompose.boxes import Box
 from decompose.cost import PrinterRoom
 from decompose.effort import Work
 from decompose.grid import CLEAR_MM, Cell, Grid, flat_coordinates
-from decompose.interfaces import Cells, clear_of, directions, filled_out, moved, moving_together
-from decompose.joints import SLIVER_MM, faults
-from decompose.levelling import levelled
-from decompose.orientation import Pose, measure
-from decompose.piece import Piece, cut_faces, pieces_in_box
+from decompose.interfaces import (
+    NeededCells,
+    fill_out_boxes,
+    free_directions,
+    group_faces,
+    keep_clear,
+    move_groups,
+)
+from decompose.joints import SLIVER_MM, find_faults
+from decompose.levelling import solve_plane_shifts
+from decompose.orientation import Pose, measure_pose
+from decompose.piece import Piece, cut_box, find_cut_faces
 from decompose.problem import Problem
 from decompose.report import Interior
-from decompose.walls import finer
+from decompose.walls import refine_cells
 
 Floats = npt.NDArray[np.float64]
 Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
@@ -45,8 +52,8 @@ WORTH = 0.0015  # share of the makespan that a step has to promise
 WORTH_MORE = 0.003  # share that a search has to gain, so that another one begins where it has ended
 PLANE_DIGITS = 6  # of a plane that moved, in mm
 UNMOVED_MM = 0.02
-MOST_COVERED = 20_000_000  # fine cells, for each box, that are looked at to see whether all is covered
-MOST_KEPT = 4  # times that a step is found anew around planes that flat faces keep
+MAX_COVERED = 20_000_000  # fine cells, for each box, that are looked at to see whether all is covered
+MAX_KEPT = 4  # times that a step is found anew around planes that flat faces keep
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +85,7 @@ class _Part:
         return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
 
 
-def evened(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
+def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
     """The pieces of a partition, cut where the slowest of them, truly posed, ends soonest.
 
     Parameters
@@ -92,11 +99,13 @@ def evened(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> 
         As many pieces, and none slower than the slowest was; the same ones where nothing was gained. What
         was in one box is in one box or, where it need not be printed (`decompose.walls`), in none.
     """
-    filled = filled_out(list(cut), grid.cells == Cell.EXTERNAL)
-    return evened_from(problem, grid, np.array([grid.bounds_mm(box) for box in filled]), list(cut.values()))
+    filled = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
+    return shift_box_planes(
+        problem, grid, np.array([grid.bounds_mm(box) for box in filled]), list(cut.values())
+    )
 
 
-def evened_from(
+def shift_box_planes(
     problem: Problem, grid: Grid, boxes_mm: Floats, pieces: Sequence[Sequence[Piece]]
 ) -> list[Piece]:
     """The same from boxes (n, 2, 3) in mm wherever their planes are, with the pieces in each.
@@ -106,11 +115,13 @@ def evened_from(
     """
     vertices, faces = problem.model.solid.arrays()
     keep = problem.options.interior is Interior.KEEP
-    problem.effort.did(Work.FACE_GRIDDED, len(faces))
-    cells = finer(grid, vertices[faces], problem.options.min_wall_mm, keep, MOST_COVERED // len(boxes_mm))
+    problem.effort.book(Work.FACE_GRIDDED, len(faces))
+    cells = refine_cells(
+        grid, vertices[faces], problem.options.min_wall_mm, keep, MAX_COVERED // len(boxes_mm)
+    )
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
-        evening = _Evening(problem, cells, cell_mm, boxes_mm, pieces)
+        evening = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
         before = evening.posed()
         parts = evening.run(before)
         gained = math.isfinite(_longest_s(parts)) and (
@@ -122,13 +133,13 @@ def evened_from(
         pieces = [part.pieces for part in parts]
 
 
-class _Evening:
+class _PlaneShift:
     """The search from one partition: what may move, by how much, and what the parts are cut from."""
 
     def __init__(
         self,
         problem: Problem,
-        cells: Cells,
+        cells: NeededCells,
         cell_mm: Floats,
         boxes_mm: Floats,
         pieces: Sequence[Sequence[Piece]],
@@ -140,8 +151,8 @@ class _Evening:
             _Part(box, tuple(replace(piece, boxes_mm=box[None]) for piece in inside), (), math.inf)
             for box, inside in zip(boxes_mm, pieces, strict=True)
         ]
-        self.groups = moving_together(self.start_mm)
-        self.free = directions(self.start_mm, self.groups, self.cells, TRY_MM)
+        self.groups = group_faces(self.start_mm)
+        self.free = free_directions(self.start_mm, self.groups, self.cells, TRY_MM)
         self.axes = np.zeros(len(self.free), dtype=np.int64)
         self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
         self.reach_mm = (REACH * cell_mm)[self.axes]
@@ -182,11 +193,13 @@ class _Evening:
 
     def _book(self, parts: Sequence[int]) -> None:
         """Book that these parts, by their places, are cut anew and priced in the poses that they have."""
-        self.problem.effort.did(Work.PIECE_MEASURED, len(parts))
-        self.problem.effort.did(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
+        self.problem.effort.book(Work.PIECE_MEASURED, len(parts))
+        self.problem.effort.book(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
 
     def _faulty(self, parts: Sequence[_Part]) -> bool:
-        return bool(faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2))
+        return bool(
+            find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
+        )
 
     def _moved(self, parts: list[_Part], slopes: Floats) -> list[_Part]:
         """Some steps, every part in its pose; the parts themselves where no step is worth it."""
@@ -195,7 +208,7 @@ class _Evening:
             boxes, promised_s = self._step(parts, slopes, step_mm)
             if promised_s > (1.0 - WORTH) * _longest_s(parts):
                 break
-            if not self.cells.partitioned(boxes):
+            if not self.cells.is_partition(boxes):
                 step_mm *= SHORTER
                 continue
             new = self._again(parts, boxes)
@@ -231,7 +244,7 @@ class _Evening:
 
     def _breaking(self, i: int, part: _Part, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
         """Those of the faces with which a part comes to pieces, or gets too thin, as they alone move."""
-        self.problem.effort.did(Work.FACE_CUT, len(faces) * self.near[i].faces)
+        self.problem.effort.book(Work.FACE_CUT, len(faces) * self.near[i].faces)
         found = []
         for face in faces:
             box = part.box_mm.copy()
@@ -255,12 +268,14 @@ class _Evening:
         shorter_mm = np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, promised_s = now, math.inf
-        for _ in range(MOST_KEPT):
-            by_mm, least_s = levelled(seconds, slopes, self.groups, longer_mm, shorter_mm, low_mm, high_mm)
+        for _ in range(MAX_KEPT):
+            by_mm, least_s = solve_plane_shifts(
+                seconds, slopes, self.groups, longer_mm, shorter_mm, low_mm, high_mm
+            )
             if not math.isfinite(least_s):  # not with all of these kept: what was found before has to do
                 break
             promised_s = least_s
-            boxes_mm = self._clear(now, moved(now, self.groups, by_mm))
+            boxes_mm = self._clear(now, move_groups(now, self.groups, by_mm))
             really_mm = self._places(boxes_mm) - places
             kept = np.abs(really_mm - by_mm) > UNMOVED_MM
             if not kept.any():
@@ -280,20 +295,20 @@ class _Evening:
         for group in range(len(old)):
             if abs(new[group] - old[group]) < UNMOVED_MM:
                 new[group] = old[group]
-            new[group] = clear_of(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
+            new[group] = keep_clear(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
             if new[group] != old[group]:  # groups that go to one plane go to the very same
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], now)
 
     def _rooms(self, part: _Part) -> list[PrinterRoom]:
-        return [room for piece in part.pieces for room in self.problem.rooms_of(piece)]
+        return [room for piece in part.pieces for room in self.problem.rooms_for(piece)]
 
     def _cut(self, i: int, box_mm: Floats) -> _Part:
-        pieces = pieces_in_box(self.near[i], *box_mm)
+        pieces = cut_box(self.near[i], *box_mm)
         before = self.start[i].pieces
         if len(pieces) == len(before):
             pieces = [
-                replace(piece, printer=own.printer, slower=own.slower)
+                replace(piece, printer=own.printer, time_ratio=own.time_ratio)
                 for piece, own in zip(pieces, before, strict=True)
             ]
         return _Part(box_mm, tuple(pieces), (), math.inf)
@@ -302,7 +317,7 @@ class _Evening:
         """Parts in their best poses; those that have not moved since `before` are as they were."""
         done = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
         new = [i for i in range(len(parts)) if i not in done]
-        poses = iter(self.problem.poses([piece for i in new for piece in parts[i].pieces]))
+        poses = iter(self.problem.find_poses([piece for i in new for piece in parts[i].pieces]))
         for i in new:
             done[i] = parts[i].lying([next(poses) for _ in parts[i].pieces])
         return [done[i] for i in range(len(parts))]
@@ -319,7 +334,7 @@ class _Evening:
             for piece, pose in zip(part.pieces, poses, strict=False)
             if pose is None
         ]
-        best = iter(self.problem.poses(unposed))
+        best = iter(self.problem.find_poses(unposed))
         new = list(parts)
         for i, (part, poses) in zip(moved, again, strict=True):
             lying = [next(best) if pose is None else pose for pose in poses]
@@ -337,16 +352,16 @@ class _Evening:
         poses: list[Pose | None] = []
         for piece, old in zip(new.pieces, part.poses, strict=True):
             pose = self._measured(piece, old)
-            fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_of(piece))
+            fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_for(piece))
             dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
             poses.append(pose if fits and not dirtier and pose.rank[:2] <= old.rank[:2] else None)
         return new, poses
 
     def _measured(self, piece: Piece, pose: Pose) -> Pose:
         vertices, faces = piece.solid.arrays()
-        cut = cut_faces(vertices, faces, piece.planes)
+        cut = find_cut_faces(vertices, faces, piece.planes)
         rotation, options = pose.to_model[:3, :3].T, self.problem.options
-        return measure(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
+        return measure_pose(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
 
     def _slopes(self, i: int, part: _Part) -> Floats:
         """(2, 3) Seconds a mm by which a part's time changes as each of its faces moves up its axis."""
@@ -373,7 +388,7 @@ def _learn(slopes: Floats, by_mm: Floats, seconds: float) -> None:
 
 def _slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
     each = zip(pieces, poses, strict=True)
-    times = [math.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in each]
+    times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in each]
     return max(times, default=math.inf)
 
 

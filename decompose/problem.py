@@ -11,16 +11,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from decompose.assignment import printers_for
+from decompose.assignment import assign_printers
 from decompose.bound import makespan_bound
-from decompose.boxes import Box, Boxes, all_boxes
-from decompose.cost import INSET_AT_MOST, CostModel, PrinterRoom
+from decompose.boxes import Box, BoxTables, price_boxes
+from decompose.cost import MAX_INSET_SHARE, CostModel, PrinterRoom
 from decompose.effort import Effort, Work
 from decompose.errors import DecomposeError, NoFit, size_text
 from decompose.grid import GRANULARITY, VOLUME, Grid, build_grid
 from decompose.mesh import Model
-from decompose.orientation import Pose, best_pose
-from decompose.piece import Piece, cut_faces
+from decompose.orientation import Pose, find_best_pose
+from decompose.piece import Piece, find_cut_faces
 from decompose.report import Interior, Options
 from decompose.solid import Solid
 
@@ -30,7 +30,7 @@ Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # wha
 AUTO_GRANULARITY = 15
 FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
 FINEST = 60  # that a person may ask for
-MOST_PARTS = 200  # a model that surely takes more is not for more printers, or for rounds: it is too long
+MAX_PARTS = 200  # a model that surely takes more is not for more printers, or for rounds: it is too long
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
@@ -57,7 +57,7 @@ class Problem:
         What was done and may be done: a search that can go on without end stops with what it has.
     lap
         Told the name of each stage when it is over.
-    to_beat_s
+    best_known_s
         The makespan of a result that there is already: of one that ends later nothing is proven.
     thorough
         Whether other partitions of a grid are evened besides its best, and planes that have moved are moved
@@ -72,8 +72,8 @@ class Problem:
     options: Options
     executor: Executor | None = None
     effort: Effort = field(default_factory=Effort)
-    lap: Callable[[str], None] = lambda stage: None
-    to_beat_s: float = math.inf
+    on_stage: Callable[[str], None] = lambda stage: None
+    best_known_s: float = math.inf
     thorough: bool = False
     frame: Floats = field(default_factory=lambda: np.eye(3))
     _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
@@ -84,12 +84,12 @@ class Problem:
         return tuple({printer.boxes: printer for printer in self.printers}.values())
 
     @property
-    def alike(self) -> bool:
+    def is_uniform(self) -> bool:
         """Whether all printers have the same room and the same speed."""
         return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
 
     @property
-    def quickest(self) -> float:
+    def fastest_factor(self) -> float:
         """The time factor of the quickest printer."""
         return min(printer.time_factor for printer in self.printers)
 
@@ -98,19 +98,19 @@ class Problem:
         """The longest sides that a part may have on every printer."""
         return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
 
-    def turned(self, rotation: Floats) -> Problem:
+    def rotate(self, rotation: Floats) -> Problem:
         """The same with the model turned by (3, 3); itself where that is not at all."""
         if (rotation == np.eye(3)).all():
             return self
-        model = replace(self.model, solid=self.model.solid.turned(rotation))
+        model = replace(self.model, solid=self.model.solid.rotate(rotation))
         return replace(self, model=model, frame=rotation @ self.frame)
 
     def granularity(self, model: Model) -> int:
         """The cube root of the number of cells that is asked for over a model in the frame of the cut."""
         rooms_long = max(model.extents_mm) / min(self.room_mm)
-        return granularity(self.options.granularity, len(self.printers), rooms_long)
+        return choose_granularity(self.options.granularity, len(self.printers), rooms_long)
 
-    def grid(
+    def build_grid(
         self,
         model: Model,
         plane_at: tuple[int, float] | None = None,
@@ -119,7 +119,7 @@ class Problem:
         """The grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
-        self.effort.did(Work.FACE_GRIDDED, len(faces))
+        self.effort.book(Work.FACE_GRIDDED, len(faces))
         return build_grid(
             vertices[faces],
             self.granularity(model),
@@ -130,13 +130,15 @@ class Problem:
             plane_at,
         )
 
-    def boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> Boxes:
+    def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
         """Every box of a grid, priced; it fits where it fits these rooms, if none are named every printer."""
-        boxes = all_boxes(grid, list(rooms or self.rooms), self.cost)
-        self.effort.did(Work.BOX_PRICED, len(boxes.seconds))
+        boxes = price_boxes(grid, list(rooms or self.rooms), self.cost)
+        self.effort.book(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
 
-    def figures(self, grid: Grid, boxes: Boxes, chosen: list[Box], pieces: Sequence[Piece]) -> GridFigures:
+    def grid_figures(
+        self, grid: Grid, boxes: BoxTables, chosen: list[Box], pieces: Sequence[Piece]
+    ) -> GridFigures:
         """How good these boxes of a grid are: their makespan by the tables, and what none can undercut.
 
         `pieces` are what came of them, or of others like them, in the end. The boxes fit every printer: the
@@ -146,64 +148,64 @@ class Problem:
         times_s = sorted((boxes.longest_s([box]) for box in chosen), reverse=True)
         needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
         bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
-        if self.proves(pieces):
-            self.effort.did(Work.BOX_PROVEN, len(boxes.seconds))
+        if self.needs_proof(pieces):
+            self.effort.book(Work.BOX_PROVEN, len(boxes.seconds))
             bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, times_s[0]).seconds)
         factors = sorted(printer.time_factor for printer in self.printers)
         ends_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
-        return GridFigures(ends_s, self.quickest * bound_s, grid.shape)
+        return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
 
-    def proves(self, pieces: Sequence[Piece]) -> bool:
+    def needs_proof(self, pieces: Sequence[Piece]) -> bool:
         """Whether the bound is proven for a result of these pieces: where it may be the best there is."""
         if not self.options.prove:
             return False
-        ends_s = self.ends_s(pieces)
-        return math.isfinite(ends_s) and ends_s <= self.to_beat_s  # of two that end together one is chosen
+        ends_s = self.makespan_s(pieces)
+        return math.isfinite(ends_s) and ends_s <= self.best_known_s  # of two that end together one is chosen
 
-    def ends_s(self, pieces: Sequence[Piece]) -> float:
+    def makespan_s(self, pieces: Sequence[Piece]) -> float:
         """When the last piece ends, each truly posed and on its printer of `takers`; inf where there is none.
 
         Whatever printers they are cut for: it is the makespan of the result.
         """
-        takers = self.takers(pieces)
+        takers = self.assign_printers(pieces)
         if takers is None:
             return math.inf
-        each = zip(self.poses(pieces), takers, strict=True)
-        return max(pose.seconds * taker.time_factor for pose, taker in each if pose is not None)
+        each = zip(self.find_poses(pieces), takers, strict=True)
+        return max(pose.price_s * taker.time_factor for pose, taker in each if pose is not None)
 
-    def takers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
+    def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
         """The printer of each piece, so that the last one ends soonest; None where they do not all fit."""
         if len(pieces) > len(self.printers):
             return None
-        posed = [pose for pose in self.poses(pieces) if pose is not None]
-        return printers_for(posed, self.printers) if len(posed) == len(pieces) else None
+        posed = [pose for pose in self.find_poses(pieces) if pose is not None]
+        return assign_printers(posed, self.printers) if len(posed) == len(pieces) else None
 
-    def rooms_of(self, piece: Piece) -> tuple[PrinterRoom, ...]:
+    def rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
         """The rooms that a piece has to fit: its printer's, or those of all."""
         return self.rooms if piece.printer is None else (piece.printer,)
 
-    def pose(self, piece: Piece) -> Pose | None:
-        """The best pose that fits `rooms_of` a piece; None where there is none."""
+    def find_pose(self, piece: Piece) -> Pose | None:
+        """The best pose that fits `rooms_for` a piece; None where there is none."""
         vertices, faces = piece.solid.arrays()
-        cut = cut_faces(vertices, faces, piece.planes)
-        rooms = self.rooms_of(piece)
-        return best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
+        cut = find_cut_faces(vertices, faces, piece.planes)
+        rooms = self.rooms_for(piece)
+        return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
-    def poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
+    def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
         """`pose` of each, once for a solid and its rooms, side by side where there is an executor."""
         run = map if self.executor is None else self.executor.map
         new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
-        self.effort.did(Work.PIECE_POSED, len(new))
-        self.effort.did(Work.FACE_POSED, sum(piece.solid.faces for piece in new.values()))
-        self._posed.update(zip(new, run(self.pose, new.values()), strict=True))
+        self.effort.book(Work.PIECE_POSED, len(new))
+        self.effort.book(Work.FACE_POSED, sum(piece.solid.faces for piece in new.values()))
+        self._posed.update(zip(new, run(self.find_pose, new.values()), strict=True))
         return [self._posed[self._posing(piece)] for piece in pieces]
 
     def _posing(self, piece: Piece) -> Posing:
-        return piece.solid, tuple(room.boxes for room in self.rooms_of(piece))
+        return piece.solid, tuple(room.boxes for room in self.rooms_for(piece))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Partition:
     """What an engine answers: at most as many pieces as there are printers.
 
     Each fits the printer that it is cut for; where it is cut for none, all of them.
@@ -222,7 +224,7 @@ class Found:
     grid: GridFigures | None = None
 
 
-def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
+def choose_granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
     """The cube root of the number of cells, from a name, a number, or ``auto``.
 
     `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
@@ -246,7 +248,7 @@ def granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> in
     return number
 
 
-def checked(
+def validate_problem(
     model: Model,
     printers: tuple[PrinterRoom, ...],
     options: Options,
@@ -286,7 +288,7 @@ def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
             raise NoFit(
                 f"{size_text(model.extents_mm)} mm needs {least} parts at least, each on a printer of its "
                 f"own, and there are {len(printers)}: free more printers, or try --longest-side {longest}",
-                least if least <= MOST_PARTS else None,
+                least if least <= MAX_PARTS else None,
             )
 
 
@@ -300,6 +302,6 @@ def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: Cos
     slope = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
     surface = area_mm2 * min(slope, cost.skin_s_mm2)
     # c S - r sqrt(S) is at least (1 - k) c S - r^2 / (4 k c), for any share k.
-    rim_s = cost.skin_rim_s_mm**2 / (4.0 * INSET_AT_MOST * cost.skin_s_mm2) if cost.skin_s_mm2 else 0.0
-    shared_s = (1.0 - INSET_AT_MOST) * surface + cost.volume_s_mm3 * volume_mm3
+    rim_s = cost.skin_rim_s_mm**2 / (4.0 * MAX_INSET_SHARE * cost.skin_s_mm2) if cost.skin_s_mm2 else 0.0
+    shared_s = (1.0 - MAX_INSET_SHARE) * surface + cost.volume_s_mm3 * volume_mm3
     return cost.fixed_s + max(0.0, shared_s / printers - rim_s)

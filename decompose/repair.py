@@ -35,7 +35,7 @@ MAX_BODIES = 1000
 Floats = npt.NDArray[np.float64]
 
 
-def close(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
+def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
     """A closed solid of triangles (m, 3, 3) in mm, and what it took, a sentence each.
 
     Raises
@@ -85,7 +85,7 @@ def _welded(triangles: Floats) -> tuple[Any, list[str]]:
         size = float(np.ptp(mesh.vertices, axis=0).max())
         for share in WELD_SHARES:
             pairs = tree.query_pairs(share * size, output_type="ndarray")
-            group = shells.components(len(mesh.vertices), pairs[:, 0], pairs[:, 1])
+            group = shells.label_components(len(mesh.vertices), pairs[:, 0], pairs[:, 1])
             first = np.unique(group, return_index=True)[1][group]
             welded = _distinct(first[mesh.faces])
             if _open_edges(welded) < open_edges / 2:
@@ -112,7 +112,7 @@ def _bodies(name: str, mesh: Any) -> list[Any]:
     """The mesh's connected bodies."""
     f = mesh.faces
     rows, columns = np.concatenate([f[:, :2], f[:, 1:]]).T
-    label = shells.components(len(mesh.vertices), rows, columns)[f[:, 0]]
+    label = shells.label_components(len(mesh.vertices), rows, columns)[f[:, 0]]
     order = np.argsort(label, kind="stable")
     starts = np.flatnonzero(np.diff(label[order])) + 1
     if len(starts) >= MAX_BODIES:
@@ -142,7 +142,7 @@ def _closed(bodies: list[Any]) -> tuple[list[Any], bool]:
             continue
         parts = _shells(body)
         if parts is None or not all(
-            shells.is_flat(part.vertices[rim]) for part in parts for rim in shells.rims(part.faces)
+            shells.is_flat(part.vertices[rim]) for part in parts for rim in shells.find_rims(part.faces)
         ):
             fixed = _mesh_fix(body)
             if fixed is not None and (parts is None or not _far(body, fixed).mean() > LOST_SHARE):
@@ -154,9 +154,10 @@ def _closed(bodies: list[Any]) -> tuple[list[Any], bool]:
             (whole if part.is_watertight else rimmed).append(part)
     if rimmed:
         joined: Any = trimesh.util.concatenate(rimmed)
-        faces = np.concatenate([joined.faces, shells.caps(joined.vertices, joined.faces)])
+        faces = np.concatenate([joined.faces, shells.cap_holes(joined.vertices, joined.faces)])
         whole += [
-            trimesh.Trimesh(*shell, process=False) for shell in shells.shells(joined.vertices, faces) or []
+            trimesh.Trimesh(*shell, process=False)
+            for shell in shells.split_shells(joined.vertices, faces) or []
         ]
     thick = [b for b in whole if abs(_volume_mm3(b)) > THIN_SHARE * b.area**1.5]
     return thick, is_changed or bool(rimmed) or len(thick) < len(whole)
@@ -170,8 +171,8 @@ def _volume_mm3(body: Any) -> float:
 
 def _shells(body: Any) -> list[Any] | None:
     """A body's surfaces as `shells.shells` takes them apart, None where it cannot."""
-    faces = shells.facing_alike(np.asarray(body.faces))
-    found = None if faces is None else shells.shells(np.asarray(body.vertices), faces)
+    faces = shells.orient_faces(np.asarray(body.faces))
+    found = None if faces is None else shells.split_shells(np.asarray(body.vertices), faces)
     return None if found is None else [trimesh.Trimesh(*shell, process=False) for shell in found]
 
 

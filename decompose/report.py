@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.cost import PrinterRoom
-from decompose.curve import Point
+from decompose.curve import CurvePoint
 from decompose.errors import GeometryError, Rule
 from decompose.growth import Score
 from decompose.joints import MIN_GLUE_MM2, Fault, Joint
 from decompose.solid import Solid
-from decompose.stl import single_precision
+from decompose.stl import round_triangles
 
 SCHEMA = 1
 STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
@@ -87,7 +87,7 @@ class Part:
     id: str
     solid: Solid
     to_model: Floats
-    estimated_s: float
+    price_s: float
     printer: str
     file: str = ""
     brim_width_mm: float | None = None
@@ -100,7 +100,7 @@ class Part:
         """(3, 3) rows: the bed's x, y and z in the model's frame."""
         return self.to_model[:3, :3].T
 
-    def printed(self, tolerance_mm: float = 0.0) -> tuple[Floats, npt.NDArray[np.int64]]:
+    def printing_mesh(self, tolerance_mm: float = 0.0) -> tuple[Floats, npt.NDArray[np.int64]]:
         """Vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
         solid = self.solid.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.solid
         vertices, faces = solid.arrays()
@@ -108,10 +108,10 @@ class Part:
         placed[np.abs(placed[:, 2]) < ON_BED_MM, 2] = 0.0
         return placed, faces
 
-    def triangles(self) -> npt.NDArray[np.float32]:
+    def stl_triangles(self) -> npt.NDArray[np.float32]:
         """Triangles (m, 3, 3) for an STL, simplified by as little as keeps them closed in its precision."""
         for tolerance_mm in STL_TOLERANCES_MM:
-            corners = single_precision(*self.printed(tolerance_mm))
+            corners = round_triangles(*self.printing_mesh(tolerance_mm))
             if corners is not None:
                 return corners
         raise GeometryError(Rule.STL, self.id, "touches itself, so that an STL of it is not closed")
@@ -126,7 +126,7 @@ class Part:
             "max_mm": hi.tolist(),
             "volume_mm3": self.solid.volume_mm3,
             "area_mm2": self.solid.area_mm2,
-            "estimated_s": self.estimated_s,
+            "estimated_s": self.price_s,
             "printer": self.printer,
             "brim_width_mm": self.brim_width_mm,
             "layer_0_expansion_mm": self.layer_0_expansion_mm,
@@ -249,10 +249,10 @@ class Decomposition:
     attempts: tuple[Attempt, ...] = ()
     joints: tuple[Joint, ...] = ()
     faults: tuple[Fault, ...] = ()
-    curve: tuple[Point, ...] = ()
+    curve: tuple[CurvePoint, ...] = ()
     cutting: Cutting | None = None
 
-    def to_gain(self, printers: Sequence[PrinterRoom]) -> float:
+    def possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
         """About the share of the makespan that could be gained with no less work in all.
 
         All printers would be busy to the end, each as quick as it is.
@@ -260,7 +260,7 @@ class Decomposition:
         busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
         return 1.0 - busy_s / self.makespan_s
 
-    def bare(self) -> Decomposition:
+    def without_parts(self) -> Decomposition:
         """The same without its parts and what is told of them: figures alone, for another process."""
         return replace(self, parts=(), joints=(), faults=())
 
@@ -295,5 +295,5 @@ class Decomposition:
                 }
                 for joint in self.joints
             ],
-            "faults": [{"part": self.parts[f.piece].id, "what": f.what} for f in self.faults],
+            "faults": [{"part": self.parts[f.piece].id, "what": f.reason} for f in self.faults],
         }

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from decompose.assignment import printers_for
-from decompose.check import check
+from decompose.assignment import assign_printers
+from decompose.check import check_result
 from decompose.errors import NoFit
-from decompose.joints import faults, joints
+from decompose.joints import find_faults, find_joints
 from decompose.orientation import Pose
-from decompose.piece import Piece, in_order, turned_planes
-from decompose.problem import Found, GridFigures, Problem, surface_bound_s
+from decompose.piece import Piece, rotate_planes, sort_pieces
+from decompose.problem import GridFigures, Partition, Problem, surface_bound_s
 from decompose.report import Coverage, Cutting, Decomposition, Engine, Part
 
 Floats = npt.NDArray[np.float64]
 
 
-def finished(problem: Problem, found: Found, serial: tuple[float, float]) -> Decomposition:
+def finish_result(problem: Problem, found: Partition, serial: tuple[float, float]) -> Decomposition:
     """The checked answer; its times by stage are left to whoever measures them.
 
     Parameters
@@ -35,17 +35,19 @@ def finished(problem: Problem, found: Found, serial: tuple[float, float]) -> Dec
     GeometryError
         The result breaks a geometry rule.
     """
-    pieces = in_order(found.pieces)
-    parts = _parts(pieces, problem)
-    problem.lap("parts")
+    pieces = sort_pieces(found.pieces)
+    parts = _build_parts(pieces, problem)
+    problem.on_stage("parts")
     boxed = all(len(piece.boxes_mm) for piece in pieces)
     boxes_mm = np.concatenate([p.boxes_mm for p in pieces]) if boxed else np.zeros((0, 2, 3))
-    coverage = check(parts, boxes_mm, found.model, problem.printers, problem.options.min_wall_mm)
-    problem.lap("check")
-    return _report(problem, found, parts, coverage, serial, _cutting(problem, pieces, boxes_mm))
+    coverage = check_result(parts, boxes_mm, found.model, problem.printers, problem.options.min_wall_mm)
+    problem.on_stage("check")
+    return _build_decomposition(
+        problem, found, parts, coverage, serial, _record_cutting(problem, pieces, boxes_mm)
+    )
 
 
-def _cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cutting | None:
+def _record_cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cutting | None:
     """What the pieces can be levelled again from; only those of boxes of a grid can."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
@@ -53,43 +55,43 @@ def _cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cut
     return Cutting(problem.options.granularity, problem.frame, boxes_mm, cut_for, problem.printers)
 
 
-def _report(
+def _build_decomposition(
     problem: Problem,
-    found: Found,
+    found: Partition,
     parts: Sequence[Part],
     coverage: Coverage,
     serial: tuple[float, float],
     cutting: Cutting | None,
 ) -> Decomposition:
     factors = {printer.name: printer.time_factor for printer in problem.printers}
-    makespan_s = max(p.estimated_s * factors[p.printer] for p in parts)
-    touching = joints(parts)
+    makespan_s = max(p.price_s * factors[p.printer] for p in parts)
+    touching = find_joints(parts)
     bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
-    grid = found.grid or GridFigures(makespan_s, problem.quickest * bound_s, None)
+    grid = found.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
         serial_s=serial[0],
         serial_as_is_s=serial[1],
         makespan_s=makespan_s,
-        sum_s=sum(p.estimated_s for p in parts),
+        sum_s=sum(p.price_s for p in parts),
         grid_makespan_s=grid.makespan_s,
         lower_bound_s=grid.lower_bound_s,
         gap=(grid.makespan_s - grid.lower_bound_s) / grid.lower_bound_s,
         compute_s={},
-        parts=tuple(_turned_back(part, found.rotation @ problem.frame) for part in parts),
+        parts=tuple(_restore_frame(part, found.rotation @ problem.frame) for part in parts),
         coverage=coverage,
         cells=grid.cells,
         joints=tuple(touching),
         cutting=cutting,
-        faults=tuple(faults(parts, problem.options.min_glue_mm2, touching)),
+        faults=tuple(find_faults(parts, problem.options.min_glue_mm2, touching)),
     )
 
 
-def _parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
+def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
     """Pieces in their best poses, numbered, each with a printer."""
-    posed = [_fitting(pose) for pose in problem.poses(pieces)]
-    takers = printers_for(really(pieces, posed), problem.printers)
+    posed = [_require_pose(pose) for pose in problem.find_poses(pieces)]
+    takers = assign_printers(apply_time_ratios(pieces, posed), problem.printers)
     if takers is None:
         raise NoFit(f"{len(posed)} parts do not fit these printers, each on one of its own", len(posed))
     digits = max(2, len(str(len(pieces))))
@@ -98,7 +100,7 @@ def _parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
             id=f"p{i + 1:0{digits}d}",
             solid=piece.solid,
             to_model=pose.to_model,
-            estimated_s=pose.seconds,
+            price_s=pose.price_s,
             printer=takers[i].name,
             brim_width_mm=pose.brim_width_mm,
             layer_0_expansion_mm=pose.layer_0_expansion_mm,
@@ -109,19 +111,19 @@ def _parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
     ]
 
 
-def really(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
+def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
     """Poses with what each piece takes there, as far as a slicer has shown it."""
     each = zip(pieces, poses, strict=True)
-    return [replace(pose, seconds=pose.seconds * piece.slower) for piece, pose in each]
+    return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in each]
 
 
-def _fitting(pose: Pose | None) -> Pose:
+def _require_pose(pose: Pose | None) -> Pose:
     if pose is None:
         raise NoFit("a part fits no printer in any pose: take another engine, or a finer --granularity")
     return pose
 
 
-def _turned_back(part: Part, rotation: Floats) -> Part:
+def _restore_frame(part: Part, rotation: Floats) -> Part:
     """A part in the frame of the model as it was; `rotation` (3, 3) led to the frame of the cut."""
     if (rotation == np.eye(3)).all():
         return part
@@ -129,7 +131,7 @@ def _turned_back(part: Part, rotation: Floats) -> Part:
     back[:3, :3] = rotation.T
     return replace(
         part,
-        solid=part.solid.turned(rotation.T),
+        solid=part.solid.rotate(rotation.T),
         to_model=back @ part.to_model,
-        planes=turned_planes(part.planes, rotation.T),
+        planes=rotate_planes(part.planes, rotation.T),
     )

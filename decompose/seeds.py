@@ -12,7 +12,7 @@ from decompose.grid import Cell, Grid
 Floats = npt.NDArray[np.float64]
 
 
-def seeds(
+def draw_seeds(
     points: Floats, grid: Grid, barred: npt.NDArray[np.bool_], count: int, rng: np.random.Generator
 ) -> list[Box]:
     """Cells to grow blocks from, all of them boundary cells and no two the same.

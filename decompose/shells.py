@@ -21,7 +21,7 @@ FLAT_SHARE = 1e-2  # of its own size: a loop that is no further from its plane t
 ONE_PLANE_SHARE = 1e-6  # of the model: rims this near to one plane may belong to one opening
 
 
-def facing_alike(faces: Ints) -> Ints | None:
+def orient_faces(faces: Ints) -> Ints | None:
     """The faces (m, 3) with those turned that faced against their neighbours; None for a one-sided surface.
 
     Neighbours are the two faces of an edge. Of each surface the lesser half is turned.
@@ -35,7 +35,7 @@ def facing_alike(faces: Ints) -> Ints | None:
     f, g = face[a], face[b]
     rows = np.concatenate([f, f + m])
     columns = np.concatenate([np.where(against, g + m, g), np.where(against, g, g + m)])
-    label = components(2 * m, rows, columns)  # face f as it is, and turned: f + m
+    label = label_components(2 * m, rows, columns)  # face f as it is, and turned: f + m
     if (label[:m] == label[m:]).any():
         return None
     kept = np.bincount(label[:m], minlength=label.max() + 1)
@@ -46,7 +46,7 @@ def facing_alike(faces: Ints) -> Ints | None:
     return turned
 
 
-def shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
+def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
     """The surfaces that triangles form, each with vertices (n, 3) of its own and faces (m, 3).
 
     Where more than two triangles meet at an edge, each goes on to the next one around the edge on the side
@@ -74,10 +74,10 @@ def shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
     a, b = np.concatenate(pairs).T
     # Corner 3 f + k is vertex k of face f; a half-edge goes from its own corner to the next one of its face.
     following = np.arange(len(tail)) // 3 * 3 + (np.arange(len(tail)) % 3 + 1) % 3
-    corner = components(len(tail), np.concatenate([a, following[a]]), np.concatenate([following[b], b]))
+    corner = label_components(len(tail), np.concatenate([a, following[a]]), np.concatenate([following[b], b]))
     place = np.zeros((corner.max() + 1, 3))
     place[corner] = vertices[tail]
-    label = components(len(faces), face[a], face[b])
+    label = label_components(len(faces), face[a], face[b])
     split = corner.reshape(-1, 3)
     found = []
     for number in range(label.max() + 1):
@@ -86,7 +86,7 @@ def shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
     return found
 
 
-def rims(faces: Ints) -> list[Ints]:
+def find_rims(faces: Ints) -> list[Ints]:
     """The rims of the holes of a shell, as vertices in the order in which a face that fills them has them."""
     tail, head, _ = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
@@ -110,13 +110,13 @@ def is_flat(rim: Floats) -> bool:
     return float(np.abs(centred @ off).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
 
 
-def caps(vertices: Floats, faces: Ints) -> Ints:
+def cap_holes(vertices: Floats, faces: Ints) -> Ints:
     """Faces (k, 3) that close all holes of shells, without a new vertex.
 
     A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite turns, are the
     end of a pipe: the ring between them is filled.
     """
-    loops = rims(faces)
+    loops = find_rims(faces)
     size = float(np.ptp(vertices, axis=0).max())
     normals = [_newell(vertices[loop]) for loop in loops]
     order = sorted(range(len(loops)), key=lambda i: -float(np.linalg.norm(normals[i])))
@@ -180,7 +180,7 @@ def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
     return order, new, np.diff(np.concatenate([new, [len(tail)]]))
 
 
-def components(count: int, rows: Ints, columns: Ints) -> Ints:
+def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
     """(count,) The number of the connected component of each node of a graph."""
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)

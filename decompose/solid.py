@@ -106,7 +106,7 @@ class Solid:
         """What lies inside an axis-aligned box."""
         return self.intersect(Solid.box(lo, hi))
 
-    def turned(self, rotation: Floats) -> Solid:
+    def rotate(self, rotation: Floats) -> Solid:
         """The same after ``v -> rotation @ v``, a rotation (3, 3)."""
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices @ rotation.T, faces)

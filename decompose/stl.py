@@ -11,7 +11,7 @@ RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 HEADER = 80
 
 
-def single_precision(
+def round_triangles(
     vertices: npt.NDArray[np.float64], faces: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.float32] | None:
     """Triangles (m, 3, 3) in the format's precision, without those that collapse in it.
@@ -46,11 +46,11 @@ def is_binary_stl(data: bytes) -> bool:
     return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
 
 
-def faces_promised(data: bytes) -> int:
+def header_face_count(data: bytes) -> int:
     """The number of faces that a binary STL's header promises."""
     return int(np.frombuffer(data[HEADER : HEADER + 4], dtype="<u4")[0])
 
 
-def faces_present(data: bytes) -> float:
+def stored_face_count(data: bytes) -> float:
     """How many faces the bytes of a binary STL hold."""
     return max(0, len(data) - HEADER - 4) / RECORD.itemsize

@@ -2,7 +2,7 @@
 
 Hatton et al. 2023: planes through the mean of the vertices, normals drawn from the sphere; the score is the
 mean distance from the vertices' mirror images to the nearest vertex. Two things have no effect in their
-program by mistake, and are left out by `drawn_mirrors` alone: the best normals are refined, and a plane
+program by mistake, and are left out by `draw_mirrors` alone: the best normals are refined, and a plane
 counts only within a tolerance, which is here a share of the model's size. Of their three draws of normals
 the second alone has an effect: here is one.
 """
@@ -19,7 +19,7 @@ Floats = npt.NDArray[np.float64]
 
 SAMPLES = 100  # normals a round
 CONES_RAD = (0.3, 0.1, 0.03, 0.01)  # of the rounds after the first, about the best so far
-MOST_MIRRORED = 1000  # vertices whose mirror images are looked up
+MAX_MIRRORED = 1000  # vertices whose mirror images are looked up
 FEW_MIRRORED = 300  # likewise, where part after part is looked at
 TOLERANCE = 0.01  # of the diagonal of the model's box
 SAME_AXIS_RAD = 0.01  # nearer to an axis than this, a normal is the axis where that is as good
@@ -38,7 +38,7 @@ class Mirror:
 class _Cloud:
     """Vertices (n, 3) in mm, and how far from them the mirror images of some of them are."""
 
-    def __init__(self, vertices: Floats, rng: np.random.Generator, most: int = MOST_MIRRORED) -> None:
+    def __init__(self, vertices: Floats, rng: np.random.Generator, most: int = MAX_MIRRORED) -> None:
         self.centre = vertices.mean(axis=0)
         self.rng = rng
         self._tree = KDTree(vertices)
@@ -86,14 +86,14 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
     return cloud.mirror(normal, least) if least <= tolerance * _diagonal_mm(vertices) else None
 
 
-def drawn_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
+def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
     """The best of one draw of normals, however bad, as the program of SBD answers: the best first."""
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.drawn())
     return [cloud.mirror(np.array(normal), error) for error, normal in _apart(ranked, most)]
 
 
-def good_mirrors(
+def find_good_mirrors(
     vertices: Floats, rng: np.random.Generator, most: int, samples: int, tolerance: float = TOLERANCE
 ) -> list[Mirror]:
     """The same refined, with `samples` normals a round, and only those that are good enough."""

@@ -16,30 +16,30 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose import exact
-from decompose.assignment import soonest
+from decompose.assignment import assign_bottleneck
 from decompose.bound import makespan_bound
-from decompose.boxes import Box, Boxes, box_index
-from decompose.classes import PrinterClass, classes_of, sums
+from decompose.boxes import Box, BoxTables, box_index
+from decompose.classes import PrinterClass, classify_printers, count_sums
 from decompose.cost import PrinterRoom
 from decompose.effort import Work
 from decompose.errors import NoFit, size_text
 from decompose.grid import VOLUME, Grid
-from decompose.guillotine import UNREACHABLE, Others, Partitioner
+from decompose.guillotine import UNREACHABLE, OtherClass, Partitioner
 from decompose.piece import Piece
-from decompose.planes import evened
-from decompose.problem import Found, GridFigures, Problem, surface_bound_s
+from decompose.planes import shift_planes
+from decompose.problem import GridFigures, Partition, Problem, surface_bound_s
 
 Cut = Mapping[Box, Sequence[Piece]]
 
-MOST_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
-MOST_ROUNDS, MOST_MENDS = 4, 20  # of pricing truly what was chosen; of choices that were given up
+MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
+MAX_ROUNDS, MAX_MENDS = 4, 20  # of pricing truly what was chosen; of choices that were given up
 GAIN = 0.995  # of the makespan so far, which a partition has to reach to be worth its search
 CLOSE = 0.003  # share of it to which the least makespan is found
-MOST_MORE = 32  # printers of a class that are thought of where there are too few
+MAX_MORE = 32  # printers of a class that are thought of where there are too few
 WORTH = 1.01  # as in `decompose.exact`
 
 
-def search(problem: Problem) -> Found:
+def search(problem: Problem) -> Partition:
     """The pieces of the partition that ends soonest on these printers; see `exact.search`.
 
     Raises
@@ -47,44 +47,44 @@ def search(problem: Problem) -> Found:
     NoFit
         The pieces are more than the printers, with how many of the smallest would do.
     """
-    if problem.alike:
+    if problem.is_uniform:
         return exact.search(problem)
     model = problem.model
-    grid = problem.grid(model)
-    problem.lap("grid")
-    boxes = problem.boxes(grid)
-    problem.lap("boxes")
+    grid = problem.build_grid(model)
+    problem.on_stage("grid")
+    boxes = problem.price_boxes(grid)
+    problem.on_stage("boxes")
     needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
     least_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
     cuts: list[Cut] = []
     failure: NoFit | None = None
     try:
-        cuts.append(_for_printers(problem, exact.Search(problem, grid, boxes, least_s).run()))
+        cuts.append(_for_printers(problem, exact.ExactSearch(problem, grid, boxes, least_s).run()))
     except NoFit as error:
         failure = error
-    problem.lap("search")
-    least_s *= problem.quickest
-    by_class = _ByClass(problem, grid, boxes, least_s)
+    problem.on_stage("search")
+    least_s *= problem.fastest_factor
+    by_class = _ClassSearch(problem, grid, boxes, least_s)
     cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
         raise _too_few(problem, grid, boxes) or failure
-    problem.lap("classes")
+    problem.on_stage("classes")
     best = min(cuts, key=lambda cut: _ends_s(problem, cut))
-    pieces = tuple(evened(problem, grid, best))
+    pieces = tuple(shift_planes(problem, grid, best))
     for cut in cuts:
         if cut is not best and not problem.effort.is_spent():
-            other = tuple(evened(problem, grid, cut))
-            pieces = min(pieces, other, key=problem.ends_s)
-    problem.lap("planes")
-    figures = by_class.figures(grid, best, least_s, pieces)
-    problem.lap("bound")
-    return Found(pieces, model, np.eye(3), figures)
+            other = tuple(shift_planes(problem, grid, cut))
+            pieces = min(pieces, other, key=problem.makespan_s)
+    problem.on_stage("planes")
+    figures = by_class.grid_figures(grid, best, least_s, pieces)
+    problem.on_stage("bound")
+    return Partition(pieces, model, np.eye(3), figures)
 
 
 def _for_printers(problem: Problem, cut: Cut) -> Cut:
     """The pieces of boxes, each with its printer: the last one ends soonest then."""
-    takers = problem.takers(_pieces(cut))
+    takers = problem.assign_printers(_pieces(cut))
     return cut if takers is None else _taken(cut, takers)
 
 
@@ -99,21 +99,21 @@ def _pieces(cut: Cut) -> list[Piece]:
 
 
 def _ends_s(problem: Problem, cut: Cut) -> float:
-    return problem.ends_s(_pieces(cut))
+    return problem.makespan_s(_pieces(cut))
 
 
-class _ByClass(exact.Search):
+class _ClassSearch(exact.ExactSearch):
     """The search for classes of printers, told the truth about what it chooses as `exact.Search` is.
 
     What was learned there of boxes on all printers is known here, too.
     """
 
-    def __init__(self, problem: Problem, grid: Grid, shared: Boxes, least_s: float) -> None:
-        self.classes = classes_of(problem.printers, MOST_SUMS / len(shared.seconds))
-        self.tables = tables_of(problem, grid, shared, self.classes)
+    def __init__(self, problem: Problem, grid: Grid, shared: BoxTables, least_s: float) -> None:
+        self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared.seconds))
+        self.tables = class_tables(problem, grid, shared, self.classes)
         super().__init__(problem, grid, self.tables[0], least_s)
         others = zip(self.tables[1:], self.classes[1:], strict=True)
-        self.solver = Partitioner(self.tables[0], [Others(table, own.count) for table, own in others])
+        self.solver = Partitioner(self.tables[0], [OtherClass(table, own.count) for table, own in others])
 
     def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
         """Partitions that truly end sooner than that, the last one soonest; none where there is one class."""
@@ -122,14 +122,14 @@ class _ByClass(exact.Search):
         if len(self.classes) == 1 or not self._promising(GAIN * below_s, close_s):
             return found
         rounds = 0
-        while rounds < MOST_ROUNDS and len(self.mends) < MOST_MENDS:
+        while rounds < MAX_ROUNDS and len(self.mends) < MAX_MENDS:
             if math.isfinite(below_s) and self.problem.effort.is_spent():
                 break
             limit_s = self._solved(self.classes[0].count, close_s, GAIN * below_s)
             if limit_s is None:
                 break
             self.least_s = max(self.least_s, limit_s - close_s)
-            chosen = self.solver.chosen()
+            chosen = self.solver.chosen_boxes()
             if self._more_pieces(chosen) or self._mended(chosen):
                 continue
             rounds += 1
@@ -147,8 +147,8 @@ class _ByClass(exact.Search):
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(own.count for own in self.classes)
         solver = Partitioner(best)
-        least_s = solver.least_makespan(count, self.least_s, close_s, at_most_s)
-        self.problem.effort.did(Work.SUM, solver.sums)
+        least_s = solver.find_least_makespan(count, self.least_s, close_s, at_most_s)
+        self.problem.effort.book(Work.SUM, solver.sums)
         if least_s is not None:
             self.least_s = max(self.least_s, least_s - close_s)
         return least_s is not None
@@ -160,7 +160,7 @@ class _ByClass(exact.Search):
     def _shared_out(self, chosen: Sequence[Box]) -> Cut:
         """The pieces of boxes, each with the printer that the tables say is best."""
         cut = {box: self.cut[box] for box in chosen}
-        takers = soonest(self._seconds(chosen))
+        takers = assign_bottleneck(self._seconds(chosen))
         assert takers is not None  # the search found a way
         printers = [printer for own in self.classes for printer in own.printers]
         return _taken(cut, [printers[i] for i in takers])
@@ -180,55 +180,57 @@ class _ByClass(exact.Search):
         """Put into the tables what pieces truly cost, on all printers with that room."""
         for box, pieces in cut.items():
             at = box_index(box, self.boxes.shape)
-            for piece, pose in zip(pieces, self.problem.poses(list(pieces)), strict=True):
-                seconds = math.inf if pose is None else pose.seconds
+            for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
+                seconds = math.inf if pose is None else pose.price_s
                 mine = next(own for own in self.classes if piece.printer in own.printers)
                 for own, table in zip(self.classes, self.tables, strict=True):
                     if own.boxes == mine.boxes:
                         table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
 
-    def figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
+    def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
         """How good these boxes are by the tables, and what no partition can undercut on any printer.
 
         Proven as if all printers had the speed of the quickest, and the room of whichever is best.
         """
         problem = self.problem
         times = self._seconds(list(cut))
-        takers = soonest(times)
+        takers = assign_bottleneck(times)
         if takers is None:  # what this search gave up, the one for all printers need not have
             makespan_s = _ends_s(problem, cut)
         else:
             makespan_s = float(times[range(len(takers)), takers].max())
-        if problem.proves(pieces):
-            quickest = np.float32(problem.quickest)
-            each = [problem.boxes(grid, [room]) for room in problem.rooms]
+        if problem.needs_proof(pieces):
+            quickest = np.float32(problem.fastest_factor)
+            each = [problem.price_boxes(grid, [room]) for room in problem.rooms]
             best = replace(
                 each[0],
                 seconds=quickest * np.min([boxes.seconds for boxes in each], axis=0),
                 pieces=np.max([boxes.pieces for boxes in each], axis=0),
             )
-            problem.effort.did(Work.BOX_PROVEN, len(best.seconds))
+            problem.effort.book(Work.BOX_PROVEN, len(best.seconds))
             proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
             least_s = max(least_s, proven.seconds)
         return GridFigures(makespan_s, least_s, grid.shape)
 
 
-def _too_few(problem: Problem, grid: Grid, shared: Boxes) -> NoFit | None:
+def _too_few(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
     """How many printers would do, were there more of the kinds that there are; None where that is not why.
 
     More of the first class, of one other, or of both.
     """
-    most_sums = MOST_SUMS / len(shared.seconds)
-    classes = classes_of([replace(printer, time_factor=1.0) for printer in problem.printers], most_sums)
-    tables = tables_of(problem, grid, shared, classes)
+    most_sums = MAX_SUMS / len(shared.seconds)
+    classes = classify_printers(
+        [replace(printer, time_factor=1.0) for printer in problem.printers], most_sums
+    )
+    tables = class_tables(problem, grid, shared, classes)
     own = [each.count for each in classes]
     found: list[tuple[int, list[int]]] = []
     for grown in range(1, len(classes)):
         counts = _grown(own, grown, most_sums)
-        others = [Others(table, count) for table, count in zip(tables[1:], counts, strict=True)]
+        others = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], others)
-        solver.parts(float(np.finfo(np.float32).max))  # below inf, which stands for no fit
-        for state, fewest in zip(*solver.shares(), strict=True):
+        solver.solve(float(np.finfo(np.float32).max))  # below inf, which stands for no fit
+        for state, fewest in zip(*solver.class_shares(), strict=True):
             more = [max(0, int(n) - count) for n, count in zip((fewest, *state), own, strict=True)]
             found += [(sum(more), more)] if fewest < UNREACHABLE else []
     total, more = min(found, default=(0, []))
@@ -246,16 +248,18 @@ def _too_few(problem: Problem, grid: Grid, shared: Boxes) -> NoFit | None:
 def _grown(own: Sequence[int], which: int, most_sums: float) -> list[int]:
     """The counts of all classes but the first, one of them by so many larger as the search allows."""
     counts = list(own[1:])
-    for _ in range(MOST_MORE):
+    for _ in range(MAX_MORE):
         larger = list(counts)
         larger[which - 1] += 1
-        if sums([max(larger), *larger]) > most_sums:
+        if count_sums([max(larger), *larger]) > most_sums:
             break
         counts = larger
     return counts
 
 
-def tables_of(problem: Problem, grid: Grid, shared: Boxes, classes: Sequence[PrinterClass]) -> list[Boxes]:
+def class_tables(
+    problem: Problem, grid: Grid, shared: BoxTables, classes: Sequence[PrinterClass]
+) -> list[BoxTables]:
     """The tables of each class, its speed in the times; all have the same `trimmed` and `pieces`.
 
     Parameters
@@ -263,12 +267,12 @@ def tables_of(problem: Problem, grid: Grid, shared: Boxes, classes: Sequence[Pri
     shared
         Of the room that all printers have.
     """
-    rooms: dict[object, Boxes] = {}
+    rooms: dict[object, BoxTables] = {}
     for own in classes:
         if own.boxes in rooms:
             continue
         least = all(room.fits(*box) for box in own.boxes for room in problem.rooms)
-        rooms[own.boxes] = shared if least else problem.boxes(grid, [own.room])
+        rooms[own.boxes] = shared if least else problem.price_boxes(grid, [own.room])
     pieces = np.maximum(shared.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
     return [
         replace(shared, seconds=rooms[own.boxes].seconds * np.float32(own.time_factor), pieces=pieces)

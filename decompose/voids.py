@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.boxes import index_of
-from decompose.growth import Ints, Terrain, can_grow, take
+from decompose.growth import Ints, Terrain, claim_cells, grown_box_index
 from decompose.jit import jit
 
 
@@ -36,16 +36,16 @@ def _fill(
                 while growing:
                     growing = False
                     for direction in (3, 0, 4, 1, 5, 2):
-                        if can_grow(block, direction, owner, needed, seconds, pieces) >= 0:
+                        if grown_box_index(block, direction, owner, needed, seconds, pieces) >= 0:
                             block[direction] += 1 if direction >= 3 else -1
                             growing = True
-                take(block, number + found, owner)
+                claim_cells(block, number + found, owner)
                 blocks[found] = block
                 found += 1
     return True, blocks[:found]
 
 
-def fill(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints | None:
+def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints | None:
     """Cover what is needed and has no owner.
 
     The first such cell becomes a block, which grows in every direction in turn as far as it may; then the

@@ -10,15 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.grid import Cell, Grid, fill_grid
-from decompose.interfaces import Cells
+from decompose.interfaces import NeededCells
 
-MOST_FINER = 4
+MAX_FINER = 4
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 
-def finer(grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, most_cells: int) -> Cells:
+def refine_cells(
+    grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, most_cells: int
+) -> NeededCells:
     """The needed part of a grid's needed cells, each of them in several.
 
     Parameters
@@ -32,7 +34,7 @@ def finer(grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool
     most_cells
         That there may be in all, where the grid itself has not more.
     """
-    times = max(1, min(MOST_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
+    times = max(1, min(MAX_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (_finer(planes, times) for planes in grid.planes)
     fine = fill_grid(triangles, (px, py, pz), min_wall_mm, True, 1.0, 1.0)
     needed = fine.cells != Cell.EXTERNAL
@@ -42,7 +44,7 @@ def finer(grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool
     coarse = grid.needed
     for axis in range(3):
         coarse = coarse.repeat(times, axis=axis)
-    return Cells(fine.planes, needed & coarse)
+    return NeededCells(fine.planes, needed & coarse)
 
 
 def _finer(planes: Floats, times: int) -> Floats:

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from decompose.boxes import Box, Boxes, box_index, interval
+from decompose.boxes import Box, BoxTables, box_index, interval
 from decompose.guillotine import UNREACHABLE, Partitioner
 from decompose.jit import jit
 
@@ -134,7 +134,7 @@ def _fewest_in_pinwheel(
     return best
 
 
-def pinwheel(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
+def pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
     """The five boxes of a pinwheel that fills a grid of this shape; the last one is in the middle."""
     axis, mirrored, p1, p2, q1, q2 = wheel
     p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
@@ -162,7 +162,7 @@ class Window:
         The boxes of the partition that are cut anew, and all the rest.
     """
 
-    def __init__(self, boxes: Boxes, mine: Iterable[Box], others: Iterable[Box]) -> None:
+    def __init__(self, boxes: BoxTables, mine: Iterable[Box], others: Iterable[Box]) -> None:
         own = np.array(sorted(mine))
         self._lo, hi = own[:, :3].min(axis=0), own[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
@@ -182,7 +182,7 @@ class Window:
         pieces = np.ones(total, np.int16)
         on_grid = (boxes.seconds, boxes.pieces)
         _tables(covered, sums, left, front, bottom, *boxes.shape, *on_grid, seconds, trimmed, pieces)
-        self._solver = Partitioner(Boxes(self.shape, seconds, trimmed, pieces))
+        self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
         self._wheel: Pinwheel | None = None
 
     @property
@@ -203,37 +203,37 @@ class Window:
             inside[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]] = True
         return inside
 
-    def fewest(self, limit_s: float) -> int:
+    def fewest_parts(self, limit_s: float) -> int:
         """The fewest parts that each take at most limit_s; `UNREACHABLE` or more where there are none."""
-        by_cuts = self._solver.parts(limit_s, ties=True)
+        by_cuts = self._solver.solve(limit_s, ties=True)
         count, *wheel = _fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, mirrored, p1, p2, q1, q2 = wheel
         self._wheel = (axis, mirrored, p1, p2, q1, q2) if count < by_cuts else None
         return min(by_cuts, int(count))
 
-    def chosen(self) -> list[Box]:
+    def chosen_boxes(self) -> list[Box]:
         """The boxes of the last solution, in the cells of the grid."""
         if self._wheel is None:
-            found = self._solver.chosen()
+            found = self._solver.chosen_boxes()
         else:
-            arms = pinwheel(self.shape, self._wheel)
-            found = [box for arm in arms for box in self._solver.chosen(arm)]
+            arms = pinwheel_boxes(self.shape, self._wheel)
+            found = [box for arm in arms for box in self._solver.chosen_boxes(arm)]
         x, y, z = self._lo.tolist()
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in found]
 
-    def solved(self, parts: int, below_s: float, least_s: float) -> list[Box] | None:
+    def solve(self, parts: int, below_s: float, least_s: float) -> list[Box] | None:
         """At most so many parts that all take less than below_s, about as soon as it goes; None: not so.
 
         Nobody looks below least_s.
         """
         high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
-        if self.fewest(high) > parts:
+        if self.fewest_parts(high) > parts:
             return None
-        found, low = self.chosen(), least_s
+        found, low = self.chosen_boxes(), least_s
         while high - low > CLOSE * high:
             middle = (low + high) / 2.0
-            if self.fewest(middle) <= parts:
-                found, high = self.chosen(), middle
+            if self.fewest_parts(middle) <= parts:
+                found, high = self.chosen_boxes(), middle
             else:
                 low = middle
         return found

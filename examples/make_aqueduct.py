@@ -14,7 +14,7 @@ import numpy as np
 
 from decompose.errors import DecomposeError
 from decompose.solid import Solid
-from decompose.stl import single_precision, write_stl
+from decompose.stl import round_triangles, write_stl
 
 LENGTH_MM = 330.0
 # Each tier: floor, height, depth, number of arches, width of a pier between two, height of its arches' feet.
@@ -93,7 +93,7 @@ def main() -> int:
     out = parser.parse_args().out
     try:
         solid = aqueduct()
-        corners = single_precision(*solid.arrays())
+        corners = round_triangles(*solid.arrays())
         if corners is None:
             raise DecomposeError("the aqueduct is not closed in single precision; change its measures")
         write_stl(out, corners)

@@ -21,22 +21,30 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from decompose.baselines.hollow import Block, Shell, cubes_about, hollow, largest_cube, planes_at, refined
+from decompose.baselines.hollow import (
+    Block,
+    Shell,
+    cubes_about,
+    hollow_model,
+    largest_cube,
+    planes_at,
+    refine_cube,
+)
 from decompose.baselines.rooms import (
-    blocks_needed,
-    clear_of_faces,
-    connected,
+    connected_pieces,
+    count_blocks,
+    place_clear_of_faces,
     refuse_misfits,
 )
-from decompose.cost import pose_costs
+from decompose.cost import axis_prices_s
 from decompose.errors import NoFit
 from decompose.grid import Cell, Grid, build_grid, fill_grid
-from decompose.joints import joints
+from decompose.joints import find_joints
 from decompose.piece import Piece, box_planes
-from decompose.problem import Found, Problem
+from decompose.problem import Partition, Problem
 from decompose.report import Interior
 from decompose.solid import Solid
-from decompose.stl import single_precision
+from decompose.stl import round_triangles
 
 Floats = npt.NDArray[np.float64]
 
@@ -44,7 +52,7 @@ CELLS = 24  # the cube root of the number of cells that the model is hollowed by
 TOUCH_MM2 = 1.0  # pieces that share less are no neighbours
 
 
-def search(problem: Problem) -> Found:
+def search(problem: Problem) -> Partition:
     """The pieces of CSSS.
 
     Raises
@@ -57,23 +65,23 @@ def search(problem: Problem) -> Found:
     cost = problem.cost
     settings = (options.min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
     grid = build_grid(vertices[faces], CELLS, *settings)
-    shell = hollow(model.solid, grid)
+    shell = hollow_model(model.solid, grid)
     hollowed = bool(shell.cavity.any())
     cube = largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
     if cube is None and faithful:
         raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
-    problem.lap("hollow")
+    problem.on_stage("hollow")
     found = _cut(problem, grid, shell, cube)
     if cube is not None and hollowed and not faithful:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
-        cube_mm = refined(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
+        cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = planes_at(model.solid, grid, cube_mm)
         grid = fill_grid(vertices[faces], planes, *settings)
-        other = _cut(problem, grid, hollow(model.solid, grid, cube), cube)
-        found = min(other, found, key=lambda own: (len(own) > len(problem.printers), problem.ends_s(own)))
-    problem.lap("cut")
+        other = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
+        found = min(other, found, key=lambda own: (len(own) > len(problem.printers), problem.makespan_s(own)))
+    problem.on_stage("cut")
     refuse_misfits("cube-skeleton", found, problem, would_do=len(found))
-    return Found(found, model, np.eye(3))
+    return Partition(found, model, np.eye(3))
 
 
 def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
@@ -116,13 +124,13 @@ def _split(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
 def _fitting(piece: Piece, problem: Problem) -> list[Piece]:
     """A piece cut on a grid, if need be, into such as fit every printer."""
     lo, hi = piece.solid.bounds_mm
-    counts = np.array(blocks_needed(hi - lo, problem.rooms))
+    counts = np.array(count_blocks(hi - lo, problem.rooms))
     if counts.max() == 1:
         return [piece]
     axis = int(counts.argmax())
     share = (counts[axis] // 2) / counts[axis]
     at_mm = float(lo[axis] + share * (hi - lo)[axis])
-    halves = _split(piece, axis, clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
+    halves = _split(piece, axis, place_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
     return [part for half in halves for part in _fitting(half, problem)] if len(halves) > 1 else [piece]
 
 
@@ -153,17 +161,17 @@ class _Merging:
         self.groups: dict[int, _Group] = {}
         for i, piece in enumerate(pieces):
             solid = piece.solid
-            seconds = float(pose_costs(*solid.arrays(), problem.cost).min())
+            seconds = float(axis_prices_s(*solid.arrays(), problem.cost).min())
             self.groups[i] = _Group([i], solid, seconds)
         self.touching: dict[int, set[int]] = defaultdict(set)
-        for joint in joints(pieces):
+        for joint in find_joints(pieces):
             if joint.area_mm2 >= TOUCH_MM2:
                 self.touching[joint.a].add(joint.b)
                 self.touching[joint.b].add(joint.a)
 
     def fits(self, a: int, b: int) -> bool:
         size_mm = self.groups[a].size_mm(self.groups[b])
-        return max(blocks_needed(size_mm, self.problem.rooms)) == 1
+        return max(count_blocks(size_mm, self.problem.rooms)) == 1
 
     def merge(self, a: int, b: int) -> bool:
         """The second group becomes a part of the first.
@@ -173,7 +181,7 @@ class _Merging:
         """
         one, other = self.groups[a], self.groups[b]
         solid = Solid.union([one.solid, other.solid])
-        if len(solid.pieces()) > 1 or single_precision(*solid.arrays()) is None:
+        if len(solid.pieces()) > 1 or round_triangles(*solid.arrays()) is None:
             self.touching[a].discard(b)
             self.touching[b].discard(a)
             return False
@@ -230,7 +238,7 @@ class _Merging:
         for group in self.groups.values():
             members = [self.pieces[i] for i in group.members]
             planes = np.unique(np.concatenate([piece.planes for piece in members]), axis=0)
-            found += connected(Piece(group.solid, planes, members[0].boxes_mm))
+            found += connected_pieces(Piece(group.solid, planes, members[0].boxes_mm))
         return found
 
 
@@ -239,7 +247,7 @@ def _merged(regions: list[Piece], printers: int, problem: Problem) -> list[Piece
     pieces: list[Piece] = []
     islands: list[int] = []
     for region in regions:
-        found = sorted(connected(region), key=lambda piece: -piece.solid.volume_mm3)
+        found = sorted(connected_pieces(region), key=lambda piece: -piece.solid.volume_mm3)
         islands += range(len(pieces) + 1, len(pieces) + len(found))
         pieces += found
     merging = _Merging(pieces, problem)

@@ -41,12 +41,12 @@ class Shell:
     boxes_mm: Floats
 
 
-def hollow(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
+def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     """Take out the cells that are not needed, those that keep the least wall from the surface; and a cube."""
     own = np.zeros_like(grid.needed)
     if cube is not None:
         own[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
-    cavity = without_diagonals(own | ((grid.cells == Cell.INTERNAL) & ~grid.needed), own)
+    cavity = remove_diagonals(own | ((grid.cells == Cell.INTERNAL) & ~grid.needed), own)
     if not cavity.any():
         return Shell(solid, cavity, np.zeros((0, 4)), np.zeros((0, 2, 3)))
     holes = [np.array(grid.bounds_mm(block)) for block in blocks(cavity)]
@@ -56,7 +56,7 @@ def hollow(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
     return Shell(shell, cavity, planes, left)
 
 
-def without_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
+def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
     """Less cells that meet others along an edge alone, where the surface of the rest would touch itself.
 
     Those of one box may be `kept`.
@@ -115,7 +115,7 @@ def largest_cube(cells: Bools) -> Block | None:
     return x - size, y - size, z - size, x, y, z
 
 
-def refined(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
+def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
     """A cube (2, 3) within the cuboid of these corners in mm, grown until it reaches the least wall.
 
     It grows about its middle and towards each corner, by bisection against the mesh itself, and so often that

@@ -22,7 +22,7 @@ FIT_MM = 1e-6  # a part may be this much larger than its room: rounding
 ROUNDING_MM3 = 1e-6  # a film on a cut plane
 
 
-def blocks_needed(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
+def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
     """Along each axis the least equal blocks of a box (3,) that fit every printer, square to its sides.
 
     A box that needs one block fits; it may fit turned where it needs more.
@@ -35,12 +35,14 @@ def blocks_needed(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int
     return x, y, z
 
 
-def parts_needed(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
+def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
     """The parts that a solid is cut into at least, along the axes; 1 where it fits as it is."""
-    return math.prod(blocks_needed(np.ptp(solid.bounds_mm, axis=0), printers))
+    return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
 
 
-def clear_of_faces(solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM) -> float:
+def place_clear_of_faces(
+    solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
+) -> float:
     """A place next to `at_mm` for a plane, where no face of the solid lies near it.
 
     A cut there would leave slivers, and the face be taken for a cut. Where nothing within the reach is clear,
@@ -62,7 +64,7 @@ def clear_of_faces(solid: Solid, normal: Floats, at_mm: float, reach_mm: float =
     return at_mm + float(offsets[clear[0] if len(clear) else int(np.argmax(gaps))])
 
 
-def connected(piece: Piece) -> list[Piece]:
+def connected_pieces(piece: Piece) -> list[Piece]:
     """The connected pieces of what an engine takes for one, without what rounding leaves on a cut."""
     found = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
     return [Piece(solid, piece.planes, piece.boxes_mm) for solid in found]
@@ -74,8 +76,8 @@ def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem, would
     `would_do` printers would do, if that is known.
     """
     printers = len(problem.printers)
-    large = [p for p in pieces if parts_needed(p.solid, problem.rooms) > 1]
-    misfits = sum(pose is None for pose in problem.poses(large))
+    large = [p for p in pieces if count_parts(p.solid, problem.rooms) > 1]
+    misfits = sum(pose is None for pose in problem.find_poses(large))
     if misfits:
         raise NoFit(
             f"{misfits} of the {len(pieces)} parts that {engine} makes for {printers} printers fit none of "

@@ -18,18 +18,18 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.baselines.rooms import (
-    blocks_needed,
-    clear_of_faces,
-    connected,
-    parts_needed,
+    connected_pieces,
+    count_blocks,
+    count_parts,
+    place_clear_of_faces,
     refuse_misfits,
 )
-from decompose.cost import pose_costs
+from decompose.cost import axis_prices_s
 from decompose.errors import NoFit
 from decompose.piece import Piece
-from decompose.problem import Found, Problem
+from decompose.problem import Partition, Problem
 from decompose.solid import Solid
-from decompose.symmetry import Mirror, drawn_mirrors, good_mirrors
+from decompose.symmetry import Mirror, draw_mirrors, find_good_mirrors
 
 Floats = npt.NDArray[np.float64]
 
@@ -37,7 +37,7 @@ LOOK_AHEAD = 3  # cuts
 DRAWN_PLANES = 5  # of a part, kept of a draw
 GOOD_PLANES = 3
 REFINING_SAMPLES = 25  # normals a round
-LEAST_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
+MIN_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
 ASIDE: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])  # of a block
 CRUMB_SHARE = 0.05  # likewise of the mended form: a part that is not worth a printer
 
@@ -79,7 +79,7 @@ class _Form(ABC):
         return self.part(Piece(self.problem.model.solid, np.zeros((0, 4)), np.zeros((0, 2, 3))))
 
 
-def search(problem: Problem) -> Found:
+def search(problem: Problem) -> Partition:
     """The parts of SBD.
 
     Raises
@@ -96,12 +96,12 @@ def search(problem: Problem) -> Found:
             whole.needs,
         )
     parts = list(_best_leaves(form, whole, printers, LOOK_AHEAD)[printers][1])
-    problem.lap("tree")
+    problem.on_stage("tree")
     parts = form.cut_on(parts)
-    problem.lap("greedy")
-    pieces = tuple(piece for part in parts for piece in connected(part.piece))
+    problem.on_stage("greedy")
+    pieces = tuple(piece for part in parts for piece in connected_pieces(part.piece))
     refuse_misfits("symmetry", pieces, problem, would_do=None)  # with more it makes more
-    return Found(pieces, problem.model, np.eye(3))
+    return Partition(pieces, problem.model, np.eye(3))
 
 
 def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
@@ -146,7 +146,7 @@ class _Faithful(_Form):
         return _Part(piece, piece.solid.volume_mm3)
 
     def mirrors(self, part: _Part, most: int) -> list[Mirror]:
-        return drawn_mirrors(part.piece.solid.arrays()[0], self.rng, most)
+        return draw_mirrors(part.piece.solid.arrays()[0], self.rng, most)
 
     def cuts(self, part: _Part) -> Iterator[list[_Part]]:
         for mirror in self.mirrors(part, DRAWN_PLANES):
@@ -157,7 +157,7 @@ class _Faithful(_Form):
     def halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
         """The two halves, connected or not; none where one of them is too small."""
         found = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
-        whole = len(found) == 2 and all(half.price >= LEAST_SHARE * self.mean_mm3 for half in found)
+        whole = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
         return found if whole else []
 
     def cut_on(self, parts: list[_Part]) -> list[_Part]:
@@ -180,14 +180,14 @@ class _Mended(_Form):
 
     def part(self, piece: Piece) -> _Part:
         """A part that does not fit is taken for so many of equal price as its box asks for."""
-        needs = parts_needed(piece.solid, self.problem.rooms)
-        seconds = float(pose_costs(*piece.solid.arrays(), self.problem.cost).min())
+        needs = count_parts(piece.solid, self.problem.rooms)
+        seconds = float(axis_prices_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / needs, needs)
 
     def cuts(self, part: _Part) -> Iterator[list[_Part]]:
         solid = part.piece.solid
         vertices = solid.arrays()[0]
-        for mirror in good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
+        for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
             yield from self.pieces(part.piece, mirror.normal, mirror.offset_mm)
         normal, places_mm = self.across(solid)
         least, fewest = max(2, part.needs), None
@@ -202,8 +202,8 @@ class _Mended(_Form):
 
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
         """The connected pieces on both sides of a plane next to this one, unless one of them is a crumb."""
-        at_mm = clear_of_faces(piece.solid, normal, at_mm)
-        found = [p for half in _halves(piece, normal, at_mm) for p in connected(half)]
+        at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
+        found = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
         least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
         if len(found) > 1 and all(each.solid.volume_mm3 >= least_mm3 for each in found):
             yield [self.part(each) for each in found]
@@ -214,7 +214,7 @@ class _Mended(_Form):
         The first divides it by a whole number of rooms, the others lie about it.
         """
         lo, hi = solid.bounds_mm
-        counts = blocks_needed(hi - lo, self.problem.rooms)
+        counts = count_blocks(hi - lo, self.problem.rooms)
         axis = int(np.lexsort((hi - lo, counts))[-1])
         shares = (counts[axis] // 2 + ASIDE) / counts[axis] if counts[axis] > 1 else (1.0 + ASIDE) / 2.0
         return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()

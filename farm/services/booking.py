@@ -61,7 +61,7 @@ class DecomposedPart:
             min_mm=(float(lo[0]), float(lo[1]), float(lo[2])),
             max_mm=(float(hi[0]), float(hi[1]), float(hi[2])),
             volume_mm3=part.solid.volume_mm3,
-            estimated_s=part.estimated_s,
+            estimated_s=part.price_s,
             printer=part.printer,
             brim_width_mm=part.brim_width_mm,
             layer_0_expansion_mm=part.layer_0_expansion_mm,

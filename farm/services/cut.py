@@ -26,10 +26,10 @@ class Cut:
     executor: Executor
 
     def for_all(self) -> Decomposition:
-        return partition.decompose(self.model, self.rooms, self.options, self.cost, self.executor)
+        return partition.decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
 
     def worth_it(self, within_s: float | None = None) -> Decomposition:
-        return auto.decompose(
+        return auto.decompose_auto(
             self.model, self.rooms, self.options, self.cost, self.executor, within_s=within_s
         )
 
@@ -41,7 +41,7 @@ class Cut:
         options = replace(self.options, engine=Engine.GUILLOTINE)  # which finds one part wherever one will do
         for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
             try:
-                return partition.decompose(self.model, [room], options, self.cost, self.executor)
+                return partition.decompose_model(self.model, [room], options, self.cost, self.executor)
             except NoFit:
                 continue
         return None

@@ -12,7 +12,7 @@ from pathlib import Path
 from decompose import again, partition
 from decompose.cost import CostModel, PrinterRoom, Recipe
 from decompose.errors import NoFit
-from decompose.files import write
+from decompose.files import write_decomposition
 from decompose.mesh import Model
 from decompose.report import Decomposition, Engine, Options
 from decompose.solid import Solid
@@ -35,7 +35,7 @@ def warm() -> None:
     """Import and compile what planning needs, before somebody waits for it: cut a small box in two."""
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
-    partition.decompose(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
+    partition.decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
 
 
 def decompose_job(task: DecomposeTask) -> Decomposed:
@@ -64,7 +64,7 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
                 found = cut.whole() or cut.worth_it()
             else:
                 found = cut.for_all()
-        written = write(found, task.folder)
+        written = write_decomposition(found, task.folder)
     except NoFit as error:
         if error.printers_needed is not None and error.printers_needed > len(rooms):
             raise TooFewPrinters(str(error), error.printers_needed) from error
@@ -82,7 +82,7 @@ def _decomposed(written: Decomposition, model: Model, folder: Path) -> Decompose
         serial_s=written.serial_s,
         repairs=model.repairs,
         scale=model.scale,
-        cutting=None if written.cutting is None else pickle.dumps(written.bare()),
+        cutting=None if written.cutting is None else pickle.dumps(written.without_parts()),
     )
 
 
@@ -112,8 +112,8 @@ def level_again(sliced: Sliced, folder: Path) -> Decomposed | None:
     ]
     model = read_inspected(task.model)
     with in_farm_words(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        found = again.level_again(model, was, took_s, cost, threads)
-        return None if found is None else _decomposed(write(found, folder), model, folder)
+        found = again.relevel_planes(model, was, took_s, cost, threads)
+        return None if found is None else _decomposed(write_decomposition(found, folder), model, folder)
 
 
 def priced_rooms(

@@ -11,7 +11,7 @@ from typing import Any
 
 from decompose import auto, partition
 from decompose.cost import CostModel, PrinterRoom
-from decompose.files import write
+from decompose.files import write_decomposition
 from decompose.growth import Score
 from decompose.mesh import load_model
 from decompose.names import ASSEMBLY, PICTURE, REPORT
@@ -104,10 +104,10 @@ def decompose_to_folder(
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             if printers is None:
                 handling = {"clear_s": clear_s, "assemble_s": assemble_s}
-                found = auto.decompose(model, rooms, options, cost, executor, **handling)
+                found = auto.decompose_auto(model, rooms, options, cost, executor, **handling)
             else:
-                found = partition.decompose(model, rooms, options, cost, executor)
-            written = write(found, out)
+                found = partition.decompose_model(model, rooms, options, cost, executor)
+            written = write_decomposition(found, out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decompose.cost import CostModel, Recipe
-from decompose.footing import WARPS_AT
+from decompose.footing import REFERENCE_SHRINKAGE
 from farm.config import PrinterSection
 from farm.services.estimate import prelude_seconds
 from slicing.settings import Settings
@@ -37,7 +37,7 @@ def recipe(settings: Settings, prelude_s: float) -> Recipe:
         travel_mm_s=settings.speed_travel_mm_s,
         acceleration_mm_s2=float(shared["machine_acceleration"]),
         least_layer_s=float(extruder["cool_min_layer_time"]),
-        shrinkage=settings.scale_xy - 1.0 or WARPS_AT,
+        shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
         prelude_s=prelude_s,
     )
 
@@ -50,4 +50,4 @@ def printer_cost(section: PrinterSection, settings: Settings) -> CostModel:
 def slower(cost: CostModel, than: CostModel) -> float:
     """How many times as long a part takes at one printer's settings as at another's: a cube of 50 mm."""
     sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
-    return cost.seconds(sums, size) / than.seconds(sums, size)
+    return cost.price_s(sums, size) / than.price_s(sums, size)

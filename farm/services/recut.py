@@ -12,7 +12,7 @@ import trimesh
 from decompose import auto
 from decompose.assembly import draw_assembly
 from decompose.errors import NoFit
-from decompose.files import write
+from decompose.files import write_decomposition
 from decompose.glb import write_glb
 from decompose.mesh import Model
 from decompose.names import REPORT
@@ -42,10 +42,10 @@ def cut_part(task: AgainTask) -> Pieces:
     options = replace(decomposition_options(task.options), interior=Interior.KEEP)  # no hollows
     whole = Model(_solid(task.files / task.part.file), (), 1.0)
     try:
-        found = auto.decompose(whole, rooms, options, cost)
+        found = auto.decompose_auto(whole, rooms, options, cost)
         if len(found.parts) < 2:
             raise FarmError(f"part {task.part.id} is printed sooner in one piece", ErrorCode.NO_FIT)
-        written = write(_named(found, task.part), task.folder)
+        written = write_decomposition(_named(found, task.part), task.folder)
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:

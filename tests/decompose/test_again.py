@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from decompose.again import _pieces, level_again
-from decompose.best import turned
+from decompose.again import _cut_previous_boxes, relevel_planes
+from decompose.best import rotate_about_z
 from decompose.cost import CostModel, PrinterRoom
 from decompose.mesh import Model
-from decompose.partition import decompose
-from decompose.piece import in_order, pieces_in_box
-from decompose.planes import evened_from
+from decompose.partition import decompose_model
+from decompose.piece import cut_box, sort_pieces
+from decompose.planes import shift_box_planes
 from decompose.problem import Problem
 from decompose.report import Attempt, Cutting, Decomposition, Engine, Options, Part
 from decompose.solid import Solid
@@ -24,7 +24,7 @@ from decompose.solid import Solid
 ROOMS = tuple(PrinterRoom(name, ((220.0, 220.0, 200.0),)) for name in "abcd")
 OPTIONS = Options(Engine.GUILLOTINE, 6, fit_first_layer=False, prove=False)
 MODEL = Model(
-    Solid.union([Solid.box((0, 0, 0), (400, 60, 60)), Solid.box((30, 20, 0), (130, 100, 90))]).turned(
+    Solid.union([Solid.box((0, 0, 0), (400, 60, 60)), Solid.box((30, 20, 0), (130, 100, 90))]).rotate(
         Rotation.from_euler("z", 20.0, degrees=True).as_matrix()
     ),
     (),
@@ -34,17 +34,17 @@ MODEL = Model(
 
 @pytest.fixture(scope="module")
 def cut(cost: CostModel) -> Decomposition:
-    return decompose(MODEL, ROOMS, OPTIONS, cost)
+    return decompose_model(MODEL, ROOMS, OPTIONS, cost)
 
 
 def bare(cut: Decomposition) -> Decomposition:
     """As it comes from another process."""
-    return pickle.loads(pickle.dumps(cut.bare()))  # type: ignore[no-any-return]
+    return pickle.loads(pickle.dumps(cut.without_parts()))  # type: ignore[no-any-return]
 
 
 def took_s(cut: Decomposition, slow: int, times: float = 1.2) -> np.ndarray:
     """What the parts take where one is slower than its price."""
-    seconds = np.array([part.estimated_s for part in cut.parts])
+    seconds = np.array([part.price_s for part in cut.parts])
     seconds[slow] *= times
     return seconds
 
@@ -58,23 +58,23 @@ def number_in(after: Decomposition, cut: Decomposition, slow: int) -> int:
 @pytest.mark.parametrize("slow", range(4))
 def test_the_part_that_is_slow_gets_less(slow: int, cut: Decomposition, cost: CostModel) -> None:
     before_s = took_s(cut, slow)
-    after = level_again(MODEL, bare(cut), before_s, cost)
+    after = relevel_planes(MODEL, bare(cut), before_s, cost)
     assert after is not None
     number = number_in(after, cut, slow)
     assert took_s(after, number).max() < 0.97 * before_s.max()
-    assert after.parts[number].estimated_s < cut.parts[slow].estimated_s
+    assert after.parts[number].price_s < cut.parts[slow].price_s
     assert after.coverage.surface_error < 1e-6
     assert sum(p.solid.volume_mm3 for p in after.parts) == pytest.approx(MODEL.solid.volume_mm3)
 
 
 def test_where_all_prices_are_true_nothing_moves(cut: Decomposition, cost: CostModel) -> None:
-    assert level_again(MODEL, bare(cut), took_s(cut, 0, 1.0), cost) is None
+    assert relevel_planes(MODEL, bare(cut), took_s(cut, 0, 1.0), cost) is None
 
 
 def test_what_was_told_of_it_stays(cut: Decomposition, cost: CostModel) -> None:
     attempts = (Attempt(Engine.GUILLOTINE, "auto", 15.0, 9.0),)
     was = replace(bare(cut), yaw_deg=15.0, attempts=attempts, options=replace(OPTIONS, engine=Engine.BEST))
-    after = level_again(MODEL, was, took_s(cut, 1), cost)
+    after = relevel_planes(MODEL, was, took_s(cut, 1), cost)
     assert after is not None
     assert (after.yaw_deg, after.attempts, after.options) == (15.0, attempts, was.options)
     assert (after.serial_s, after.gap, after.cells) == (cut.serial_s, cut.gap, cut.cells)
@@ -82,11 +82,11 @@ def test_what_was_told_of_it_stays(cut: Decomposition, cost: CostModel) -> None:
 
 
 def test_a_second_time_it_goes_on_from_the_first(cut: Decomposition, cost: CostModel) -> None:
-    once = level_again(MODEL, bare(cut), took_s(cut, 1), cost)
+    once = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
     assert once is not None
     slow = number_in(once, cut, 1)
-    assert level_again(MODEL, bare(once), took_s(once, slow), cost) is None  # it is level
-    twice = level_again(MODEL, bare(once), took_s(once, 2, 1.3), cost)
+    assert relevel_planes(MODEL, bare(once), took_s(once, slow), cost) is None  # it is level
+    twice = relevel_planes(MODEL, bare(once), took_s(once, 2, 1.3), cost)
     assert twice is not None
     assert took_s(twice, number_in(twice, once, 2), 1.3).max() < took_s(once, 2, 1.3).max()
 
@@ -94,9 +94,9 @@ def test_a_second_time_it_goes_on_from_the_first(cut: Decomposition, cost: CostM
 def test_a_model_that_was_turned_is_cut_as_it_lay(cost: CostModel) -> None:
     from decompose.partition import _by_engine
 
-    asked = turned(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
+    asked = rotate_about_z(Problem(MODEL, ROOMS, cost, OPTIONS), -20.0)
     cut = _by_engine(asked, serial=(1.0, 1.0))
-    after = level_again(MODEL, bare(cut), took_s(cut, 1), cost)
+    after = relevel_planes(MODEL, bare(cut), took_s(cut, 1), cost)
     assert after is not None
     assert sum(p.solid.volume_mm3 for p in after.parts) == pytest.approx(MODEL.solid.volume_mm3)
     lo, hi = MODEL.solid.bounds_mm
@@ -109,9 +109,9 @@ def test_what_is_slow_ends_sooner_on_unequal_printers_too(faster: float, cost: C
     """Prices are uneven on purpose now: the printers are not to be given out by them."""
     rooms = tuple(replace(room, time_factor=1.0 + faster * i) for i, room in enumerate(ROOMS))
     factors = {room.name: room.time_factor for room in rooms}
-    cut = decompose(MODEL, rooms, OPTIONS, cost)
+    cut = decompose_model(MODEL, rooms, OPTIONS, cost)
     before_s = took_s(cut, 0, 1.1)
-    after = level_again(MODEL, bare(cut), before_s, cost)
+    after = relevel_planes(MODEL, bare(cut), before_s, cost)
     assert after is not None and after.cutting is not None
     after_s = took_s(after, number_in(after, cut, 0), 1.1)
 
@@ -137,24 +137,24 @@ def test_each_of_two_pieces_in_a_box_keeps_what_was_shown_of_it(cost: CostModel)
     boxes_mm = np.array(
         [[[-1.0, -1.0, -1.0], [201.0, 41.0, 70.0]], [[-1.0, -1.0, 70.0], [201.0, 41.0, 151.0]]]
     )
-    parts = in_order(piece for box in boxes_mm for piece in pieces_in_box(u, *box))
-    prices_s = [pose.seconds for pose in problem.poses(parts) if pose is not None]
+    parts = sort_pieces(piece for box in boxes_mm for piece in cut_box(u, *box))
+    prices_s = [pose.price_s for pose in problem.find_poses(parts) if pose is not None]
     cutting = Cutting(4, np.eye(3), boxes_mm[[0, 1, 1]], (None,) * 3, ROOMS[:3])
-    found = _pieces(problem, cutting, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
+    found = _cut_previous_boxes(problem, cutting, [prices_s[0], 1.2 * prices_s[1], 1.1 * prices_s[2]])
     assert found is not None
-    moved = evened_from(problem, problem.grid(problem.model), boxes_mm, found)
-    slower = {bool(piece.solid.bounds_mm[0, 0] < 100.0): piece.slower for piece in moved[1:]}
+    moved = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, found)
+    slower = {bool(piece.solid.bounds_mm[0, 0] < 100.0): piece.time_ratio for piece in moved[1:]}
     assert slower == pytest.approx({False: 1.2, True: 1.1})
 
 
 def test_parts_that_are_others_are_left_as_they_are(cut: Decomposition, cost: CostModel) -> None:
     assert cut.cutting is not None
-    assert level_again(MODEL, bare(cut), took_s(cut, 0)[:-1], cost) is None
+    assert relevel_planes(MODEL, bare(cut), took_s(cut, 0)[:-1], cost) is None
     twice = replace(cut.cutting, boxes_mm=cut.cutting.boxes_mm[[0, 0, 1, 2]])
-    assert level_again(MODEL, replace(bare(cut), cutting=twice), took_s(cut, 0), cost) is None
+    assert relevel_planes(MODEL, replace(bare(cut), cutting=twice), took_s(cut, 0), cost) is None
 
 
 def test_what_no_grid_was_cut_along_stays(cost: CostModel) -> None:
-    cut = decompose(MODEL, ROOMS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
+    cut = decompose_model(MODEL, ROOMS, replace(OPTIONS, engine=Engine.PARALLELOBOX), cost)
     assert cut.cutting is None
-    assert level_again(MODEL, bare(cut), took_s(cut, 0), cost) is None
+    assert relevel_planes(MODEL, bare(cut), took_s(cut, 0), cost) is None

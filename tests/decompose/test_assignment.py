@@ -7,10 +7,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.assignment import soonest
+from decompose.assignment import assign_bottleneck
 from decompose.cost import CostModel, PrinterRoom
 from decompose.mesh import Model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.report import Engine, Options
 from decompose.solid import Solid
 
@@ -25,7 +25,7 @@ def test_the_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: floa
     seconds[rng.random(seconds.shape) > fits] = np.inf
     every = [seconds[range(parts), list(p)] for p in permutations(range(printers), parts)]
     best = min(((t.max(), t.sum()) for t in every), default=(np.inf, np.inf))
-    found = soonest(seconds)
+    found = assign_bottleneck(seconds)
     if found is None:
         assert np.isinf(best[0])
         return
@@ -37,13 +37,13 @@ def test_the_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: floa
 
 def test_a_greedy_choice_would_leave_the_last_part_without_a_printer() -> None:
     fits = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
-    found = soonest(np.where(fits > 0.0, 60.0, np.inf))
+    found = assign_bottleneck(np.where(fits > 0.0, 60.0, np.inf))
     assert found is not None
     assert found[0] == 1
 
 
 def test_of_equal_printers_the_first_are_taken() -> None:
-    assert sorted(soonest(np.full((3, 6), 60.0)) or []) == [0, 1, 2]
+    assert sorted(assign_bottleneck(np.full((3, 6), 60.0)) or []) == [0, 1, 2]
 
 
 def test_the_quickest_printer_takes_the_longest_part(
@@ -51,6 +51,6 @@ def test_the_quickest_printer_takes_the_longest_part(
 ) -> None:
     printers = [replace(fleet[0], name=str(i), time_factor=1.5 - 0.2 * i) for i in range(3)]
     options = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
-    parts = decompose(Model(lump, (), 1.0), printers, options, cost).parts
-    longest_first = sorted(parts, key=lambda part: -part.estimated_s)
+    parts = decompose_model(Model(lump, (), 1.0), printers, options, cost).parts
+    longest_first = sorted(parts, key=lambda part: -part.price_s)
     assert [part.printer for part in longest_first] == ["2", "1", "0"]

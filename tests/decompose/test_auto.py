@@ -9,9 +9,9 @@ import pytest
 
 from decompose import auto
 from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import Point
+from decompose.curve import CurvePoint
 from decompose.errors import NoFit
-from decompose.files import write
+from decompose.files import write_decomposition
 from decompose.mesh import Model
 from decompose.report import Engine, Options
 from decompose.solid import Solid
@@ -21,8 +21,8 @@ COARSE = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
 
 def test_dear_handling_takes_fewer_printers(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
     model = Model(lump, (), 1.0)
-    most = auto.decompose(model, fleet, COARSE, cost, clear_s=0.0, assemble_s=0.0)
-    fewest = auto.decompose(model, fleet, COARSE, cost, clear_s=1e5, assemble_s=1e5)
+    most = auto.decompose_auto(model, fleet, COARSE, cost, clear_s=0.0, assemble_s=0.0)
+    fewest = auto.decompose_auto(model, fleet, COARSE, cost, clear_s=1e5, assemble_s=1e5)
     assert [p.printer for p in fewest.parts] == [fleet[0].name]
     assert len(most.parts) > 1
     assert [p.printers for p in most.curve] == list(range(1, len(fleet) + 1))
@@ -34,7 +34,7 @@ def test_the_curve_knows_how_quick_the_printers_are(
 ) -> None:
     model = Model(lump, (), 1.0)
     printers = [replace(fleet[0], name=name, time_factor=f) for name, f in (("slow", 2.0), ("slower", 4.0))]
-    equal, slow = (auto.decompose(model, own, COARSE, cost).curve for own in (fleet[:2], printers))
+    equal, slow = (auto.decompose_auto(model, own, COARSE, cost).curve for own in (fleet[:2], printers))
     alone, both = (b.makespan_s / a.makespan_s for a, b in zip(equal, slow, strict=True))
     assert alone == pytest.approx(2.0)
     assert both == pytest.approx(8.0 / 3.0, rel=0.05)  # as two share it out that are so quick
@@ -45,11 +45,11 @@ def test_the_curve_knows_the_room_of_each_printer(cost: CostModel) -> None:
     low, high = PrinterRoom("low", ((100.0,) * 3,)), PrinterRoom("high", ((100.0, 100.0, 160.0),))
     model = Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
     fine = replace(COARSE, granularity=6)
-    result = auto.decompose(model, [low, high], fine, cost)
+    result = auto.decompose_auto(model, [low, high], fine, cost)
     assert [point.printers for point in result.curve] == [2]
     assert {part.printer for part in result.parts} == {"low", "high"}
     lows = [replace(low, name=str(i)) for i in range(3)]
-    curves = [auto.decompose(model, own, fine, cost).curve for own in ([*lows, high], [high, *lows])]
+    curves = [auto.decompose_auto(model, own, fine, cost).curve for own in ([*lows, high], [high, *lows])]
     assert [[point.printers for point in curve] for curve in curves] == [[3, 4], [2, 3, 4]]
     assert curves[1][0].makespan_s == result.curve[0].makespan_s
 
@@ -58,14 +58,14 @@ def test_where_the_curve_promises_too_much_all_printers_are_taken(
     lump: Solid, fleet: list[PrinterRoom], cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = Model(Solid.union([lump, Solid.box((0, 0, 300), (20, 20, 320))]), (), 1.0)
-    monkeypatch.setattr(auto, "curve_of", lambda problem: (Point(1, 100.0),))
-    assert len(auto.decompose(model, fleet[:3], COARSE, cost).parts) > 1
+    monkeypatch.setattr(auto, "build_curve", lambda problem: (CurvePoint(1, 100.0),))
+    assert len(auto.decompose_auto(model, fleet[:3], COARSE, cost).parts) > 1
 
 
 def test_the_curve_is_in_the_report(
     tmp_path: Path, ball: Model, fleet: list[PrinterRoom], cost: CostModel
 ) -> None:
-    write(auto.decompose(ball, fleet, COARSE, cost), tmp_path)
+    write_decomposition(auto.decompose_auto(ball, fleet, COARSE, cost), tmp_path)
     curve = json.loads((tmp_path / "decomposition.json").read_text())["curve"]
     assert [set(point) for point in curve] == [{"printers", "makespan_s"}] * len(curve)
     assert curve
@@ -73,4 +73,4 @@ def test_the_curve_is_in_the_report(
 
 def test_too_few_printers_are_told_so(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
     with pytest.raises(NoFit, match="there are 2"):
-        auto.decompose(ball, fleet[:2], COARSE, cost)
+        auto.decompose_auto(ball, fleet[:2], COARSE, cost)

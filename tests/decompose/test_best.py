@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, best_of
+from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, find_best
 from decompose.cost import CostModel, PrinterRoom
-from decompose.effort import NANOSECONDS, Work
+from decompose.effort import WORK_NS, Work
 from decompose.errors import DecomposeError, GeometryError, NoFit, Rule
 from decompose.grid import cell_counts
 from decompose.joints import Fault
 from decompose.mesh import Model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.problem import Problem
 from decompose.report import Decomposition, Engine, Options
 from decompose.solid import Solid
@@ -31,7 +31,7 @@ Ends = Callable[[Options], float]
 @pytest.fixture(scope="module")
 def result(cost: CostModel) -> Decomposition:
     """Of any engine: the parts do not matter here."""
-    found = decompose(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
+    found = decompose_model(BLOCK, ROOMS[:2], Options(Engine.GUILLOTINE, 3, prove=False), cost)
     return replace(found, sum_s=0.0)
 
 
@@ -44,7 +44,7 @@ class Engines:
 
     def __call__(self, problem: Problem) -> Decomposition:
         self.asked.append(problem)
-        problem.effort.did(Work.SUM, round(1e9 / NANOSECONDS[Work.SUM]))  # a second
+        problem.effort.book(Work.SUM, round(1e9 / WORK_NS[Work.SUM]))  # a second
         if math.isinf(makespan_s := self.ends_s(problem.options)):
             raise NoFit(f"nothing at {problem.options.granularity}")
         engine = problem.options.engine
@@ -78,7 +78,7 @@ FIRST_TWO = [(Engine.GUILLOTINE, "auto"), (Engine.PARALLELOBOX, "auto")]
 
 def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
-    best = best_of(problem(cost), engines)
+    best = find_best(problem(cost), engines)
     grids = [cells for _, cells in engines.tried[2:] if isinstance(cells, int)]
     turned = [(Engine.GUILLOTINE, "auto")] * len(OTHER_YAWS_DEG)
     assert engines.tried == FIRST_TWO + [(Engine.GUILLOTINE, cells) for cells in grids] + turned
@@ -93,9 +93,9 @@ def test_other_grids_are_tried_and_none_twice(cost: CostModel, result: Decomposi
 
 def test_nothing_is_proven_of_what_is_no_better(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
-    best_of(problem(cost), engines)
+    find_best(problem(cost), engines)
     ends = [far(one.options) for one in engines.asked]
-    assert [one.to_beat_s for one in engines.asked] == [
+    assert [one.best_known_s for one in engines.asked] == [
         min(ends[:i], default=math.inf) for i in range(len(ends))
     ]
 
@@ -103,7 +103,7 @@ def test_nothing_is_proven_of_what_is_no_better(cost: CostModel, result: Decompo
 def test_where_little_is_to_be_gained_no_other_grid_is_tried(cost: CostModel, result: Decomposition) -> None:
     """All printers are used nearly to the end."""
     engines = Engines(replace(result, sum_s=20.0 * 1.2 * BOUND_S), lambda _: 1.2 * 1.02 * BOUND_S)
-    best = best_of(problem(cost), engines)
+    best = find_best(problem(cost), engines)
     assert engines.tried[:2] == FIRST_TWO
     assert {cells for _, cells in engines.tried} == {"auto"}
     assert yaws_deg(best) == [0.0, 0.0, *OTHER_YAWS_DEG]
@@ -114,7 +114,7 @@ def test_a_grid_that_was_asked_for_is_the_only_one(
     printers: int, options: dict[str, object], cost: CostModel, result: Decomposition
 ) -> None:
     engines = Engines(result, far)
-    best_of(problem(cost, printers, **options), engines)
+    find_best(problem(cost, printers, **options), engines)
     assert len(engines.tried) == 2
     assert {cells for _, cells in engines.tried} == {options.get("granularity", "auto")}
 
@@ -125,10 +125,10 @@ def test_where_the_model_lies_best_other_grids_are_tried_too(cost: CostModel, re
 
     first: list[object] = []
     engines = Engines(result, lambda options: 1.3 * BOUND_S)
-    best_of(problem(cost), engines)
+    find_best(problem(cost), engines)
     first += [cells for _, cells in engines.tried if cells != "auto"]
     engines = Engines(result, ends_s)
-    best = best_of(problem(cost), engines)
+    best = find_best(problem(cost), engines)
     yaw_deg = OTHER_YAWS_DEG[1]
     later = best.attempts[2 + len(first) + len(OTHER_YAWS_DEG) :]
     assert best.makespan_s == 1.2 * BOUND_S
@@ -145,7 +145,7 @@ def test_cuts_that_are_askew_have_to_be_worth_it(
 ) -> None:
     busy = replace(result, sum_s=20.0 * 0.98 * BOUND_S)  # other grids are not tried
     engines = Engines(busy, lambda _: BOUND_S * (share if len(engines.asked) > 2 else 1.0))
-    best = best_of(problem(cost), engines)
+    best = find_best(problem(cost), engines)
     assert best.makespan_s == BOUND_S * (share if taken else 1.0)
     assert [a.makespan_s for a in best.attempts[2:]] == [share * BOUND_S] * len(OTHER_YAWS_DEG)
 
@@ -153,16 +153,16 @@ def test_cuts_that_are_askew_have_to_be_worth_it(
 def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> None:
     """A bar that fits two printers only along its own length: the parts are in its own frame."""
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
-    bar = replace(BLOCK, solid=BLOCK.solid.turned(turn))
+    bar = replace(BLOCK, solid=BLOCK.solid.rotate(turn))
     options = Options(Engine.BEST, prove=False, budget_s=1000.0)
-    found = decompose(bar, ROOMS[:2], options, cost)
+    found = decompose_model(bar, ROOMS[:2], options, cost)
     straight = next(a for a in found.attempts if a.yaw_deg == 45.0)
     assert straight.makespan_s == found.makespan_s
     assert found.yaw_deg == 45.0
     whole = np.concatenate([part.solid.bounds_mm for part in found.parts])
     np.testing.assert_allclose([whole.min(axis=0), whole.max(axis=0)], bar.solid.bounds_mm, atol=1e-6)
     for part in found.parts:
-        points, _ = part.printed()
+        points, _ = part.printing_mesh()
         back = points @ part.to_model[:3, :3].T + part.to_model[:3, 3]
         own, _ = part.solid.arrays()
         np.testing.assert_allclose(back, own, atol=1e-4)
@@ -173,22 +173,22 @@ def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> 
 
 def test_another_grid_may_have_what_the_first_has_not(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, lambda options: math.inf if options.granularity == "auto" else 1.5 * BOUND_S)
-    best = best_of(problem(cost), engines)
+    best = find_best(problem(cost), engines)
     assert best.makespan_s == 1.5 * BOUND_S
     assert [a.makespan_s for a in best.attempts[:2]] == [None, None]
     nothing = Engines(result, lambda options: math.inf)
     with pytest.raises(NoFit, match="nothing at auto"):
-        best_of(problem(cost), nothing)
+        find_best(problem(cost), nothing)
 
 
 def test_slow_printers_have_less_to_gain(cost: CostModel, result: Decomposition) -> None:
     """All are busy to the end, ten of them half as quick: were all quick, a quarter were to gain."""
     printers = tuple(replace(p, time_factor=2.0 if i < 10 else 1.0) for i, p in enumerate(ROOMS))
     engines = Engines(replace(result, sum_s=15.0 * 1.5 * BOUND_S), lambda _: 1.51 * BOUND_S)
-    best = best_of(replace(problem(cost), printers=printers), engines)
+    best = find_best(replace(problem(cost), printers=printers), engines)
     assert {cells for _, cells in engines.tried} == {"auto"}
-    assert best.to_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
-    assert best.to_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
+    assert best.possible_gain(printers) == pytest.approx(1.0 - 1.5 / 1.51)
+    assert best.possible_gain(ROOMS) == pytest.approx(1.0 - 0.75 * 1.5 / 1.51)
 
 
 def test_what_has_faults_is_the_last_choice_and_nothing_to_beat(
@@ -198,9 +198,9 @@ def test_what_has_faults_is_the_last_choice_and_nothing_to_beat(
         return BOUND_S * (1.5 if options.engine is Engine.GUILLOTINE else 1.6)
 
     engines = Engines(result, ends_s, faulty=(Engine.GUILLOTINE,))
-    best = best_of(problem(cost, granularity=8), engines)
+    best = find_best(problem(cost, granularity=8), engines)
     assert best.engine is Engine.PARALLELOBOX
-    assert [one.to_beat_s for one in engines.asked] == [math.inf, math.inf]
+    assert [one.best_known_s for one in engines.asked] == [math.inf, math.inf]
 
 
 @pytest.mark.parametrize(
@@ -218,18 +218,18 @@ def test_a_broken_rule_is_told_even_where_the_budget_was_spent(
     def late(asked: Problem) -> Decomposition:
         if asked.options.engine is Engine.GUILLOTINE:
             return engines(asked)
-        asked.effort.did(Work.SUM, round(1e12))
+        asked.effort.book(Work.SUM, round(1e12))
         assert asked.effort.is_spent()
         raise error
 
-    second = best_of(problem(cost, granularity=8), late).attempts[1]
+    second = find_best(problem(cost, granularity=8), late).attempts[1]
     assert second.reason.startswith(told)
     assert not second.finished
 
 
 def test_once_the_budget_is_spent_nothing_is_begun(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
-    best = best_of(problem(cost, budget_s=1.5), engines)
+    best = find_best(problem(cost, budget_s=1.5), engines)
     assert engines.tried == FIRST_TWO
     later = best.attempts[2:]
     assert later

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from decompose.bound import CLOSE, Bound, makespan_bound
-from decompose.boxes import Box, Boxes, box_index
+from decompose.boxes import Box, BoxTables, box_index
 from decompose.guillotine import Partitioner
 
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
 
-def printable(boxes: Boxes) -> list[tuple[Box, float, int]]:
+def printable(boxes: BoxTables) -> list[tuple[Box, float, int]]:
     """All boxes that may be parts, with time and pieces."""
     found = []
     for box in every_box(boxes.shape):
@@ -28,15 +28,15 @@ def printable(boxes: Boxes) -> list[tuple[Box, float, int]]:
     return found
 
 
-def solved(boxes: Boxes, needed: np.ndarray, printers: int) -> tuple[Bound, float]:
+def solved(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, float]:
     """The bound, and the makespan of the best guillotine partition that it started from."""
     solver = Partitioner(boxes)
     assume(needed.any())
-    assume(solver.least_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
+    assume(solver.find_least_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
     return makespan_bound(boxes, needed, printers, solver.longest_s()), solver.longest_s()
 
 
-def least_makespan_by_recursion(boxes: Boxes, needed: np.ndarray, printers: int) -> float:
+def least_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: int) -> float:
     """Over all sets of boxes that cover the needed cells: among them all partitions, guillotine or not."""
     number = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(needed))}
     choices = []
@@ -126,6 +126,6 @@ def test_it_proves_more_than_the_volume_does_where_cells_are_many() -> None:
     """On a grid too large for a simplex method: within what fractions of boxes and the method lose."""
     boxes, needed = tables((9, 8, 7), 3)
     solver = Partitioner(boxes)
-    assert solver.least_makespan(20, 0.0) is not None
+    assert solver.find_least_makespan(20, 0.0) is not None
     bound = makespan_bound(boxes, needed, 20, solver.longest_s())
     assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()

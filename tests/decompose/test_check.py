@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from decompose.boxes import Box
-from decompose.check import check, check_missing, check_stl
+from decompose.check import check_missing, check_result, check_stl
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import GeometryError, Rule
-from decompose.files import write
+from decompose.files import write_decomposition
 from decompose.grid import Grid, build_grid
 from decompose.mesh import Model
-from decompose.partition import decompose
-from decompose.piece import pieces_in_cells
+from decompose.partition import decompose_model
+from decompose.piece import cut_cells
 from decompose.report import Decomposition, Options, Part
 from decompose.solid import Solid
 
@@ -56,17 +56,17 @@ def in_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
 @pytest.fixture
 def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
     cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
-    base = decompose(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
+    base = decompose_model(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
     parts = [
         replace(part(piece.solid, f"p{i + 1:02d}", f"p{i}"), planes=piece.planes)
         for i, box in enumerate(halves)
-        for piece in pieces_in_cells(model.solid, grid, box)
+        for piece in cut_cells(model.solid, grid, box)
     ]
     return replace(base, parts=tuple(parts), joints=())
 
 
 def test_a_good_result_passes(good: Decomposition, model: Model, grid: Grid, halves: list[Box]) -> None:
-    coverage = check(good.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
+    coverage = check_result(good.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
     assert coverage.surface_error < 1e-9
     assert coverage.overlap_mm3 == 0.0
 
@@ -144,7 +144,7 @@ def test_a_broken_rule_is_named(
 ) -> None:
     spoilt = replace(good, parts=tuple(spoil(list(good.parts), model, grid)))
     with pytest.raises(GeometryError) as caught:
-        check(spoilt.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
+        check_result(spoilt.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
     assert (caught.value.rule, caught.value.part) == (rule, name)
     assert str(rule) in str(caught.value)
 
@@ -154,7 +154,7 @@ def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostMod
     vertices, faces = block.solid.arrays()
     grid = build_grid(vertices[faces], 10, 15.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
-    base = decompose(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
+    base = decompose_model(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
     shell = block.solid.subtract(Solid.box(*grid.bounds_mm((4, 4, 4, 6, 6, 6))))
     near = block.solid.subtract(Solid.box(*grid.bounds_mm((1, 4, 4, 6, 6, 6))))
 
@@ -184,7 +184,7 @@ def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
     cube = Model(Solid.box((0, 0, 0), (200, 200, 200)), (), 1.0)
     vertices, faces = cube.solid.arrays()
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
-    base = decompose(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
+    base = decompose_model(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
     plain = build_grid(vertices[faces], 3, 10.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
     x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
@@ -205,7 +205,7 @@ def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
 
 
 def test_a_spoilt_file_is_refused(good: Decomposition, tmp_path: Path) -> None:
-    written = write(good, tmp_path)
+    written = write_decomposition(good, tmp_path)
     path = tmp_path / written.parts[0].file
     data = bytearray(path.read_bytes())
     check_stl(path, written.parts[0])

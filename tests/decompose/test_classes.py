@@ -5,9 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.classes import classes_of, sums
+from decompose.classes import classify_printers, count_sums
 from decompose.cost import PrinterRoom
-from decompose.guillotine import states
+from decompose.guillotine import class_states
 
 PLUS = ((206.9, 190.9, 205.0), (164.9, 206.9, 205.0))
 EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
@@ -19,22 +19,22 @@ def printers(*each: tuple[tuple[tuple[float, float, float], ...], float]) -> lis
 
 
 def test_equal_printers_are_one_class() -> None:
-    (only,) = classes_of(printers(*[(PLUS, 1.1)] * 5), 100.0)
+    (only,) = classify_printers(printers(*[(PLUS, 1.1)] * 5), 100.0)
     assert (only.boxes, only.time_factor, only.count) == (PLUS, 1.1, 5)
 
 
 def test_rooms_are_classes_and_small_differences_of_speed_are_none() -> None:
     fleet = printers(*[(PLUS, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED, 1.0)] * 3)
-    found = classes_of(fleet, 100.0)
+    found = classify_printers(fleet, 100.0)
     assert [(each.boxes, each.count) for each in found] == [(PLUS, 8), (EXTENDED, 3)]
     assert found[0].time_factor == 1.014
 
 
 def test_a_wide_nozzle_is_a_class_of_its_own_before_a_room() -> None:
     fleet = printers(*[(PLUS, 1.0)] * 12, *[(PLUS, 0.4)] * 3, *[(EXTENDED, 1.0)] * 4)
-    three = classes_of(fleet, 1000.0)
+    three = classify_printers(fleet, 1000.0)
     assert [each.count for each in three] == [12, 4, 3]
-    two = classes_of(fleet, 20.0)
+    two = classify_printers(fleet, 20.0)
     assert [(each.count, each.time_factor) for each in two] == [(16, 1.0), (3, 0.4)]
     assert two[0].boxes == PLUS
 
@@ -47,10 +47,10 @@ rooms = st.sampled_from([PLUS, EXTENDED, FLAT])
 def test_what_a_class_can_print_each_of_its_printers_can(
     fleet: list[tuple[tuple[tuple[float, float, float], ...], float]], most: int
 ) -> None:
-    found = classes_of(printers(*fleet), most)
+    found = classify_printers(printers(*fleet), most)
     members = [printer.name for each in found for printer in each.printers]
     assert sorted(members) == sorted(str(i) for i in range(len(fleet)))
-    assert len(found) == 1 or sums([each.count for each in found]) <= most
+    assert len(found) == 1 or count_sums([each.count for each in found]) <= most
     for each in found:
         for printer in each.printers:
             assert printer.time_factor <= each.time_factor
@@ -59,4 +59,4 @@ def test_what_a_class_can_print_each_of_its_printers_can(
 
 @given(counts=st.lists(st.integers(1, 4), min_size=1, max_size=3))
 def test_as_many_sums_as_the_search_makes(counts: list[int]) -> None:
-    assert sums(counts) == len(states(sorted(counts)[:-1])[1])
+    assert count_sums(counts) == len(class_states(sorted(counts)[:-1])[1])

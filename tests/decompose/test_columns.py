@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.columns import LEVELS, Columns, columns
+from decompose.columns import LEVELS, Columns, measure_columns
 from decompose.solid import Solid
 
 OVERHANG_COS = np.sin(np.radians(45.0))
@@ -19,7 +19,7 @@ def seen(solid: Solid, marked_up: float | None = None) -> Columns:
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     up = normals[:, 2] / np.linalg.norm(normals, axis=1)
     marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(up, marked_up)
-    return columns(triangles, marked, OVERHANG_COS)
+    return measure_columns(triangles, marked, OVERHANG_COS)
 
 
 @pytest.fixture(scope="module")

@@ -15,16 +15,16 @@ from decompose.cost import (
     ADDITIVE,
     FACTORS,
     FEATURES,
-    INSET_AT_MOST,
+    MAX_INSET_SHARE,
     POSE_ROTATIONS,
     CostModel,
     PrinterRoom,
     Recipe,
+    axis_prices_s,
     pose_axes,
-    pose_costs,
     pose_features,
-    pose_seconds,
-    terms,
+    pose_prices_s,
+    time_terms,
 )
 from decompose.solid import Solid
 
@@ -49,7 +49,7 @@ def test_cube_by_hand() -> None:
     ring = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
     body = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
     by_hand = 7.0 + body + 2.0 * 200.0 + 3.0 * ring
-    times = pose_costs(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
+    times = axis_prices_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
     assert times == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
 
 
@@ -58,16 +58,16 @@ def test_a_needle_takes_the_least_time_of_its_layers() -> None:
     needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
     faster = replace(cost, least_s_mm=0.0)
     upright = POSE_ROTATIONS[4:5]
-    body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - INSET_AT_MOST)
-    slowed = pose_seconds(*needle.arrays(), upright, cost) - pose_seconds(*needle.arrays(), upright, faster)
+    body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
+    slowed = pose_prices_s(*needle.arrays(), upright, cost) - pose_prices_s(*needle.arrays(), upright, faster)
     assert slowed[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
-    assert pose_costs(*block.arrays(), cost) == pytest.approx(pose_costs(*block.arrays(), faster))
+    assert axis_prices_s(*block.arrays(), cost) == pytest.approx(axis_prices_s(*block.arrays(), faster))
 
 
 def test_walls_inside_the_outline_are_shorter() -> None:
     """A block of 40 mm: the loops of two walls are squares of 39.6 and 38.8 mm."""
     recipe = Recipe(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
-    walls = terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
+    walls = time_terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
     assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
 
 
@@ -81,14 +81,14 @@ def test_walls_cover_the_rim_of_a_skin() -> None:
     cost = one(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
     large, small = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
     upright = POSE_ROTATIONS[4:5]
-    assert pose_seconds(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
-    assert pose_seconds(*small.arrays(), upright, cost)[0] == 0.0
+    assert pose_prices_s(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
+    assert pose_prices_s(*small.arrays(), upright, cost)[0] == 0.0
 
 
 def test_only_overhangs_off_the_bed_cost_support() -> None:
     cost = one(overhang_s_mm3=1.0)
     table = Solid.union([Solid.box((0, 0, 0), (10, 10, 30)), Solid.box((0, 0, 30), (40, 10, 35))])
-    times = pose_costs(*table.arrays(), cost)
+    times = axis_prices_s(*table.arrays(), cost)
     assert times[4] == pytest.approx(30.0 * 10.0 * 30.0)  # upright: 300 mm2, 30 mm above the bed
     assert times[5] == pytest.approx(0.0)  # on its head
     assert times[2] == times[3] == pytest.approx(0.0)  # on its side
@@ -96,8 +96,8 @@ def test_only_overhangs_off_the_bed_cost_support() -> None:
 
 def test_slopes_up_to_45_degrees_need_no_support() -> None:
     cost = one(overhang_s_mm3=1.0)
-    assert pose_costs(*wedge(9.9).arrays(), cost)[4] == 0.0
-    assert pose_costs(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
+    assert axis_prices_s(*wedge(9.9).arrays(), cost)[4] == 0.0
+    assert axis_prices_s(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
 
 
 def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls() -> None:
@@ -105,7 +105,7 @@ def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls(
     cost = replace(one(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
     steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)  # height over width, where 4 layers leave just that bare
     for reach, skinned in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
-        assert (pose_costs(*wedge(reach).arrays(), cost)[4] > 0.0) == skinned
+        assert (axis_prices_s(*wedge(reach).arrays(), cost)[4] > 0.0) == skinned
 
 
 @pytest.mark.parametrize(
@@ -135,14 +135,14 @@ def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls(
     ],
 )
 def test_settings_enter_by_physics(change: dict[str, float], term: str, times: float) -> None:
-    before, after = terms(Recipe())[term], terms(replace(Recipe(), **change))[term]
+    before, after = time_terms(Recipe())[term], time_terms(replace(Recipe(), **change))[term]
     share = slice(0, 2) if term == "infill" else slice(None)  # its volume less the skin's depends on layers
     assert after[share] == pytest.approx(before[share] * times)
 
 
 def test_every_term_has_a_factor() -> None:
-    assert set(terms(Recipe())) == set(FACTORS)
-    assert all(len(vector) == len(FEATURES) for vector in terms(Recipe()).values())
+    assert set(time_terms(Recipe())) == set(FACTORS)
+    assert all(len(vector) == len(FEATURES) for vector in time_terms(Recipe()).values())
 
 
 @settings(max_examples=25, deadline=None)
@@ -181,8 +181,8 @@ def test_the_axis_poses_are_rotations_like_others(lump: Solid, cost: CostModel) 
     assert np.linalg.det(POSE_ROTATIONS) == pytest.approx([1.0] * 6)
     for pose, rotation in enumerate(POSE_ROTATIONS):
         assert rotation[2, pose_axes(pose)[2]] == (-1.0 if pose % 2 else 1.0)
-    turned = pose_costs(vertices @ POSE_ROTATIONS[0].T, faces, cost)
-    assert turned[4] == pytest.approx(pose_costs(vertices, faces, cost)[0])
+    turned = axis_prices_s(vertices @ POSE_ROTATIONS[0].T, faces, cost)
+    assert turned[4] == pytest.approx(axis_prices_s(vertices, faces, cost)[0])
 
 
 def test_features_of_many_poses_come_in_their_order(lump: Solid, cost: CostModel) -> None:

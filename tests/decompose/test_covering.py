@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.boxes import box_index
-from decompose.covering import fewest
+from decompose.covering import cover_cells
 
 shapes = st.tuples(st.integers(1, 5), st.integers(1, 4), st.integers(1, 4))
 
@@ -19,7 +19,7 @@ def test_shares_cover_and_weights_overrun_no_box(shape: Shape, seed: int, limit_
     boxes, needed = tables(shape, seed)
     needed[0, 0, 0] = True
     boxes.trimmed[box_index((0, 0, 0, 1, 1, 1), shape)] = box_index((0, 0, 0, 1, 1, 1), shape)
-    found = fewest(boxes, needed, limit_s, 3, needed / needed.sum())
+    found = cover_cells(boxes, needed, limit_s, 3, needed / needed.sum())
     assert not found.weights[~needed].any()
     assert (found.weights >= 0.0).all()
     covered = np.zeros(shape)

@@ -17,22 +17,22 @@ from decompose.baselines.hollow import (
     CLOSE_MM,
     blocks,
     cubes_about,
-    hollow,
+    hollow_model,
     largest_cube,
     planes_at,
-    refined,
-    without_diagonals,
+    refine_cube,
+    remove_diagonals,
 )
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
 from decompose.grid import CLEAR_MM, Cell, build_grid, fill_grid, flat_coordinates
 from decompose.mesh import Model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.piece import Piece, box_planes
 from decompose.problem import Problem
 from decompose.report import Engine, Interior, Options
 from decompose.solid import Solid
-from decompose.stl import single_precision
+from decompose.stl import round_triangles
 
 ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
 MENDED = Options(Engine.CUBE_SKELETON, fit_first_layer=False)
@@ -83,7 +83,7 @@ def test_no_cube_is_larger(shape: tuple[int, int, int], seed: int, share: float)
 @given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.0, 1.0))
 def test_cells_meet_in_faces(shape: tuple[int, int, int], seed: int, share: float) -> None:
     before = np.random.default_rng(seed).random(shape) < share
-    cells = without_diagonals(before)
+    cells = remove_diagonals(before)
     assert not (cells & ~before).any()
     for a, b in ((0, 1), (0, 2), (1, 2)):
         view = np.moveaxis(cells, (a, b), (0, 1))
@@ -91,14 +91,14 @@ def test_cells_meet_in_faces(shape: tuple[int, int, int], seed: int, share: floa
         assert not ((near & far & ~left & ~right) | (left & right & ~near & ~far)).any()
     box = np.zeros(shape, bool)
     box[: (shape[0] + 1) // 2, : (shape[1] + 1) // 2, : (shape[2] + 1) // 2] = True
-    assert without_diagonals(before | box, box)[box].all()
+    assert remove_diagonals(before | box, box)[box].all()
 
 
 def test_the_shell_keeps_the_wall(cost: CostModel) -> None:
     solid = ball(100.0).solid
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
-    shell = hollow(solid, grid)
+    shell = hollow_model(solid, grid)
     outside = Solid.box((-130,) * 3, (130,) * 3).subtract(solid)
     taken = solid.subtract(shell.solid)
     assert taken.volume_mm3 > 0.2 * solid.volume_mm3
@@ -118,13 +118,13 @@ def test_a_cube_in_a_block_grows_until_it_reaches_the_wall(
     middle = wall_mm + 5.0 + np.array(share) * (np.array(size) - 2.0 * (wall_mm + 5.0))
     begun = np.array([middle - 5.0, middle + 5.0])
     least_mm = max(wall_mm, CLOSE_MM)
-    cube = refined(Solid.box((0, 0, 0), size), begun, 100.0, wall_mm)
+    cube = refine_cube(Solid.box((0, 0, 0), size), begun, 100.0, wall_mm)
     edges = cube[1] - cube[0]
     assert edges == pytest.approx([edges[0]] * 3)
     assert min(size) - 2.0 * least_mm - 4.0 * CLOSE_MM <= edges[0] <= min(size) - 2.0 * least_mm + 1e-6
     assert (cube[0] >= least_mm - 1e-6).all() and (cube[1] <= np.array(size) - least_mm + 1e-6).all()
     assert (cube[0] <= begun[0]).all() and (cube[1] >= begun[1]).all()
-    near = refined(Solid.box((0, 0, 0), size), begun, 1.0, wall_mm)
+    near = refine_cube(Solid.box((0, 0, 0), size), begun, 1.0, wall_mm)
     assert (near[0] >= begun[0] - 2.0).all() and (near[1] <= begun[1] + 2.0).all()
 
 
@@ -133,15 +133,15 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
     body = ball(100.0).solid
     vertices, faces = body.arrays()
     rough = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
-    begun = largest_cube(hollow(body, rough).cavity)
+    begun = largest_cube(hollow_model(body, rough).cavity)
     assert begun is not None
-    side_mm = float(refined(body, np.array(rough.bounds_mm(begun)), 10.0, 12.0)[0, 2])
+    side_mm = float(refine_cube(body, np.array(rough.bounds_mm(begun)), 10.0, 12.0)[0, 2])
     solid = Solid.union([body, Solid.box((-90, -90, side_mm - 20.0), (90, 90, side_mm + 0.5))])
     vertices, faces = solid.arrays()
     grid = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
-    begun = largest_cube(hollow(solid, grid).cavity)
+    begun = largest_cube(hollow_model(solid, grid).cavity)
     assert begun is not None
-    cube_mm = refined(solid, np.array(grid.bounds_mm(begun)), 10.0, 12.0)
+    cube_mm = refine_cube(solid, np.array(grid.bounds_mm(begun)), 10.0, 12.0)
     planes, cube = planes_at(solid, grid, cube_mm)
     assert all((np.diff(own) > 0.0).all() for own in planes)
     moved = np.array([[planes[a][cube[a]] for a in range(3)], [planes[a][cube[a + 3]] for a in range(3)]])
@@ -154,7 +154,7 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
     grid = fill_grid(vertices[faces], planes, 12.0, False, cost.overhang_cos, cost.skin_cos)
     inside = tuple(slice(cube[a], cube[a + 3]) for a in range(3))
     assert (grid.cells[inside] == Cell.INTERNAL).all()
-    assert hollow(solid, grid, cube).cavity[inside].all()
+    assert hollow_model(solid, grid, cube).cavity[inside].all()
 
 
 @pytest.mark.parametrize(("share", "taken"), [(0.4, 1), (1.3, 0)])
@@ -172,11 +172,11 @@ def test_that_cube_is_taken_whose_pieces_end_sooner(
         cuts.append(cut(*args))
         return cuts[-1]
 
-    monkeypatch.setattr(cube_skeleton, "refined", scaled)
+    monkeypatch.setattr(cube_skeleton, "refine_cube", scaled)
     monkeypatch.setattr(cube_skeleton, "_cut", recorded)
     problem = Problem(ball(95.0), tuple(printers(40)), cost, MENDED)
     assert cube_skeleton.search(problem).pieces is cuts[taken]
-    assert problem.ends_s(cuts[taken]) < problem.ends_s(cuts[1 - taken])
+    assert problem.makespan_s(cuts[taken]) < problem.makespan_s(cuts[1 - taken])
 
 
 def test_a_cube_is_as_good_as_its_pieces_on_their_printers(
@@ -201,19 +201,19 @@ def test_a_cube_is_as_good_as_its_pieces_on_their_printers(
 def test_the_whole_engine(interior: Interior, cost: CostModel) -> None:
     model = ball(150.0)
     options = replace(MENDED, interior=interior)
-    result = decompose(model, printers(20), options, cost)
+    result = decompose_model(model, printers(20), options, cost)
     assert 8 <= len(result.parts) <= 20
     for part in result.parts:
-        assert ROOM.fits(*(np.ptp(part.printed()[0], axis=0) - 1e-6))
+        assert ROOM.fits(*(np.ptp(part.printing_mesh()[0], axis=0) - 1e-6))
     printed = sum(p.solid.volume_mm3 for p in result.parts)
     assert (0.3 if interior is Interior.LEAVE else 0.5) < printed / model.solid.volume_mm3 < 0.9
-    again = decompose(model, printers(20), options, cost)
+    again = decompose_model(model, printers(20), options, cost)
     assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
 
 
 def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
     small = ball(95.0)
-    counts = [len(decompose(small, printers(n), MENDED, cost).parts) for n in (30, 12, 5)]
+    counts = [len(decompose_model(small, printers(n), MENDED, cost).parts) for n in (30, 12, 5)]
     assert counts[0] >= 20
     assert counts[1:] == [12, 5]
 
@@ -221,26 +221,26 @@ def test_fewer_printers_get_merged_pieces(cost: CostModel) -> None:
 def test_the_faithful_form_makes_what_it_makes(cost: CostModel) -> None:
     faithful = replace(MENDED, faithful=True)
     with pytest.raises(NoFit, match="each on a printer of its own, and there are 2") as caught:
-        decompose(ball(95.0), printers(2), faithful, cost)
+        decompose_model(ball(95.0), printers(2), faithful, cost)
     needed = caught.value.printers_needed
     assert needed is not None and needed >= 13  # pairs, once, of 26
-    assert len(decompose(ball(95.0), printers(26), faithful, cost).parts) == needed
+    assert len(decompose_model(ball(95.0), printers(26), faithful, cost).parts) == needed
     with pytest.raises(NoFit, match=r"of the \d+ parts that cube-skeleton makes for 26 printers fit none"):
-        decompose(ball(330.0), printers(26), faithful, cost)
+        decompose_model(ball(330.0), printers(26), faithful, cost)
 
 
 def test_what_is_too_thin_for_a_cube(cost: CostModel) -> None:
     sheet = Model(Solid.box((0, 0, 0), (400, 150, 3)), (), 1.0)
-    result = decompose(sheet, printers(4), MENDED, cost)
+    result = decompose_model(sheet, printers(4), MENDED, cost)
     assert 2 <= len(result.parts) <= 4
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(400 * 150 * 3)
     with pytest.raises(NoFit, match="no room for a cube"):
-        decompose(sheet, printers(4), replace(MENDED, faithful=True), cost)
+        decompose_model(sheet, printers(4), replace(MENDED, faithful=True), cost)
 
 
 def test_what_cannot_be_hollowed_keeps_its_cube(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (260, 18, 18)), (), 1.0)
-    result = decompose(block, printers(6), MENDED, cost)
+    result = decompose_model(block, printers(6), MENDED, cost)
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(260 * 18 * 18)
 
 
@@ -254,5 +254,5 @@ def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> Non
     merging.merge_to(1)
     merged = merging.merged()
     assert len(merged) == 2
-    assert all(single_precision(*piece.solid.arrays()) is not None for piece in merged)
-    assert single_precision(*model.solid.arrays()) is None
+    assert all(round_triangles(*piece.solid.arrays()) is not None for piece in merged)
+    assert round_triangles(*model.solid.arrays()) is None

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 from decompose import best, partition
 from decompose.cost import CostModel, PrinterRoom
-from decompose.effort import NANOSECONDS, Effort, Work
-from decompose.guillotine import sums_of
+from decompose.effort import WORK_NS, Effort, Work
+from decompose.guillotine import count_cuts
 from decompose.mesh import Model
 from decompose.report import Decomposition, Options
 from decompose.solid import Solid
@@ -39,7 +39,7 @@ class LastFirst(Executor):
 def everything(result: Decomposition) -> list[Any]:
     """All that a report says but how long it took."""
     untimed = [asdict(attempt) | {"compute_s": None} for attempt in result.attempts]
-    parts = [(p.id, p.printer, p.estimated_s, p.to_model.tolist(), p.solid.arrays()) for p in result.parts]
+    parts = [(p.id, p.printer, p.price_s, p.to_model.tolist(), p.solid.arrays()) for p in result.parts]
     return [untimed, result.engine, result.makespan_s, result.lower_bound_s, result.cells, parts]
 
 
@@ -58,11 +58,11 @@ def within(cost: CostModel) -> Within:
     """A crooked step for four printers, cut within a budget."""
     step = Solid.union([Solid.box((0, 0, 0), (150, 80, 40)), Solid.box((20, 10, 30), (90, 60, 110))])
     turn = trimesh.transformations.rotation_matrix(0.4, (0.2, 0.1, 1.0))[:3, :3]
-    model = Model(step.turned(turn), (), 1.0)
+    model = Model(step.rotate(turn), (), 1.0)
     printers = [PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(4)]
 
     def decomposed(budget_s: float, executor: Executor | None = None) -> Decomposition:
-        return partition.decompose(model, printers, replace(COARSE, budget_s=budget_s), cost, executor)
+        return partition.decompose_model(model, printers, replace(COARSE, budget_s=budget_s), cost, executor)
 
     return decomposed
 
@@ -114,24 +114,24 @@ def test_draws_that_the_budget_cannot_pay_for_are_not_begun(within: Within, whol
 @given(budget_s=st.floats(0.0, 10.0), units=st.integers(0, 10**8))
 def test_what_is_afforded_leaves_the_budget_whole(budget_s: float, units: int) -> None:
     effort = Effort(budget_s)
-    affords = effort.affords(Work.CELL_GROWN, units)
+    affords = effort.can_afford(Work.CELL_GROWN, units)
     assert effort.cut_short == (not affords)
-    effort.did(Work.CELL_GROWN, units)
-    assert affords == (effort.seconds <= budget_s)
+    effort.book(Work.CELL_GROWN, units)
+    assert affords == (effort.spent_s <= budget_s)
 
 
 @given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
 def test_work_adds_up_whatever_its_order(work: list[tuple[Work, int]], budget_s: float) -> None:
     there, back = Effort(budget_s), Effort(budget_s)
     for one, other in zip(work, reversed(work), strict=True):
-        there.did(*one)
-        back.did(*other)
-    assert there.seconds == back.seconds
-    assert there.seconds == pytest.approx(sum(NANOSECONDS[kind] * units for kind, units in work) / 1e9)
-    assert there.is_spent() == back.is_spent() == there.cut_short == (there.seconds >= budget_s)
+        there.book(*one)
+        back.book(*other)
+    assert there.spent_s == back.spent_s
+    assert there.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
+    assert there.is_spent() == back.is_spent() == there.cut_short == (there.spent_s >= budget_s)
 
 
 @given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4)))
 def test_a_search_sums_at_every_cut_of_every_box(shape: tuple[int, int, int]) -> None:
     spans = [[b - a for a in range(n) for b in range(a + 1, n + 1)] for n in shape]
-    assert sums_of(shape) == sum(x + y + z - 3 for x in spans[0] for y in spans[1] for z in spans[2])
+    assert count_cuts(shape) == sum(x + y + z - 3 for x in spans[0] for y in spans[1] for z in spans[2])

@@ -12,7 +12,7 @@ from decompose import exact
 from decompose.boxes import Box, box_index
 from decompose.cost import CostModel, PrinterRoom
 from decompose.effort import Effort
-from decompose.exact import LOOSER, Search
+from decompose.exact import LOOSER, ExactSearch
 from decompose.mesh import Model
 from decompose.piece import Piece
 from decompose.problem import Problem
@@ -28,19 +28,19 @@ def asked(ball: Model, cost: CostModel) -> Problem:
 
 
 @pytest.fixture
-def searched(asked: Problem) -> tuple[Search, list[Box]]:
-    grid = asked.grid(asked.model)
-    search = Search(asked, grid, asked.boxes(grid), 0.0)
+def searched(asked: Problem) -> tuple[ExactSearch, list[Box]]:
+    grid = asked.build_grid(asked.model)
+    search = ExactSearch(asked, grid, asked.price_boxes(grid), 0.0)
     return search, list(search.run())
 
 
-def work_s(search: Search, boxes: list[Box]) -> float:
+def work_s(search: ExactSearch, boxes: list[Box]) -> float:
     return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
 
 
-def test_looser_partitions_are_whole_and_of_no_more_work(searched: tuple[Search, list[Box]]) -> None:
+def test_looser_partitions_are_whole_and_of_no_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
     search, best = searched
-    found = [list(cut) for cut in search.looser(best)]
+    found = [list(cut) for cut in search.looser_partitions(best)]
     assert 0 < len(found) <= len(LOOSER)
     assert len({frozenset(chosen) for chosen in [best, *found]}) == len(found) + 1
     limits_s = [max(search.posed_s[box] for box in chosen) for chosen in found]
@@ -68,22 +68,22 @@ def test_what_ends_soonest_when_all_are_evened_is_the_answer(
         ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(made) - 1]
         return list(pieces)
 
-    monkeypatch.setattr(exact, "evened", evened)
-    monkeypatch.setattr(Problem, "ends_s", lambda _, pieces: ends[id(pieces[0])])
+    monkeypatch.setattr(exact, "shift_planes", evened)
+    monkeypatch.setattr(Problem, "makespan_s", lambda _, pieces: ends[id(pieces[0])])
     found = exact.search(asked)
     assert len(made) > 2
     assert found.pieces == made[2]
 
 
 @pytest.mark.parametrize(
-    ("to_beat_s", "budget_s", "thorough"),
+    ("best_known_s", "budget_s", "thorough"),
     [(1.0, np.inf, True), (np.inf, 0.0, True), (np.inf, np.inf, False)],
 )
 def test_what_cannot_win_or_pay_is_not_looked_for(
-    to_beat_s: float, budget_s: float, thorough: bool, asked: Problem, monkeypatch: pytest.MonkeyPatch
+    best_known_s: float, budget_s: float, thorough: bool, asked: Problem, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def looser(self: Search, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
+    def looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
         raise AssertionError
 
-    monkeypatch.setattr(Search, "looser", looser)
-    exact.search(replace(asked, to_beat_s=to_beat_s, effort=Effort(budget_s), thorough=thorough))
+    monkeypatch.setattr(ExactSearch, "looser_partitions", looser)
+    exact.search(replace(asked, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough))

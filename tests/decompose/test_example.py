@@ -10,7 +10,7 @@ import pytest
 
 from decompose.cost import CostModel, PrinterRoom
 from decompose.mesh import load_model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.report import Options
 
 ROOT = Path(__file__).parents[2]
@@ -39,7 +39,7 @@ def test_aqueduct(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> 
     assert model.extents_mm[0] == pytest.approx(330.0)
     assert model.solid.volume_mm3 < 800_000.0
     assert not any(p.fits(*model.extents_mm) for p in fleet)
-    result = decompose(model, fleet, Options(budget_s=0.0, prove=False), cost)
+    result = decompose_model(model, fleet, Options(budget_s=0.0, prove=False), cost)
     assert len(result.parts) == 8
     assert result.serial_s / result.makespan_s > 6.0
 

@@ -18,7 +18,7 @@ NO_PROPS = np.zeros((0, 2))
 
 def footing(solid: Solid) -> Footing:
     vertices, faces = solid.arrays()
-    return Footing.of(vertices[faces], NO_PROPS)
+    return Footing.from_mesh(vertices[faces], NO_PROPS)
 
 
 def upright(width: float, depth: float, height: float) -> Footing:
@@ -54,7 +54,7 @@ def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
 
 def test_props_widen_the_base() -> None:
     vertices, faces = Solid.box((0, 0, 0), (10, 10, 50)).arrays()
-    found = Footing.of(vertices[faces], np.array([[40.0, 5.0]]))
+    found = Footing.from_mesh(vertices[faces], np.array([[40.0, 5.0]]))
     assert found.contact_mm2 == pytest.approx(100.0)
     assert found.length_mm == pytest.approx(math.hypot(10, 10))  # a support does not curl up
     assert found.inside_mm(np.array([[20.0, 5.0]])) > 0.0
@@ -66,7 +66,7 @@ def test_an_edge_has_no_base() -> None:
     mesh.apply_translation([0, 0, math.sqrt(50.0)])
     found = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
     assert found.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
-    assert Footing.of(np.zeros((0, 3, 3)), NO_PROPS).inside_mm(np.zeros((1, 2))) == -math.inf
+    assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).inside_mm(np.zeros((1, 2))) == -math.inf
 
 
 def test_broad_and_low_needs_no_brim_narrow_long_and_small_do() -> None:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.boxes import Boxes, all_boxes, box_index
-from decompose.cost import CostModel, PrinterRoom, Recipe, pose_costs
+from decompose.boxes import BoxTables, box_index, price_boxes
+from decompose.cost import CostModel, PrinterRoom, Recipe, axis_prices_s
 from decompose.grid import (
     CLEAR_MM,
     VOLUME,
@@ -42,8 +42,8 @@ def recipe_cost() -> CostModel:
 
 
 @pytest.fixture(scope="module")
-def boxes(grid: Grid, recipe_cost: CostModel) -> Boxes:
-    return all_boxes(grid, [HUGE], recipe_cost)
+def boxes(grid: Grid, recipe_cost: CostModel) -> BoxTables:
+    return price_boxes(grid, [HUGE], recipe_cost)
 
 
 @st.composite
@@ -55,7 +55,7 @@ def box_in(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
 @settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_sums_over_a_box_are_those_of_the_solid_cut_out(
-    data: st.DataObject, grid: Grid, boxes: Boxes, recipe_cost: CostModel, lump: Solid
+    data: st.DataObject, grid: Grid, boxes: BoxTables, recipe_cost: CostModel, lump: Solid
 ) -> None:
     box = data.draw(box_in(grid.shape))
     x0, y0, z0, x1, y1, z1 = box
@@ -71,7 +71,7 @@ def test_sums_over_a_box_are_those_of_the_solid_cut_out(
     assert np.allclose(extents[:, 3:].max(axis=0), inside.bounds_mm[1], atol=1e-9)
     # The table's cost is that of the solid in its best pose: every other term is checked by it.
     if boxes.trimmed[at] == at:
-        times = pose_costs(*inside.arrays(), recipe_cost)
+        times = axis_prices_s(*inside.arrays(), recipe_cost)
         assert boxes.seconds[at] == pytest.approx(times.min(), rel=1e-6)
         assert boxes.pieces[at] <= len(inside.pieces())
 

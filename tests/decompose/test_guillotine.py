@@ -12,16 +12,16 @@ from box_tables import Shape, tables
 from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
-from decompose.assignment import soonest
-from decompose.boxes import Box, Boxes, box_at, box_index, shared_rooms
+from decompose.assignment import assign_bottleneck
+from decompose.boxes import Box, BoxTables, box_at, box_index, room_array
 from decompose.cost import PrinterRoom
-from decompose.guillotine import AREA_MM2, UNREACHABLE, Others, Partitioner
+from decompose.guillotine import AREA_MM2, UNREACHABLE, OtherClass, Partitioner
 
 Worth = tuple[int, int, int]  # parts, seconds, units of cut area
 Parts = tuple[int, ...]  # of each class of printers
 
 
-def best_by_recursion(boxes: Boxes, needed: np.ndarray, limit_s: float) -> Worth:
+def best_by_recursion(boxes: BoxTables, needed: np.ndarray, limit_s: float) -> Worth:
     @cache
     def best(box: Box) -> Worth:
         inside = np.argwhere(needed[box[0] : box[3], box[1] : box[4], box[2] : box[5]])
@@ -44,7 +44,7 @@ def best_by_recursion(boxes: Boxes, needed: np.ndarray, limit_s: float) -> Worth
     return best((0, 0, 0, *boxes.shape))
 
 
-def fewest_by_recursion(boxes: Boxes, needed: np.ndarray, limit_s: float) -> int:
+def fewest_by_recursion(boxes: BoxTables, needed: np.ndarray, limit_s: float) -> int:
     return best_by_recursion(boxes, needed, limit_s)[0]
 
 
@@ -59,11 +59,11 @@ def test_fewest_parts_at_a_limit(shape: Shape, seed: int, share: float) -> None:
     solver = Partitioner(boxes)
     expected = fewest_by_recursion(boxes, needed, limit)
     for ties in (False, True):
-        found = solver.parts(limit, ties)
+        found = solver.solve(limit, ties)
         assert found == expected
     if found >= UNREACHABLE:
         return
-    chosen = solver.chosen()
+    chosen = solver.chosen_boxes()
     assert sum(int(boxes.pieces[box_index(b, shape)]) for b in chosen) == found
     cover = np.zeros(shape, int)
     for x0, y0, z0, x1, y1, z1 in chosen:
@@ -83,9 +83,9 @@ def test_of_as_few_parts_the_least_work_then_the_least_cut(
         boxes.seconds[np.isfinite(boxes.seconds)] = 100.0
     limit = share * 130.0 * float(np.prod(shape))
     solver = Partitioner(boxes)
-    if solver.parts(limit, ties=True) >= UNREACHABLE:
+    if solver.solve(limit, ties=True) >= UNREACHABLE:
         return
-    at = [box_index(box, shape) for box in solver.chosen()]
+    at = [box_index(box, shape) for box in solver.chosen_boxes()]
     worth = (
         sum(int(boxes.pieces[i]) for i in at),
         sum(round(boxes.seconds[i]) for i in at),
@@ -100,14 +100,16 @@ def test_least_makespan_is_least(shape: Shape, seed: int, printers: int) -> None
     boxes, needed = tables(shape, seed)
     limits = np.unique(boxes.seconds[np.isfinite(boxes.seconds)])
     reachable = [t for t in limits if fewest_by_recursion(boxes, needed, float(t)) <= printers]
-    found = Partitioner(boxes).least_makespan(printers, 0.0, tolerance_s=1e-3)
+    found = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
     if not needed.any() or not reachable:
         assert found is None
     else:
         assert found == pytest.approx(float(reachable[0]), abs=2e-3)
 
 
-def shares_by_recursion(classes: list[Boxes], needed: np.ndarray, limit_s: float, most: int) -> set[Parts]:
+def shares_by_recursion(
+    classes: list[BoxTables], needed: np.ndarray, limit_s: float, most: int
+) -> set[Parts]:
     """Every way to share out the parts of a partition: how many go to each class, `most` of one at most."""
 
     @cache
@@ -132,7 +134,7 @@ def shares_by_recursion(classes: list[Boxes], needed: np.ndarray, limit_s: float
     return set(ways((0, 0, 0, *classes[0].shape)))
 
 
-def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[Boxes], np.ndarray]:
+def of_classes(shape: Shape, seed: int, number: int) -> tuple[list[BoxTables], np.ndarray]:
     """The same boxes on printers that are quicker or slower, and do not have room for all of them."""
     boxes, needed = tables(shape, seed)
     rng = np.random.default_rng(seed)
@@ -156,29 +158,29 @@ def test_unequal_printers_against_every_way_to_share_the_parts_out(
 ) -> None:
     classes, needed = of_classes(shape, seed, 1 + len(counts))
     limit = share * 130.0 * float(np.prod(shape))
-    solver = Partitioner(classes[0], [Others(*each) for each in zip(classes[1:], counts, strict=True)])
+    solver = Partitioner(classes[0], [OtherClass(*each) for each in zip(classes[1:], counts, strict=True)])
     ways = shares_by_recursion(classes, needed, limit, most=12)
     within = [way[0] for way in ways if all(n <= m for n, m in zip(way[1:], counts, strict=True))]
     expected = min(within, default=UNREACHABLE)
     for ties in (False, True):
-        assert solver.parts(limit, ties) == expected
+        assert solver.solve(limit, ties) == expected
         if expected >= UNREACHABLE:
             continue
         at = [
             box_index(box, shape)
-            for box in solver.chosen()
+            for box in solver.chosen_boxes()
             for _ in range(classes[0].pieces[box_index(box, shape)])
         ]
         printers = [classes[0]] * expected + [
             c for c, n in zip(classes[1:], counts, strict=True) for _ in range(n)
         ]
         cover = np.zeros(shape, int)
-        for x0, y0, z0, x1, y1, z1 in solver.chosen():
+        for x0, y0, z0, x1, y1, z1 in solver.chosen_boxes():
             cover[x0:x1, y0:y1, z0:z1] += 1
         assert cover.max(initial=0) <= 1
         assert (cover[needed] == 1).all()
         times = np.array([[own.seconds[i] for own in printers] for i in at]).reshape(len(at), len(printers))
-        assert not len(at) or soonest(np.where(times <= limit, times, np.inf)) is not None
+        assert not len(at) or assign_bottleneck(np.where(times <= limit, times, np.inf)) is not None
 
 
 @settings(max_examples=25, deadline=None)
@@ -187,16 +189,18 @@ def test_printers_of_another_class_never_make_it_later(
     shape: Shape, seed: int, printers: int, others: int
 ) -> None:
     (first, second), _ = of_classes(shape, seed, 2)
-    alone_s = Partitioner(first).least_makespan(printers, 0.0, tolerance_s=1e-3)
-    both = Partitioner(first, [Others(second, others)])
-    both_s = both.least_makespan(printers, 0.0, tolerance_s=1e-3)
+    alone_s = Partitioner(first).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+    both = Partitioner(first, [OtherClass(second, others)])
+    both_s = both.find_least_makespan(printers, 0.0, tolerance_s=1e-3)
     if alone_s is not None:
         assert both_s is not None
         assert both_s <= alone_s + 1e-3
-        assert both.least_makespan(printers, 0.0, at_most_s=0.5 * both_s) is None
+        assert both.find_least_makespan(printers, 0.0, at_most_s=0.5 * both_s) is None
 
 
-def random_partition(boxes: Boxes, box: Box, limit_s: float, rng: np.random.Generator) -> list[Box] | None:
+def random_partition(
+    boxes: BoxTables, box: Box, limit_s: float, rng: np.random.Generator
+) -> list[Box] | None:
     """A guillotine partition of a box by cuts at random, down to boxes that end in time; or None."""
     at = int(boxes.trimmed[box_index(box, boxes.shape)])
     if at < 0:
@@ -223,13 +227,13 @@ def test_no_partition_by_random_cuts_is_better(shape: Shape, seed: int, share: f
     if found is None or not needed.any():
         reject()
     solver = Partitioner(boxes)
-    least = solver.least_makespan(len(found), 0.0, tolerance_s=1e-3)
+    least = solver.find_least_makespan(len(found), 0.0, tolerance_s=1e-3)
     assert least is not None
     assert solver.longest_s() <= boxes.longest_s(found)
-    assert solver.parts(boxes.longest_s(found)) <= len(found)
+    assert solver.solve(boxes.longest_s(found)) <= len(found)
 
 
-def greedy_partition(boxes: Boxes, printers: int) -> list[Box]:
+def greedy_partition(boxes: BoxTables, printers: int) -> list[Box]:
     """The costliest box is cut where its costlier side costs least, as long as there are printers."""
 
     def tight(box: list[int]) -> Box | None:
@@ -268,11 +272,11 @@ def test_no_greedy_partition_is_better(shape: Shape, seed: int, printers: int) -
     assume(found and np.isfinite(boxes.longest_s(found)))
     count = sum(int(boxes.pieces[box_index(box, shape)]) for box in found)
     solver = Partitioner(boxes)
-    assert solver.least_makespan(count, 0.0, tolerance_s=1e-3) is not None
+    assert solver.find_least_makespan(count, 0.0, tolerance_s=1e-3) is not None
     assert solver.longest_s() <= boxes.longest_s(found) + 1e-3
 
 
-def turned(boxes: Boxes, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]) -> Boxes:
+def turned(boxes: BoxTables, axes: tuple[int, int, int], mirrored: tuple[bool, bool, bool]) -> BoxTables:
     """The tables of the same model with its axes in another order, and some of them reversed."""
     shape = (boxes.shape[axes[0]], boxes.shape[axes[1]], boxes.shape[axes[2]])
 
@@ -285,7 +289,7 @@ def turned(boxes: Boxes, axes: tuple[int, int, int], mirrored: tuple[bool, bool,
         return lo[a], lo[b], lo[c], hi[a], hi[b], hi[c]
 
     where = np.array([box_index(place(box_at(i, boxes.shape)), shape) for i in range(len(boxes.seconds))])
-    result = Boxes(shape, *(np.empty_like(t) for t in (boxes.seconds, boxes.trimmed, boxes.pieces)))
+    result = BoxTables(shape, *(np.empty_like(t) for t in (boxes.seconds, boxes.trimmed, boxes.pieces)))
     result.seconds[where], result.pieces[where] = boxes.seconds, boxes.pieces
     result.trimmed[where] = np.where(boxes.trimmed < 0, -1, where[boxes.trimmed])
     return result
@@ -304,13 +308,15 @@ def test_a_model_turned_or_mirrored_takes_as_long(
 ) -> None:
     boxes, _ = tables(shape, seed)
     other = turned(boxes, (axes[0], axes[1], axes[2]), mirrored)
-    times = [Partitioner(each).least_makespan(printers, 0.0, tolerance_s=1e-3) for each in (boxes, other)]
+    times = [
+        Partitioner(each).find_least_makespan(printers, 0.0, tolerance_s=1e-3) for each in (boxes, other)
+    ]
     assert (times[0] is None) == (times[1] is None)
     assert times[0] is None or times[0] == pytest.approx(times[1], abs=2e-3)
 
 
 def test_all_rooms_count() -> None:
-    rooms = shared_rooms(
+    rooms = room_array(
         [PrinterRoom("a", ((1.0, 2.0, 3.0),)), PrinterRoom("b", ((4.0, 5.0, 6.0), (7.0, 1.0, 1.0)))]
     )
     assert rooms.shape == (2, 2, 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from decompose.jit import content
+from decompose.jit import hash_sources
 
 
 def test_a_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
@@ -12,8 +12,8 @@ def test_a_change_in_any_compiled_file_is_seen(tmp_path: Path) -> None:
     cost.write_text("from decompose.jit import jit\nPRICE = 1.0\n")
     boxes.write_text("from decompose.jit import jit\nfrom decompose.cost import PRICE\n")
     words.write_text("SAID = 'nothing that is compiled'\n")
-    before = content(tmp_path)
+    before = hash_sources(tmp_path)
     words.write_text("SAID = 'something else'\n")
-    assert content(tmp_path) == before
+    assert hash_sources(tmp_path) == before
     cost.write_text("from decompose.jit import jit\nPRICE = 2.0\n")
-    assert content(tmp_path) != before
+    assert hash_sources(tmp_path) != before

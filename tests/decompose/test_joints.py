@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
-from decompose.joints import faults, joints
+from decompose.joints import find_faults, find_joints
 from decompose.mesh import Model
-from decompose.partition import decompose
-from decompose.piece import Piece, cut_faces, pieces_in_box
+from decompose.partition import decompose_model
+from decompose.piece import Piece, cut_box, find_cut_faces
 from decompose.report import Engine, Options
 from decompose.solid import Solid
 
@@ -34,12 +34,12 @@ def cut(
     return [
         piece
         for (x0, x1), (y0, y1), (z0, z1) in product(*spans)
-        for piece in pieces_in_box(solid, (x0, y0, z0), (x1, y1, z1))
+        for piece in cut_box(solid, (x0, y0, z0), (x1, y1, z1))
     ]
 
 
 def test_two_halves() -> None:
-    (joint,) = joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
     assert (joint.a, joint.b) == (0, 1)
     assert joint.area_mm2 == pytest.approx(1200.0)
     assert joint.width_mm == pytest.approx(30.0, rel=0.02)
@@ -48,21 +48,21 @@ def test_two_halves() -> None:
 def test_a_plane_that_is_given_twice_counts_once() -> None:
     one, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
     twice = Piece(one.solid, np.concatenate([one.planes, -one.planes]), one.boxes_mm)
-    (joint,) = joints([twice, other])
+    (joint,) = find_joints([twice, other])
     assert joint.area_mm2 == pytest.approx(1200.0)
 
 
 def test_a_frame_is_as_wide_as_its_rim() -> None:
     frame = block((0, 0, 0), (60, 60, 30)).subtract(block((4, 4, -1), (56, 56, 31)))
     pieces = cut(frame, z=(15.0,))
-    (joint,) = joints(pieces)
+    (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
     assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # in a corner
 
 
 def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
     pieces = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
-    assert [(j.a, j.b) for j in joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
+    assert [(j.a, j.b) for j in find_joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 
 @settings(max_examples=15, deadline=None)
@@ -74,9 +74,9 @@ def test_each_cut_face_is_glued_on_both_sides(
     cut_mm2 = 0.0
     for piece in pieces:
         vertices, faces = piece.solid.arrays()
-        t = vertices[faces[cut_faces(vertices, faces, piece.planes)]]
+        t = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
         cut_mm2 += float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2.0)
-    found = joints(pieces)
+    found = find_joints(pieces)
     assert 2.0 * sum(j.area_mm2 for j in found) == pytest.approx(cut_mm2, rel=1e-6, abs=1e-3)
     assert all(0.0 < j.width_mm <= 2.0 * np.sqrt(j.area_mm2 / np.pi) + 1e-6 for j in found)
 
@@ -87,23 +87,23 @@ def test_oblique_planes() -> None:
     plane = np.array([*normal, 28.0])[None]
     below, above = solid.manifold.split_by_plane(tuple(normal), 28.0)[::-1]
     none = np.zeros((0, 2, 3))
-    (joint,) = joints([Piece(Solid(below), plane, none), Piece(Solid(above), -plane, none)])
+    (joint,) = find_joints([Piece(Solid(below), plane, none), Piece(Solid(above), -plane, none)])
     assert joint.area_mm2 == pytest.approx(40.0 * 40.0 / 0.8)
 
 
 def test_a_thin_slice_is_a_sliver_and_a_thin_model_is_none() -> None:
     slab = block((0, 0, 0), (100, 60, 4))
-    assert faults(cut(slab, x=(50.0,))) == []
-    (fault,) = faults(cut(slab, x=(94.0,)))
+    assert find_faults(cut(slab, x=(50.0,))) == []
+    (fault,) = find_faults(cut(slab, x=(94.0,)))
     assert fault.piece == 1
-    assert fault.what.startswith("is 6.0 mm thin")
+    assert fault.reason.startswith("is 6.0 mm thin")
 
 
 def test_a_film_with_a_rib_is_a_flake() -> None:
     model = Solid.union([block((0, 0, 0), (60, 60, 30.5)), block((0, 30, 0), (60, 30.6, 40))])
-    (fault,) = faults(cut(model, z=(30.0,)))
+    (fault,) = find_faults(cut(model, z=(30.0,)))
     assert fault.piece == 1
-    assert "flake" in fault.what
+    assert "flake" in fault.reason
 
 
 def dumbbell(bar_mm: float) -> Solid:
@@ -119,11 +119,11 @@ def dumbbell(bar_mm: float) -> Solid:
 
 def test_a_piece_that_hangs_by_a_thread_is_loose() -> None:
     pieces = cut(dumbbell(4.0), x=(60.0,))
-    (fault,) = faults(pieces)
+    (fault,) = find_faults(pieces)
     assert fault.piece == 0  # the lighter one
-    assert "16.0 mm2 of glue, of 25 mm2" in fault.what
-    assert faults(pieces, min_glue_mm2=15.0) == []
-    assert faults(cut(dumbbell(6.0), x=(60.0,))) == []
+    assert "16.0 mm2 of glue, of 25 mm2" in fault.reason
+    assert find_faults(pieces, min_glue_mm2=15.0) == []
+    assert find_faults(cut(dumbbell(6.0), x=(60.0,))) == []
 
 
 def test_a_weak_joint_beside_a_strong_one_is_none_to_rely_on() -> None:
@@ -137,13 +137,13 @@ def test_a_weak_joint_beside_a_strong_one_is_none_to_rely_on() -> None:
         Piece(s, np.array([[0.0, 1.0, 0.0, 30.0], [1.0, 0.0, 0.0, 30.0]]), np.zeros((0, 2, 3)))
         for s in solids
     ]
-    assert [round(j.area_mm2) for j in joints(pieces)] == [900, 900, 900]
-    assert faults(pieces) == []
+    assert [round(j.area_mm2) for j in find_joints(pieces)] == [900, 900, 900]
+    assert find_faults(pieces) == []
     thin = block((30, 30, 0), (60, 60, 0.5))
     pieces[2] = Piece(thin, pieces[2].planes, pieces[2].boxes_mm)
-    weak = min(joints(pieces), key=lambda j: j.area_mm2)
+    weak = min(find_joints(pieces), key=lambda j: j.area_mm2)
     assert weak.area_mm2 == pytest.approx(15.0)
-    assert [f.piece for f in faults(pieces)] == [2]
+    assert [f.piece for f in find_faults(pieces)] == [2]
 
 
 def finned() -> Solid:
@@ -159,12 +159,12 @@ def finned() -> Solid:
 
 def test_a_line_of_glue_holds_nothing_however_long() -> None:
     pieces = cut(finned(), y=(80.0,))
-    (joint,) = joints(pieces)
+    (joint,) = find_joints(pieces)
     assert joint.area_mm2 == pytest.approx(200.0)
     assert joint.width_mm == pytest.approx(0.5, rel=0.02)
-    (fault,) = faults(pieces)
-    assert fault.what == "is held by a joint 0.5 mm wide, of 0.8 mm that are wanted"
-    assert faults(pieces, min_glue_mm2=0.0) == []
+    (fault,) = find_faults(pieces)
+    assert fault.reason == "is held by a joint 0.5 mm wide, of 0.8 mm that are wanted"
+    assert find_faults(pieces, min_glue_mm2=0.0) == []
     assert not joint.holds(25.0) and joint.holds(0.0)
 
 
@@ -172,16 +172,16 @@ def test_a_partition_that_a_line_of_glue_holds_is_given_up_for_another(cost: Cos
     """Between the two blocks is the cheapest cut, and the only one of a single width."""
     printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
     narrow = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
-    loose = decompose(Model(finned(), (), 1.0), printers, narrow, cost)
+    loose = decompose_model(Model(finned(), (), 1.0), printers, narrow, cost)
     assert min(j.width_mm for j in loose.joints) < 1.0
-    held = decompose(Model(finned(), (), 1.0), printers, replace(narrow, min_glue_mm2=25.0), cost)
+    held = decompose_model(Model(finned(), (), 1.0), printers, replace(narrow, min_glue_mm2=25.0), cost)
     assert held.faults == ()
     assert all(j.holds(25.0) for j in held.joints)
     assert len(held.parts) == 2
 
 
 def test_bodies_that_touch_nothing_are_not_loose() -> None:
-    assert faults([*cut(block((0, 0, 0), (40, 40, 40))), *cut(block((50, 0, 0), (60, 10, 10)))]) == []
+    assert find_faults([*cut(block((0, 0, 0), (40, 40, 40))), *cut(block((50, 0, 0), (60, 10, 10)))]) == []
 
 
 @pytest.mark.parametrize(("min_glue_mm2", "held_mm2"), [(25.0, 25.0), (0.0, 0.0)])
@@ -198,7 +198,7 @@ def test_a_partition_with_a_weak_joint_is_given_up_for_another(
     )
     printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
     options = Options(Engine.GUILLOTINE, "vcoarse", min_glue_mm2=min_glue_mm2, prove=False)
-    result = decompose(Model(solid, (), 1.0), printers, options, cost)
+    result = decompose_model(Model(solid, (), 1.0), printers, options, cost)
     assert result.faults == ()
     least_mm2 = min(joint.area_mm2 for joint in result.joints)
     assert least_mm2 >= held_mm2  # of the bar, or of a block that is cut in its stead
@@ -213,5 +213,5 @@ def test_what_only_a_thread_holds_is_refused(engine: Engine, cost: CostModel) ->
     rod = Model(block((0, 0, 0), (500, 4, 4)), (), 1.0)
     printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
     with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):
-        decompose(rod, printers, Options(engine, prove=False), cost)
-    assert len(decompose(rod, printers, Options(Engine.GUILLOTINE, min_glue_mm2=15.0), cost).parts) == 4
+        decompose_model(rod, printers, Options(engine, prove=False), cost)
+    assert len(decompose_model(rod, printers, Options(Engine.GUILLOTINE, min_glue_mm2=15.0), cost).parts) == 4

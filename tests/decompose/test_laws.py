@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
 from decompose.mesh import Model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.report import Decomposition, Engine, Interior, Options
 from decompose.solid import Solid
 
@@ -32,7 +32,7 @@ def model_of(blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turn: tu
     solids = [Solid.from_arrays(ball.vertices, ball.faces)]
     solids += [Solid.box(lo, np.add(lo, size)) for lo, size in blocks]
     matrix = trimesh.transformations.euler_matrix(*turn)[:3, :3]
-    return Model(Solid.union(solids).turned(matrix), (), 1.0)
+    return Model(Solid.union(solids).rotate(matrix), (), 1.0)
 
 
 def inside(points: np.ndarray, solid: Solid) -> np.ndarray:
@@ -54,7 +54,7 @@ def held(result: Decomposition, model: Model, seed: int) -> None:
         mesh = trimesh.Trimesh(vertices, faces, process=False)
         assert mesh.is_watertight and mesh.volume > 0.0
         assert sum(shell.volume > 0.0 for shell in mesh.split(only_watertight=True)) == 1
-        assert (np.sort(np.ptp(part.printed()[0], axis=0)) <= np.sort(ROOM) + 1e-6).all()
+        assert (np.sort(np.ptp(part.printing_mesh()[0], axis=0)) <= np.sort(ROOM) + 1e-6).all()
     assert len({part.printer for part in result.parts}) == len(result.parts)
     for a, b in combinations(result.parts, 2):
         assert a.solid.intersect(b.solid).volume_mm3 < 1e-3
@@ -77,7 +77,7 @@ def options_of(engine: Engine, interior: Interior, seed: int) -> Options:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_each_engine_cuts_a_ball(engine: Engine, interior: Interior, cost: CostModel) -> None:
     model = model_of([], (0.3, 0.2, 0.1))
-    held(decompose(model, PRINTERS, options_of(engine, interior, 0), cost), model, 0)
+    held(decompose_model(model, PRINTERS, options_of(engine, interior, 0), cost), model, 0)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -101,7 +101,7 @@ def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
     model = model_of(blocks, turn)
     interior = Interior.KEEP if keep else Interior.LEAVE
     try:
-        result = decompose(model, PRINTERS, options_of(engine, interior, seed), cost)
+        result = decompose_model(model, PRINTERS, options_of(engine, interior, seed), cost)
     except NoFit:
         assert engine is not Engine.GUILLOTINE  # which finds parts wherever there are any
         return

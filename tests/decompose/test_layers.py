@@ -10,7 +10,7 @@ import trimesh
 
 from decompose.cost import CostModel, Recipe
 from decompose.layers import SLABS, _by_slab, short_layers_s
-from decompose.orientation import measure
+from decompose.orientation import measure_pose
 
 COST = CostModel.from_recipe(Recipe())
 
@@ -56,10 +56,10 @@ def test_a_tip_is_slowed_down() -> None:
     expected_s = np.maximum(0.0, least_s - lines_s).sum()
     assert expected_s > 100.0
     assert short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
-    pose = measure(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
+    pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
     hasty = CostModel.from_recipe(Recipe(least_layer_s=0.0))
-    hurried = measure(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)
-    assert pose.seconds - hurried.seconds == pytest.approx(expected_s, rel=0.03)
+    hurried = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)
+    assert pose.price_s - hurried.price_s == pytest.approx(expected_s, rel=0.03)
 
 
 @pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
@@ -70,7 +70,7 @@ def test_a_face_at_just_the_support_angle_is_supported(layer_mm: float, angle_de
         math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))
     )
     steep, flatter = (
-        measure(wedge.vertices, wedge.faces, np.zeros(len(wedge.faces), np.bool_), np.eye(3), cost)
+        measure_pose(wedge.vertices, wedge.faces, np.zeros(len(wedge.faces), np.bool_), np.eye(3), cost)
         for wedge in (leaning(angle_deg), leaning(angle_deg - 3.0))
     )
     assert steep.support_mm3 > 1000.0

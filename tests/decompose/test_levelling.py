@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from decompose.levelling import levelled
+from decompose.levelling import solve_plane_shifts
 
 ROW = np.full((3, 2, 3), -1)  # three boxes in a row along x, with two planes between them
 ROW[0, 1, 0] = ROW[1, 0, 0] = 0
@@ -18,13 +18,13 @@ FAR = np.full(2, 100.0)
 
 
 def test_makes_all_equal_through_a_box_between() -> None:
-    moves, seconds = levelled(np.array([20.0, 14.0, 8.0]), SLOPES, ROW, FREE, FREE, -FAR, FAR)
+    moves, seconds = solve_plane_shifts(np.array([20.0, 14.0, 8.0]), SLOPES, ROW, FREE, FREE, -FAR, FAR)
     assert seconds == pytest.approx(14.0)
     assert moves == pytest.approx([-6.0, -6.0])
 
 
 def test_moves_only_what_helps() -> None:
-    moves, seconds = levelled(
+    moves, seconds = solve_plane_shifts(
         np.array([20.0, 20.0, 8.0]), SLOPES, ROW, FREE, FREE, np.array([0.0, -1.0]), FAR
     )
     assert seconds == pytest.approx(20.0)  # the first box cannot get shorter
@@ -40,7 +40,7 @@ def test_goes_as_far_as_it_may(which: str) -> None:
         shorter[0, 0] = 3.0
     else:
         step = np.array([3.0, 100.0])
-    moves, seconds = levelled(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, longer, shorter, -step, step)
+    moves, seconds = solve_plane_shifts(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, longer, shorter, -step, step)
     if which == "longer":
         assert moves[1] == pytest.approx(-1.0)
         assert seconds == pytest.approx(9.5)

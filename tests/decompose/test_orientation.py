@@ -14,10 +14,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, Recipe
-from decompose.files import write
+from decompose.files import write_decomposition
 from decompose.mesh import Model
-from decompose.orientation import Pose, best_pose, candidates, measure
-from decompose.partition import decompose
+from decompose.orientation import Pose, candidate_directions, find_best_pose, measure_pose
+from decompose.partition import decompose_model
 from decompose.report import Options
 from decompose.solid import Solid
 
@@ -35,7 +35,7 @@ def turned(solid: Solid, rotation: npt.NDArray[np.float64] = TURNED) -> Solid:
 
 def laid(solid: Solid, room: PrinterRoom = ROOM, cut: npt.NDArray[np.bool_] = NOTHING) -> Pose:
     vertices, faces = solid.arrays()
-    pose = best_pose(vertices, faces, cut if len(cut) else np.zeros(len(faces), np.bool_), [room], COST)
+    pose = find_best_pose(vertices, faces, cut if len(cut) else np.zeros(len(faces), np.bool_), [room], COST)
     assert pose is not None
     assert room.fits(*pose.size_mm)
     return pose
@@ -85,8 +85,10 @@ def test_no_support_where_it_can_be_helped(solid: Solid) -> None:
     pose = laid(solid)
     assert pose.stands
     assert pose.support_mm3 == 0.0
-    as_it_is = measure(*solid.arrays(), np.zeros(len(solid.arrays()[1]), np.bool_), POSE_ROTATIONS[4], COST)
-    assert pose.seconds < as_it_is.seconds
+    as_it_is = measure_pose(
+        *solid.arrays(), np.zeros(len(solid.arrays()[1]), np.bool_), POSE_ROTATIONS[4], COST
+    )
+    assert pose.price_s < as_it_is.price_s
 
 
 def test_a_pyramid_is_turned_over() -> None:
@@ -110,7 +112,7 @@ def test_what_is_thin_is_laid_down_and_gets_a_brim_where_it_cannot_be(size: tupl
 
 def test_an_edge_is_no_footing() -> None:
     vertices, faces = turned(Solid.box((0, 0, 0), (60, 30, 30)), EDGEWISE).arrays()
-    pose = measure(vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3), COST)
+    pose = measure_pose(vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3), COST)
     assert pose.footing.contact_mm2 > 10.0  # narrower than a line, and as long as the block
     assert not pose.stands
 
@@ -118,7 +120,7 @@ def test_an_edge_is_no_footing() -> None:
 def test_turning_the_model_turns_the_pose() -> None:
     solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
     here, there = laid(solid), laid(turned(solid))
-    assert there.seconds == pytest.approx(here.seconds, rel=0.01)
+    assert there.price_s == pytest.approx(here.price_s, rel=0.01)
     assert up_of(there) == pytest.approx(TURNED @ up_of(here), abs=1e-6)
     assert sorted(there.size_mm) == pytest.approx(sorted(here.size_mm), abs=1e-6)
 
@@ -153,11 +155,11 @@ def test_a_cut_face_at_the_bed_is_not_squeezed_out() -> None:
     vertices, faces = Solid.box((0, 0, 0), (40, 40, 20)).arrays()
     cut = np.isclose(vertices[faces][:, :, 0], 40.0).all(axis=1)
     for marked, expansion in ((cut, -0.2), (~cut & cut, 0.0)):
-        pose = measure(vertices, faces, marked, POSE_ROTATIONS[4], COST)
+        pose = measure_pose(vertices, faces, marked, POSE_ROTATIONS[4], COST)
         assert pose.layer_0_expansion_mm == expansion
-        as_set = measure(vertices, faces, marked, POSE_ROTATIONS[4], COST, fit_first_layer=False)
+        as_set = measure_pose(vertices, faces, marked, POSE_ROTATIONS[4], COST, fit_first_layer=False)
         assert as_set.layer_0_expansion_mm is as_set.brim_width_mm is None
-        assert as_set.seconds > pose.seconds  # the quality's brim
+        assert as_set.price_s > pose.price_s  # the quality's brim
 
 
 def test_a_long_bar_goes_across_the_bed() -> None:
@@ -167,13 +169,13 @@ def test_a_long_bar_goes_across_the_bed() -> None:
 
 def test_nothing_fits() -> None:
     vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
-    assert best_pose(vertices, faces, np.zeros(len(faces), np.bool_), [ROOM], COST) is None
+    assert find_best_pose(vertices, faces, np.zeros(len(faces), np.bool_), [ROOM], COST) is None
 
 
 def test_flat_sides_are_candidates_however_they_lie() -> None:
     solid = turned(pyramid_on_its_tip())
     vertices, faces = solid.arrays()
-    ups = candidates(vertices, faces)
+    ups = candidate_directions(vertices, faces)
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -197,7 +199,7 @@ def test_a_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path
     """In single precision, where its corners round: those at the bed are at zero."""
     solid = turned(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
     model = Model(Solid.from_arrays(solid.arrays()[0].astype(np.float32), solid.arrays()[1]), (), 1.0)
-    result = write(decompose(model, [ROOM], Options(granularity=3), COST), tmp_path)
+    result = write_decomposition(decompose_model(model, [ROOM], Options(granularity=3), COST), tmp_path)
     (part,) = result.parts
     mesh = trimesh.load_mesh(tmp_path / part.file)
     assert mesh.is_watertight

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from decompose import parallelobox
 from decompose import problem as problem_module
-from decompose.alignment import align, overhang_mm2
-from decompose.boxes import Boxes, all_boxes, box_index, ends
+from decompose.alignment import align_model, overhang_mm2
+from decompose.boxes import BoxTables, box_index, interval_ends, price_boxes
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
 from decompose.grid import Cell, Grid, build_grid
@@ -25,18 +25,18 @@ from decompose.growth import (
     SPEED_MM_S,
     Score,
     Terrain,
-    grow,
-    terrain_in_seconds,
-    terrain_of_the_paper,
+    grow_blocks,
+    paper_terrain,
+    time_terrain,
 )
 from decompose.mesh import Model
-from decompose.metaheuristic import attempts, draws
-from decompose.partition import decompose
+from decompose.metaheuristic import draw_seed_sets, run_attempts
+from decompose.partition import decompose_model
 from decompose.report import Engine, Options
-from decompose.seeds import seeds
+from decompose.seeds import draw_seeds
 from decompose.solid import Solid
 from decompose.symmetry import find_mirror, rotation_to_axis
-from decompose.voids import fill
+from decompose.voids import fill_voids
 
 Shape = tuple[int, int, int]
 
@@ -77,12 +77,12 @@ def test_blocks_never_meet_and_all_is_covered(shape: Shape, seed: int, share: fl
     terrain = invented(shape, seed)
     cells = np.argwhere(terrain.needed)
     chosen = cells[: math.ceil(share * len(cells))].tolist()
-    blocks, owner = grow([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in chosen], terrain, score)
+    blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in chosen], terrain, score)
     assert len(blocks) == len(chosen)
     assert ((cover(blocks, shape) == 1) == (owner != NOBODY)).all()
     assert cover(blocks, shape).max(initial=0) <= 1
     left = int((terrain.needed & (owner == NOBODY)).sum())
-    filled = fill(blocks, owner, terrain, left)
+    filled = fill_voids(blocks, owner, terrain, left)
     assert filled is not None  # a block for each cell would do
     assert cover(filled, shape).max(initial=0) <= 1
     assert (cover(filled, shape)[terrain.needed] == 1).all()
@@ -104,15 +104,15 @@ def test_growth_stops_where_no_block_can_grow() -> None:
     total = 10
     flat = np.ones(total, np.float32)
     terrain = simple(shape, flat, flat)
-    blocks, owner = grow([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
+    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
     too_large = flat.copy()
     too_large[box_index((0, 0, 0, 2, 1, 1), shape)] = np.inf
     terrain = simple(shape, too_large, flat)
-    blocks, owner = grow([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
+    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
     assert owner.ravel().tolist() == [0, NOBODY, NOBODY, NOBODY]
-    assert fill(blocks, owner.copy(), terrain, 0) is None
-    assert fill(blocks, owner.copy(), terrain, 1) is not None
+    assert fill_voids(blocks, owner.copy(), terrain, 0) is None
+    assert fill_voids(blocks, owner.copy(), terrain, 1) is not None
 
 
 @pytest.mark.parametrize(("score", "expected"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
@@ -125,7 +125,7 @@ def test_the_two_readings_of_the_score(score: Score, expected: list[int]) -> Non
     seconds = np.ones(6, np.float32)
     seconds[box_index((0, 0, 0, 3, 1, 1), shape)] = np.inf
     terrain = simple(shape, seconds, price)
-    _, owner = grow([(1, 0, 0, 2, 1, 1)], terrain, score)
+    _, owner = grow_blocks([(1, 0, 0, 2, 1, 1)], terrain, score)
     assert np.flatnonzero(owner.ravel() == 0).tolist() == expected
 
 
@@ -151,37 +151,39 @@ def ball_grid(ball: Model, cost: CostModel) -> Grid:
 
 
 @pytest.fixture(scope="module")
-def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Boxes:
-    return all_boxes(ball_grid, printers, cost)
+def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> BoxTables:
+    return price_boxes(ball_grid, printers, cost)
 
 
 @pytest.mark.parametrize("count", [1, 7, 40, 10_000])
 def test_seeds_are_boundary_cells_no_two_the_same(
     ball_grid: Grid, ball_points: np.ndarray, count: int
 ) -> None:
-    found = seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    found = draw_seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
     boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
     assert len(set(found)) == len(found) == min(count, boundary)
     assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in found)
-    assert found == seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    assert found == draw_seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
     # Fewer vertices than seeds:
-    few = seeds(ball_points[:3], ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    few = draw_seeds(ball_points[:3], ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
     assert len(set(few)) == len(found)
 
 
 def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
-    cells = np.array(seeds(ball_points, ball_grid, nothing(ball_grid), 8, np.random.default_rng(0)))[:, :3]
+    cells = np.array(draw_seeds(ball_points, ball_grid, nothing(ball_grid), 8, np.random.default_rng(0)))[
+        :, :3
+    ]
     gaps = np.abs(cells[:, None] - cells[None]).sum(axis=2) + 100 * np.eye(8, dtype=int)
     assert gaps.min() >= 2
 
 
 @pytest.mark.parametrize("score", Score.BOTH.readings)
 def test_attempts_cover_the_model_and_are_the_same_each_time(
-    score: Score, ball_grid: Grid, ball_boxes: Boxes, ball_points: np.ndarray
+    score: Score, ball_grid: Grid, ball_boxes: BoxTables, ball_points: np.ndarray
 ) -> None:
-    terrain = terrain_in_seconds(ball_grid, ball_boxes)
-    drawn = draws(ball_points, ball_grid, terrain.barred, 14, 2, 5)
-    found = attempts(drawn, terrain, 14, score)
+    terrain = time_terrain(ball_grid, ball_boxes)
+    drawn = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 5)
+    found = run_attempts(drawn, terrain, 14, score)
     assert found
     for each in found:
         count = cover(np.array(each.blocks), ball_grid.shape)
@@ -193,24 +195,24 @@ def test_attempts_cover_the_model_and_are_the_same_each_time(
         assert each.longest == ball_boxes.seconds[indices].max() < np.inf
     assert [a.longest for a in found] == sorted(a.longest for a in found)
     with ThreadPoolExecutor(2) as pool:
-        threaded = draws(ball_points, ball_grid, terrain.barred, 14, 2, 5, pool.map)
+        threaded = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 5, pool.map)
         assert threaded == drawn
-        assert attempts(threaded, terrain, 14, score, pool.map) == found
-    others = draws(ball_points, ball_grid, terrain.barred, 14, 2, 6)
-    assert found != attempts(others, terrain, 14, score)
+        assert run_attempts(threaded, terrain, 14, score, pool.map) == found
+    others = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 6)
+    assert found != run_attempts(others, terrain, 14, score)
 
 
 def test_the_papers_prices_are_those_of_the_solid_in_a_box(
-    ball: Model, ball_grid: Grid, ball_boxes: Boxes
+    ball: Model, ball_grid: Grid, ball_boxes: BoxTables
 ) -> None:
-    terrain = terrain_of_the_paper(ball_grid, ball_boxes)
+    terrain = paper_terrain(ball_grid, ball_boxes)
     rng = np.random.default_rng(1)
     shape = ball_grid.shape
     for at in rng.choice(len(ball_boxes.seconds), 25, replace=False):
         sizes = [n * (n + 1) // 2 for n in shape]
         rest, iz = divmod(int(at), sizes[2])
         ix, iy = divmod(rest, sizes[1])
-        spans = [ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
+        spans = [interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
         x, y, z = spans
         box = (x[0], y[0], z[0], x[1], y[1], z[1])
         piece: Solid = ball.solid.clip(*ball_grid.bounds_mm(box))
@@ -259,8 +261,8 @@ GROWN = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
 @pytest.mark.parametrize("options", [GROWN, replace(GROWN, score=Score.HIGH), replace(GROWN, faithful=True)])
 def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
     printers = [replace(plus_room, name=str(i)) for i in range(9)]
-    assert align(skewed, 1, cost.overhang_cos).mirror is not None
-    result = decompose(skewed, printers, options, cost)
+    assert align_model(skewed, 1, cost.overhang_cos).mirror is not None
+    result = decompose_model(skewed, printers, options, cost)
     assert result.engine is Engine.PARALLELOBOX
     assert 2 <= len(result.parts) <= 9
     assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(skewed.solid.volume_mm3, rel=1e-6)
@@ -268,14 +270,14 @@ def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoo
     assert np.min([p.solid.bounds_mm[0] for p in result.parts], axis=0) == pytest.approx(lo, abs=1e-6)
     assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
     for part in result.parts:  # the printing pose is still that in which it fits
-        width, depth, height = np.ptp(part.printed()[0], axis=0) - 1e-6
+        width, depth, height = np.ptp(part.printing_mesh()[0], axis=0) - 1e-6
         assert plus_room.fits(width, depth, height)
-        assert part.printed()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
+        assert part.printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
     if options.faithful:  # no part crosses the plane of symmetry, x = 0 before the block was turned
         across = turn(0.4, (0.0, 0.0, 1.0))[:, 0]
         sides = [part.solid.arrays()[0] @ across for part in result.parts]
         assert all(side.min() > -1e-6 or side.max() < 1e-6 for side in sides)
-    again = decompose(skewed, printers, options, cost)
+    again = decompose_model(skewed, printers, options, cost)
     assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
     assert again.makespan_s == result.makespan_s
 
@@ -286,7 +288,7 @@ def test_faithful_is_the_papers_table(
     """Very fine, three tries, symmetry, an overhang tolerance of 1 degree, both speeds 20 mm/s; not infill,
     of which neither the paper's formulas nor its program know anything."""
     seen: list[tuple[str, int, float]] = []
-    build, drawn = problem_module.build_grid, parallelobox.draws
+    build, drawn = problem_module.build_grid, parallelobox.draw_seed_sets
 
     def gridded(*args: Any) -> Grid:
         seen.append(("grid", args[1], args[4]))
@@ -297,10 +299,10 @@ def test_faithful_is_the_papers_table(
         return drawn(*args)
 
     monkeypatch.setattr(problem_module, "build_grid", gridded)
-    monkeypatch.setattr(parallelobox, "draws", seeded)
+    monkeypatch.setattr(parallelobox, "draw_seed_sets", seeded)
     printers = [replace(plus_room, name=str(i)) for i in range(9)]
     options = replace(GROWN, faithful=True, tries=1, prove=False, fit_first_layer=False)
-    result = decompose(skewed, printers, options, cost)
+    result = decompose_model(skewed, printers, options, cost)
     assert result.options.granularity == "vfine" and result.options.tries == 3
     assert {size for what, size, _ in seen if what == "grid"} == {15}
     assert math.sin(math.radians(1.0)) in {steep for what, _, steep in seen if what == "grid"}
@@ -318,8 +320,8 @@ def test_it_is_never_worse_than_faithful(
     """On a model that is cut at its plane of symmetry, turned, and large enough for a finer grid."""
     fleet = [replace(plus_room, name=str(i)) for i in range(printers)]
     options = Options(Engine.PARALLELOBOX, seed=seed, fit_first_layer=False, prove=False)
-    faithful = decompose(skewed, fleet, replace(options, faithful=True), cost)
-    own = decompose(skewed, fleet, options, cost)
+    faithful = decompose_model(skewed, fleet, replace(options, faithful=True), cost)
+    own = decompose_model(skewed, fleet, options, cost)
     assert own.makespan_s <= faithful.makespan_s or (faithful.faults and not own.faults)
 
 
@@ -331,15 +333,15 @@ def test_a_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
     crooked = vertices @ turn(0.7, (1.0, 0.3, 0.2)).T
     assert overhang_mm2(vertices[faces], cost.overhang_cos) == pytest.approx(0.0)
     assert overhang_mm2(crooked[faces], cost.overhang_cos) > 1000.0
-    aligned = align(Model(Solid.from_arrays(crooked, faces), (), 1.0), 1, cost.overhang_cos)
+    aligned = align_model(Model(Solid.from_arrays(crooked, faces), (), 1.0), 1, cost.overhang_cos)
     straight, on = aligned.model.solid.arrays()
     assert overhang_mm2(straight[on], cost.overhang_cos) == pytest.approx(0.0, abs=1.0)
     assert aligned.rotation @ aligned.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
     assert np.linalg.det(aligned.rotation) == pytest.approx(1.0)
-    again = align(Model(solid, (), 1.0), 1, cost.overhang_cos)
+    again = align_model(Model(solid, (), 1.0), 1, cost.overhang_cos)
     assert (again.rotation == np.eye(3)).all()  # what stands straight is left so
 
 
 def test_too_few_printers_are_told(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
     with pytest.raises(NoFit, match=r"no attempt of parallelobox covers .* --engine guillotine"):
-        decompose(ball, [plus_room, replace(plus_room, name="b")], GROWN, cost)
+        decompose_model(ball, [plus_room, replace(plus_room, name="b")], GROWN, cost)

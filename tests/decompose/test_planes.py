@@ -15,11 +15,11 @@ from decompose.boxes import Box
 from decompose.cost import CostModel, PrinterRoom
 from decompose.effort import Effort, Work
 from decompose.grid import CLEAR_MM, flat_coordinates
-from decompose.interfaces import Cells
+from decompose.interfaces import NeededCells
 from decompose.mesh import Model
 from decompose.orientation import Pose
-from decompose.piece import Piece, pieces_in_cells
-from decompose.planes import _Evening, _Part, evened
+from decompose.piece import Piece, cut_cells
+from decompose.planes import _Part, _PlaneShift, shift_planes
 from decompose.problem import Problem
 from decompose.report import Engine, Interior, Options
 from decompose.solid import Solid
@@ -36,15 +36,15 @@ def problem(
 
 
 def longest_s(problem: Problem, pieces: list[Piece]) -> float:
-    poses = zip(pieces, problem.poses(pieces), strict=True)
-    return max(np.inf if pose is None else pose.seconds * piece.time_factor for piece, pose in poses)
+    poses = zip(pieces, problem.find_poses(pieces), strict=True)
+    return max(np.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in poses)
 
 
 def run(problem: Problem, chosen: list[Box]) -> tuple[list[Piece], list[Piece]]:
     """The pieces of a partition of the problem's grid, before and after."""
-    grid = problem.grid(problem.model)
-    cut = {box: pieces_in_cells(problem.model.solid, grid, box) for box in chosen}
-    return [piece for pieces in cut.values() for piece in pieces], evened(problem, grid, cut)
+    grid = problem.build_grid(problem.model)
+    cut = {box: cut_cells(problem.model.solid, grid, box) for box in chosen}
+    return [piece for pieces in cut.values() for piece in pieces], shift_planes(problem, grid, cut)
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +61,11 @@ def cone() -> Solid:
 
 def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: CostModel) -> None:
     asked = problem(cone, cost, 2, cells=2)
-    nx, ny, nz = asked.grid(asked.model).shape
+    nx, ny, nz = asked.build_grid(asked.model).shape
     middle = nx // 2
     before, after = run(asked, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
     assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
-    times = [pose.seconds for pose in asked.poses(after) if pose is not None]
+    times = [pose.price_s for pose in asked.find_poses(after) if pose is not None]
     assert max(times) <= 1.02 * min(times)
     assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(cone.volume_mm3)
     assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
@@ -76,18 +76,18 @@ def test_where_one_part_would_be_posed_worse_the_others_are_evened(
 ) -> None:
     """The thin end, longer, would have to lie in another pose: it stays, and the other cut moves."""
     asked = problem(cone, cost, 3, cells=4)
-    nx, ny, nz = asked.grid(asked.model).shape
+    nx, ny, nz = asked.build_grid(asked.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     boxes = [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)]
-    end_mm = asked.grid(asked.model).planes[0][thirds[2]]
-    pose = Problem.pose
+    end_mm = asked.build_grid(asked.model).planes[0][thirds[2]]
+    pose = Problem.find_pose
 
     def worse(self: Problem, piece: Piece) -> Pose | None:
         found = pose(self, piece)
         longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
-        return replace(found, seconds=10.0 * found.seconds) if found and longer else found
+        return replace(found, price_s=10.0 * found.price_s) if found and longer else found
 
-    monkeypatch.setattr(Problem, "pose", worse)
+    monkeypatch.setattr(Problem, "find_pose", worse)
     before, after = run(asked, boxes)
     assert longest_s(asked, after) < 0.96 * longest_s(asked, before)
     assert max(piece.solid.bounds_mm[0, 0] for piece in after) >= end_mm - 0.1
@@ -98,28 +98,28 @@ class Rounds:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.begun = 0
-        moved = _Evening._moved
+        moved = _PlaneShift._moved
 
-        def counted(evening: _Evening, parts: list[_Part], slopes: np.ndarray) -> list[_Part]:
+        def counted(evening: _PlaneShift, parts: list[_Part], slopes: np.ndarray) -> list[_Part]:
             self.begun += 1
             return moved(evening, parts, slopes)
 
-        monkeypatch.setattr(_Evening, "_moved", counted)
+        monkeypatch.setattr(_PlaneShift, "_moved", counted)
 
 
 def halves(asked: Problem) -> list[Box]:
-    nx, ny, nz = asked.grid(asked.model).shape
+    nx, ny, nz = asked.build_grid(asked.model).shape
     return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
 
 
-def evening(asked: Problem) -> tuple[_Evening, list[_Part]]:
+def evening(asked: Problem) -> tuple[_PlaneShift, list[_Part]]:
     """The search for the two halves of a model, and the halves posed."""
-    grid = asked.grid(asked.model)
-    cut = {box: pieces_in_cells(asked.model.solid, grid, box) for box in halves(asked)}
+    grid = asked.build_grid(asked.model)
+    cut = {box: cut_cells(asked.model.solid, grid, box) for box in halves(asked)}
     boxes_mm = np.array([grid.bounds_mm(box) for box in cut])
     cell_mm = np.array([np.diff(each).min() for each in grid.planes])
-    cells = Cells(grid.planes, grid.needed)
-    found = _Evening(asked, cells, cell_mm, boxes_mm, list(cut.values()))
+    cells = NeededCells(grid.planes, grid.needed)
+    found = _PlaneShift(asked, cells, cell_mm, boxes_mm, list(cut.values()))
     return found, found.posed()
 
 
@@ -150,21 +150,21 @@ def test_a_round_in_vain_is_not_made_again_once_the_budget_is_spent(
 ) -> None:
     """All that has moved is ten times slower in its true pose, or bad to glue."""
     asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
-    grid = asked.grid(asked.model)
-    pose = Problem.pose
+    grid = asked.build_grid(asked.model)
+    pose = Problem.find_pose
 
     def worse(self: Problem, piece: Piece) -> Pose | None:
         found = pose(self, piece)
-        return found and replace(found, seconds=10.0 * found.seconds)
+        return found and replace(found, price_s=10.0 * found.price_s)
 
-    cut = {box: pieces_in_cells(cone, grid, box) for box in halves(asked)}
-    asked.poses([piece for pieces in cut.values() for piece in pieces])
+    cut = {box: cut_cells(cone, grid, box) for box in halves(asked)}
+    asked.find_poses([piece for pieces in cut.values() for piece in pieces])
     if faulty:
-        monkeypatch.setattr(_Evening, "_faulty", lambda *_: True)
+        monkeypatch.setattr(_PlaneShift, "_faulty", lambda *_: True)
     else:
-        monkeypatch.setattr(Problem, "pose", worse)
+        monkeypatch.setattr(Problem, "find_pose", worse)
     rounds = Rounds(monkeypatch)
-    evened(asked, grid, cut)
+    shift_planes(asked, grid, cut)
     assert rounds.begun == 1
     assert asked.effort.cut_short
 
@@ -174,7 +174,7 @@ def test_a_longest_part_that_stays_where_it_is_bars_nothing(
 ) -> None:
     """No round is made again that would be the same."""
     begun = []
-    monkeypatch.setattr(_Evening, "_moved", lambda _, parts, slopes: begun.append(len(parts)) or [*parts])
+    monkeypatch.setattr(_PlaneShift, "_moved", lambda _, parts, slopes: begun.append(len(parts)) or [*parts])
     asked = problem(cone, cost, 2, cells=2)
     run(asked, halves(asked))
     assert begun == [2]
@@ -198,17 +198,17 @@ def test_what_is_posed_anew_is_posed_once_and_booked(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No part may stay in its pose: each is posed as soon as it has moved."""
-    measured, pose, posed = _Evening._measured, Problem.pose, []
+    measured, pose, posed = _PlaneShift._measured, Problem.find_pose, []
 
-    def tall(self: _Evening, piece: Piece, old: Pose) -> Pose:
+    def tall(self: _PlaneShift, piece: Piece, old: Pose) -> Pose:
         return replace(measured(self, piece, old), size_mm=(1e4, 1e4, 1e4))
 
     def counted(self: Problem, piece: Piece) -> Pose | None:
         posed.append(piece.solid)
         return pose(self, piece)
 
-    monkeypatch.setattr(_Evening, "_measured", tall)
-    monkeypatch.setattr(Problem, "pose", counted)
+    monkeypatch.setattr(_PlaneShift, "_measured", tall)
+    monkeypatch.setattr(Problem, "find_pose", counted)
     asked = problem(cone, cost, 2, cells=2)
     before, after = run(asked, halves(asked))
     assert after[0].solid is not before[0].solid
@@ -219,18 +219,18 @@ def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> N
     asked = problem(cone, cost, 2, cells=2)
     slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
     asked = replace(asked, printers=(slow, quick))
-    grid = asked.grid(asked.model)
+    grid = asked.build_grid(asked.model)
     nx, ny, nz = grid.shape
     cut = {
-        box: [replace(piece, printer=printer) for piece in pieces_in_cells(cone, grid, box)]
+        box: [replace(piece, printer=printer) for piece in cut_cells(cone, grid, box)]
         for box, printer in (
             ((0, 0, 0, nx // 2, ny, nz), quick),
             ((nx // 2, 0, 0, nx, ny, nz), slow),
         )
     }
     before_s = longest_s(asked, [piece for pieces in cut.values() for piece in pieces])
-    after = evened(asked, grid, cut)
-    times = {p.printer: asked.pose(p).seconds * p.time_factor for p in after}  # type: ignore[union-attr]
+    after = shift_planes(asked, grid, cut)
+    times = {p.printer: asked.find_pose(p).seconds * p.time_factor for p in after}  # type: ignore[union-attr]
     assert longest_s(asked, after) < before_s
     assert times[quick] == pytest.approx(times[slow], rel=0.03)
 
@@ -240,7 +240,7 @@ def test_a_lid_gives_way_to_the_hollow_behind_it(cost: CostModel) -> None:
     block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
     asked = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
     asked = replace(asked, options=replace(asked.options, min_wall_mm=24.0))
-    grid = asked.grid(asked.model)
+    grid = asked.build_grid(asked.model)
     assert grid.shape == (8, 8, 8)
     assert not grid.needed[2:6, 2:6, 2:6].any()
     lids = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
@@ -266,14 +266,14 @@ def test_another_search_begins_where_one_has_ended(
 
 def test_what_a_slicer_has_shown_of_a_part_counts(cone: Solid, cost: CostModel) -> None:
     asked = problem(cone, cost, 2, cells=2)
-    grid = asked.grid(asked.model)
+    grid = asked.build_grid(asked.model)
     cut = {
-        box: [replace(piece, slower=slower) for piece in pieces_in_cells(cone, grid, box)]
+        box: [replace(piece, time_ratio=slower) for piece in cut_cells(cone, grid, box)]
         for box, slower in zip(halves(asked), (1.0, 1.3), strict=True)
     }
-    a, b = evened(asked, grid, cut)
-    assert (a.slower, b.slower) == (1.0, 1.3)
-    a_s, b_s = (pose.seconds for pose in asked.poses([a, b]) if pose is not None)
+    a, b = shift_planes(asked, grid, cut)
+    assert (a.time_ratio, b.time_ratio) == (1.0, 1.3)
+    a_s, b_s = (pose.price_s for pose in asked.find_poses([a, b]) if pose is not None)
     assert a_s == pytest.approx(1.3 * b_s, rel=0.02)
 
 
@@ -283,7 +283,7 @@ def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
         [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
     )
     asked = problem(bar, cost, 3, cells=4)
-    nx, ny, nz = asked.grid(asked.model).shape
+    nx, ny, nz = asked.build_grid(asked.model).shape
     thirds = [0, nx // 3, 2 * nx // 3, nx]
     before, after = run(asked, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
     vertices, faces = bar.arrays()
@@ -302,11 +302,11 @@ def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
         [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
     )
     asked = problem(bar, cost, 2, cells=8)
-    grid = asked.grid(asked.model)
+    grid = asked.build_grid(asked.model)
     nx, ny, nz = grid.shape
     at = int(np.searchsorted(grid.planes[0], 220.0)) - 1
     _, after = run(asked, [(0, 0, 0, at, ny, nz), (at, 0, 0, nx, ny, nz)])
-    assert all(pose is not None for pose in asked.poses(after))
+    assert all(pose is not None for pose in asked.find_poses(after))
     assert max(np.ptp(piece.solid.bounds_mm[:, 0]) for piece in after) <= 220.0
 
 
@@ -316,12 +316,12 @@ def test_never_slower_never_in_more_pieces_and_nothing_missing(
     lump: Solid, cost: CostModel, at: tuple[int, int, int]
 ) -> None:
     asked = problem(lump, cost, 8, cells=6)
-    grid = asked.grid(asked.model)
+    grid = asked.build_grid(asked.model)
     nx, ny, nz = grid.shape
     x, y, z = (min(a, n - 1) for a, n in zip(at, grid.shape, strict=True))
     left: list[Box] = [(0, 0, 0, x, y, nz), (0, y, 0, x, ny, z), (0, y, z, x, ny, nz)]
     chosen: list[Box] = [*left, (x, 0, 0, nx, ny, z), (x, 0, z, nx, ny, nz)]
-    chosen = [box for box in chosen if pieces_in_cells(lump, grid, box)]
+    chosen = [box for box in chosen if cut_cells(lump, grid, box)]
     before, after = run(asked, chosen)
     assert len(after) <= len(before)
     assert longest_s(asked, after) <= longest_s(asked, before)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from decompose import shells
 from decompose.errors import ModelNotSolid
 from decompose.mesh import load_model
-from decompose.repair import close
+from decompose.repair import close_surface
 from decompose.solid import Solid
 
 MODELS = Path(os.environ.get("FARM_MODELS", Path(__file__).parents[3] / "shared" / "models"))
@@ -38,7 +38,7 @@ def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
 def test_bodies_that_touch(where: tuple[float, ...], pieces: int) -> None:
     other = tuple(20.0 + w for w in where)
     both = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(where, other)])
-    solid, _ = close("two", both)
+    solid, _ = close_surface("two", both)
     assert solid.volume_mm3 == pytest.approx(16_000.0)
     assert len(solid.pieces()) == pieces
 
@@ -49,7 +49,7 @@ def test_cubes_in_a_lattice_are_their_union(places: list[tuple[int, int, int]], 
     """They share faces, edges and corners; some are turned inside out, as triangles without order are not."""
     cubes = [block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places]
     order = data.draw(st.permutations(range(12 * len(cubes))))
-    solid, _ = close("lattice", np.concatenate(cubes)[list(order)])
+    solid, _ = close_surface("lattice", np.concatenate(cubes)[list(order)])
     assert solid.volume_mm3 == pytest.approx(1000.0 * len(places))
 
 
@@ -57,7 +57,7 @@ def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
     """A tube stuck into an open box, as modellers leave handles; MeshFix alone would drop it."""
     box = without_lid(block((0, 0, 0), (100, 100, 100)), 0, 100.0)
     tube = without_lid(without_lid(block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
-    solid, repairs = close("mug", np.concatenate([box, tube]))
+    solid, repairs = close_surface("mug", np.concatenate([box, tube]))
     assert solid.volume_mm3 == pytest.approx(1e6 + 60.0 * 400.0)
     assert solid.bounds_mm[0] == pytest.approx([-60.0, 0.0, 0.0])
     assert any("12 open edges" in r and "% of the surface is new" in r for r in repairs)
@@ -67,7 +67,7 @@ def test_the_open_ends_of_a_pipe_are_rings() -> None:
     pipe = trimesh.creation.annulus(r_min=20.0, r_max=25.0, height=100.0)
     triangles = np.array(pipe.triangles)
     ends = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
-    solid, _ = close("pipe", triangles[~ends])
+    solid, _ = close_surface("pipe", triangles[~ends])
     assert solid.volume_mm3 == pytest.approx(pipe.volume, rel=1e-6)
 
 
@@ -75,7 +75,7 @@ def test_gaps_that_rounding_left_are_welded() -> None:
     ball = trimesh.creation.icosphere(3, 50.0)
     rng = np.random.default_rng(1)
     triangles = np.array(ball.triangles) + rng.uniform(-1e-5, 1e-5, ball.triangles.shape)
-    solid, repairs = close("ball", triangles)
+    solid, repairs = close_surface("ball", triangles)
     assert solid.volume_mm3 == pytest.approx(ball.volume, rel=1e-4)
     assert repairs == ["Joined vertices within 0.0001 mm of each other."]
 
@@ -83,30 +83,32 @@ def test_gaps_that_rounding_left_are_welded() -> None:
 def test_a_cup_of_one_layer_is_refused() -> None:
     """Filling it would invent a lid, and a cup is no plug."""
     with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
-        close("cup", without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0))
+        close_surface("cup", without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0))
 
 
 def test_a_surface_that_a_repair_would_drop_is_refused() -> None:
     sail = np.array([[[50.0, 50.0, 100.0], [50.0, 250.0, 100.0], [50.0, 50.0, 250.0]]])
     with pytest.raises(ModelNotSolid, match=r"would lose \d+ %"):
-        close("sail", np.concatenate([block((0, 0, 0), (100, 100, 100)), sail]))
+        close_surface("sail", np.concatenate([block((0, 0, 0), (100, 100, 100)), sail]))
 
 
 def test_one_sided_surfaces_have_no_facing() -> None:
     band = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 1], [5, 0, 1]])
-    assert shells.facing_alike(band) is None
+    assert shells.orient_faces(band) is None
 
 
 def test_rims_of_holes_that_meet_in_a_vertex_come_apart() -> None:
     """Two opposite triangles of an octahedron's top are gone: both holes have its tip."""
     corners = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
     whole = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]])
-    found = shells.shells(corners, np.delete(whole, [0, 2], axis=0))
+    found = shells.split_shells(corners, np.delete(whole, [0, 2], axis=0))
     assert found is not None
     ((vertices, faces),) = found
     assert len(vertices) == 7
-    assert sorted(len(rim) for rim in shells.rims(faces)) == [6]
-    filled = trimesh.Trimesh(vertices, np.concatenate([faces, shells.caps(vertices, faces)]), process=False)
+    assert sorted(len(rim) for rim in shells.find_rims(faces)) == [6]
+    filled = trimesh.Trimesh(
+        vertices, np.concatenate([faces, shells.cap_holes(vertices, faces)]), process=False
+    )
     assert filled.is_watertight and filled.is_winding_consistent
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.cost import CostModel, Recipe, pose_costs
+from decompose.cost import CostModel, Recipe, axis_prices_s
 from decompose.problem import surface_bound_s
 from decompose.solid import Solid
 
@@ -17,6 +17,6 @@ sizes = st.floats(3.0, 200.0)
 @given(sizes, sizes, sizes, st.integers(1, 9))
 def test_slabs_of_a_block_never_end_before_it(width: float, depth: float, height: float, slabs: int) -> None:
     """Small slabs too, whose flat sides are all rim and whose walls are all inset."""
-    slab = pose_costs(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), COST)
+    slab = axis_prices_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), COST)
     block = Solid.box((0, 0, 0), (width, depth, height))
     assert slab.min() >= surface_bound_s(block.area_mm2, block.volume_mm3, slabs, COST)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from decompose.boxes import all_boxes
+from decompose.boxes import price_boxes
 from decompose.cost import CostModel, PrinterRoom
 from decompose.grid import build_grid
 from decompose.guillotine import Partitioner
@@ -16,8 +16,8 @@ PRINTERS = 12
 
 def makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
     grid = build_grid(triangles, 6, 0.0, True, cost.overhang_cos, cost.skin_cos)
-    solver = Partitioner(all_boxes(grid, [ROOM], cost))
-    found = solver.least_makespan(PRINTERS, 0.0, tolerance_s=0.01)
+    solver = Partitioner(price_boxes(grid, [ROOM], cost))
+    found = solver.find_least_makespan(PRINTERS, 0.0, tolerance_s=0.01)
     assert found is not None
     return found
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from decompose.cost import CostModel, Recipe
 from decompose.grid import Grid, build_grid
-from decompose.interfaces import Cells
-from decompose.walls import finer
+from decompose.interfaces import NeededCells
+from decompose.walls import refine_cells
 
 SIDES_MM = np.array([300.0, 260.0, 280.0])
 
@@ -26,7 +26,7 @@ def grid_of(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, 
     return build_grid(triangles, cells, wall_mm, keep, cost.overhang_cos, cost.skin_cos)
 
 
-def corners_mm(cells: Cells, which: np.ndarray) -> np.ndarray:
+def corners_mm(cells: NeededCells, which: np.ndarray) -> np.ndarray:
     """(8, k, 3) of the cells that are set."""
     at = np.argwhere(which)
     ends = [[cells.planes[a][at[:, a]], cells.planes[a][at[:, a] + 1]] for a in range(3)]
@@ -35,7 +35,7 @@ def corners_mm(cells: Cells, which: np.ndarray) -> np.ndarray:
     )
 
 
-def coarse(grid: Grid, cells: Cells) -> np.ndarray:
+def coarse(grid: Grid, cells: NeededCells) -> np.ndarray:
     """The needed cells of a grid, in finer ones."""
     return np.kron(grid.needed, np.ones(np.array(cells.needed.shape) // np.array(grid.shape))).astype(bool)
 
@@ -51,7 +51,7 @@ def test_whatever_is_near_the_surface_is_needed(turn: Rotation, count: int, wall
     cost = CostModel.from_recipe(Recipe())
     triangles = block(turn)
     grid = grid_of(triangles, cost, count, wall_mm)
-    cells = finer(grid, triangles, wall_mm, keep_interior=False, most_cells=200_000)
+    cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, most_cells=200_000)
     assert not (cells.needed & ~coarse(grid, cells)).any()
 
     def depths_mm(which: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ def test_whatever_is_near_the_surface_is_needed(turn: Rotation, count: int, wall
 def test_the_interior_is_needed_where_it_is_kept(cost: CostModel) -> None:
     triangles = block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
     grid = grid_of(triangles, cost, 6, 10.0, keep=True)
-    kept, left = (finer(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))
+    kept, left = (refine_cells(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))
     assert (kept.needed >= left.needed).all()
     volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept.planes), indexing="ij"), axis=0)
     assert volume_mm3[kept.needed].sum() >= np.prod(SIDES_MM)

@@ -11,7 +11,7 @@ import trimesh
 from decompose.cost import CostModel, PrinterRoom
 from decompose.errors import NoFit
 from decompose.mesh import Model
-from decompose.partition import decompose
+from decompose.partition import decompose_model
 from decompose.report import Decomposition, Engine, Options
 from decompose.solid import Solid
 
@@ -71,7 +71,7 @@ def pipe() -> Solid:
 def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decomposition:
     rooms = [PrinterRoom(f"um-{i}", ROOM) for i in range(printers)]
     how = Options(Engine.GUILLOTINE, granularity, prove=False)
-    return decompose(Model(solid, (), 1.0), rooms, how, cost)
+    return decompose_model(Model(solid, (), 1.0), rooms, how, cost)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_what_no_number_of_printers_fits(cost: CostModel) -> None:
     """A bed so small that a cell of the finest grid is larger."""
     rooms = [PrinterRoom(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
     with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would do"):
-        decompose(Model(ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
+        decompose_model(Model(ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
 
 
 def test_a_rod_of_100_m_is_refused_before_any_grid_is_laid(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from decompose.boxes import Box, Boxes, box_index
+from decompose.boxes import Box, BoxTables, box_index
 
 Shape = tuple[int, int, int]
 
@@ -14,7 +14,7 @@ def every_box(shape: Shape) -> list[Box]:
     return [(x0, y0, z0, x1, y1, z1) for x0, x1 in spans[0] for y0, y1 in spans[1] for z0, z1 in spans[2]]
 
 
-def tables(shape: Shape, seed: int) -> tuple[Boxes, np.ndarray]:
+def tables(shape: Shape, seed: int) -> tuple[BoxTables, np.ndarray]:
     """Costs that grow with volume but not strictly, some boxes in two pieces, some that fit nothing."""
     rng = np.random.default_rng(seed)
     needed = rng.random(shape) < 0.7
@@ -36,4 +36,4 @@ def tables(shape: Shape, seed: int) -> tuple[Boxes, np.ndarray]:
             pieces[at] = 2 if rng.random() < 0.1 else 1
             if cells > 1 and rng.random() < 0.1:
                 seconds[at] = np.inf
-    return Boxes(shape, seconds, trimmed, pieces, cut_mm2), needed
+    return BoxTables(shape, seconds, trimmed, pieces, cut_mm2), needed

@@ -9,7 +9,7 @@ import trimesh
 
 from decompose import exact, parallelobox, partition, planes
 from decompose.errors import NoFit
-from decompose.piece import pieces_in_box
+from decompose.piece import cut_box
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.daemon.core import Core
@@ -243,14 +243,14 @@ def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
 
 def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
     def larger(solid, lo, hi):
-        return pieces_in_box(solid, lo - 0.5, hi + 0.5)
+        return cut_box(solid, lo - 0.5, hi + 0.5)
 
     def too_large(solid, grid, box):
         return larger(solid, *grid.bounds_mm(box))
 
     for engine in (exact, parallelobox):
-        monkeypatch.setattr(engine, "pieces_in_cells", too_large)
-    monkeypatch.setattr(planes, "pieces_in_box", larger)
+        monkeypatch.setattr(engine, "cut_cells", too_large)
+    monkeypatch.setattr(planes, "cut_box", larger)
     with pytest.raises(FarmError) as error:
         decompose_job(task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
@@ -286,7 +286,7 @@ def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, 
         seen.extend(rooms)
         raise NoFit("seen enough")
 
-    monkeypatch.setattr(partition, "decompose", caught)
+    monkeypatch.setattr(partition, "decompose_model", caught)
     nozzles = (0.4, 0.25, 0.8, 0.4)
     printers = [
         section.model_copy(update={"nozzle_mm": nozzle_mm})

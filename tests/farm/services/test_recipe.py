@@ -10,9 +10,9 @@ from statistics import mean
 import pytest
 import trimesh
 
-from decompose.cost import POSE_ROTATIONS, CostModel, pose_seconds
+from decompose.cost import POSE_ROTATIONS, CostModel, pose_prices_s
 from decompose.solid import Solid
-from decompose.stl import single_precision, write_stl
+from decompose.stl import round_triangles, write_stl
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.services.estimate import plate_seconds, prelude_seconds
@@ -63,9 +63,9 @@ def test_what_a_plate_takes_beside_its_layers_is_in_its_price_once(settings_of):
     with_prelude = CostModel.from_recipe(recipe(settings, prelude_s))
     layers_only = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
     cube = Solid.box((0, 0, 0), (20, 20, 20)).arrays()
-    layers_s = pose_seconds(*cube, UPRIGHT, layers_only)[0]
+    layers_s = pose_prices_s(*cube, UPRIGHT, layers_only)[0]
     whole_s = plate_seconds(PROFILES[section.model], layers_s, settings.nozzle_c, settings.bed_c)
-    assert pose_seconds(*cube, UPRIGHT, with_prelude)[0] == pytest.approx(whole_s)
+    assert pose_prices_s(*cube, UPRIGHT, with_prelude)[0] == pytest.approx(whole_s)
     assert replace(with_prelude, fixed_s=0.0) == layers_only
 
 
@@ -114,11 +114,11 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
     for make in (block, cup, bridge, needle, cone):
         vertices, faces = make().arrays()
         stl = tmp_path / f"{make.__name__}.stl"
-        write_stl(stl, single_precision(vertices, faces))
+        write_stl(stl, round_triangles(vertices, faces))
         request = PlateRequest(
             stl=stl, settings=settings, out=stl.with_suffix(".gcode"), engine=engine, bed=BED
         )
-        priced_s = pose_seconds(vertices, faces, UPRIGHT, cost)[0]
+        priced_s = pose_prices_s(vertices, faces, UPRIGHT, cost)[0]
         errors.append(priced_s / slice_plate(request).print_time_s - 1.0)
     assert mean(map(abs, errors)) < 0.04, errors
     assert max(map(abs, errors)) < 0.1, errors
