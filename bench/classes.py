@@ -26,13 +26,15 @@ from typing import Any
 import numpy as np
 
 from bench.print_time_parts import recipe_of
-from decompose import exact, unequal
-from decompose.assignment import assign_printers
-from decompose.cost import CostModel, PrinterRoom
+from decompose.engines.guillotine import cut_by_guillotine
+from decompose.engines.guillotine.exact_search import cut_for_uniform_printers
 from decompose.errors import NoFit
-from decompose.mesh import load_model
+from decompose.geometry import load_model
+from decompose.options import Engine, Options
+from decompose.pieces import assign_printers
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
 from decompose.problem import Partition, Problem
-from decompose.report import Engine, Options
 from drivers.profiles import PROFILES, part_room
 
 WIDE = 0.45
@@ -70,8 +72,8 @@ def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
     """One model on one fleet: both makespans, None where it does not fit, and seconds of the processors."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
-        ("shared", shared(problem.printers), exact.search),
-        ("unequal", problem.printers, unequal.search),
+        ("shared", shared(problem.printers), cut_for_uniform_printers),
+        ("unequal", problem.printers, cut_by_guillotine),
     ):
         began = process_time()
         row |= {f"{name}_s": None, f"{name}_parts": 0}

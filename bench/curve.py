@@ -21,12 +21,12 @@ import numpy as np
 
 from bench.print_time_parts import recipe_of
 from decompose.bound import makespan_bound
-from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import makespan_curve
-from decompose.guillotine import Partitioner
-from decompose.mesh import load_model
+from decompose.engines.guillotine import Partitioner, makespan_curve
+from decompose.geometry import load_model
+from decompose.options import Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
 from decompose.problem import Problem
-from decompose.report import Options
 from drivers.profiles import PROFILES, part_room
 
 PRINTER = "ultimaker2_plus"

@@ -31,13 +31,15 @@ import numpy as np
 import trimesh
 
 from bench.print_time_parts import ANYWHERE, recipe_of
-from decompose.again import relevel_planes
-from decompose.cost import CostModel, PrinterRoom
+from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
-from decompose.files import write_decomposition
-from decompose.mesh import load_model
-from decompose.partition import decompose_model
-from decompose.report import BUDGET_S, Decomposition, Engine, Options
+from decompose.export import write_decomposition
+from decompose.geometry import load_model
+from decompose.options import BUDGET_S, BestOptions, Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.relevel import relevel_planes
+from decompose.results import Decomposition
 from drivers.profiles import PROFILES, part_room
 from farm.errors import FarmError
 from farm.services.booking import SliceTask
@@ -86,7 +88,9 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     faithful = run.engine.endswith(FAITHFUL)
     engine = Engine(run.engine.removesuffix(FAITHFUL))
     fits = run.quality == "glue"
-    options = Options(engine, run.granularity, faithful=faithful, fit_first_layer=fits, budget_s=run.budget_s)
+    options = Options(
+        engine, run.granularity, faithful=faithful, fit_first_layer=fits, best=BestOptions(run.budget_s)
+    )
     _warm(cost, room)
     start = perf_counter()
     try:
@@ -125,8 +129,7 @@ def _written(result: Decomposition, folder: Path, wall_s: float) -> dict[str, An
 
 def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None:
     """Compile what the first run in a process compiles, outside of the time that is measured."""
-    from decompose.mesh import Model
-    from decompose.solid import Solid
+    from decompose.geometry import Model, Solid
 
     box = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     options = Options(Engine.GUILLOTINE, granularity=5)

@@ -22,14 +22,13 @@ import numpy as np
 from scipy.optimize import nnls
 
 from bench.print_time_parts import recipe_of
-from decompose.cost import CostModel, PrinterRoom
-from decompose.effort import Effort, Work
+from decompose.decompose import ENGINES
 from decompose.errors import NoFit
-from decompose.mesh import Model, load_model
-from decompose.partition import ENGINES
-from decompose.problem import Problem
-from decompose.report import Engine, Options
-from decompose.solid import Solid
+from decompose.geometry import Model, Solid, load_model
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Effort, Problem, Work
 from drivers.profiles import PROFILES, part_room
 
 PRINTER = "ultimaker2_plus"

@@ -27,14 +27,14 @@ import numpy as np
 from bench.other_shapes import OTHER_SHAPES
 from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, models
 from bench.shapes import SHAPES
-from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom
+from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
-from decompose.orientation import TOUCHED_MM2, Pose, find_best_pose, measure_pose
-from decompose.partition import decompose_model
-from decompose.piece import find_cut_faces
-from decompose.report import Options, Part
-from decompose.solid import Solid
-from decompose.stl import write_stl
+from decompose.geometry import Solid, write_stl
+from decompose.options import Options
+from decompose.pieces import find_cut_faces
+from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, find_best_pose, measure_pose
+from decompose.printers import PrinterRoom
+from decompose.results import Part
 from drivers.profiles import PROFILES, part_room
 from farm.services.recipe import recipe
 from slicing.errors import SlicingError

@@ -10,7 +10,7 @@ from trimesh import creation
 from trimesh.transformations import rotation_matrix
 
 from bench.shapes import drawn, ellipsoid, rod, solid
-from decompose.solid import Solid
+from decompose.geometry import Solid
 
 
 def _revolved(profile: list[tuple[float, float]]) -> Solid:

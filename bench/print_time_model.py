@@ -27,7 +27,7 @@ import numpy.typing as npt
 from scipy.optimize import nnls
 
 from bench.print_time_parts import ALWAYS, SETTINGS, Row, make, read, recipe_of, write
-from decompose.cost import ADDITIVE, FACTORS, SUPPORT, CostModel, time_terms
+from decompose.print_time import ADDITIVE, FACTORS, SUPPORT, CostModel, time_terms
 
 Floats = npt.NDArray[np.float64]
 

@@ -19,14 +19,12 @@ from typing import Any
 import numpy as np
 
 from bench.shapes import SHAPES
-from decompose.columns import measure_columns
-from decompose.cost import POSE_ROTATIONS, CostModel, PrinterRoom, Recipe, pose_features
+from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
-from decompose.mesh import Model, load_model
-from decompose.partition import decompose_model
-from decompose.report import Options
-from decompose.solid import Solid
-from decompose.stl import round_triangles, write_stl
+from decompose.geometry import Model, Solid, load_model, round_triangles, write_stl
+from decompose.options import Options
+from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, pose_features
+from decompose.printers import PrinterRoom
 from drivers.profiles import PROFILES, part_room
 from farm.services.recipe import recipe
 from slicing.errors import SlicingError

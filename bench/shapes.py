@@ -10,7 +10,7 @@ import trimesh
 from trimesh import creation
 from trimesh.transformations import rotation_matrix
 
-from decompose.solid import Solid
+from decompose.geometry import Solid
 from examples.make_aqueduct import aqueduct
 
 _ROUND = 48

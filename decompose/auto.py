@@ -8,15 +8,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from decompose import partition
-from decompose.classes import classify_printers
-from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import ASSEMBLE_S, CLEAR_S, CurvePoint, find_fewest_in_time, find_knee, makespan_curve
+from decompose.decompose import decompose_model
+from decompose.engines.guillotine import (
+    ASSEMBLE_S,
+    CLEAR_S,
+    CurvePoint,
+    class_tables,
+    classify_printers,
+    find_fewest_in_time,
+    find_knee,
+    makespan_curve,
+)
 from decompose.errors import NoFit
-from decompose.mesh import Model
+from decompose.geometry import Model
+from decompose.options import Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
-from decompose.report import Decomposition, Options
-from decompose.unequal import class_tables
+from decompose.results import Decomposition
 
 MAX_SUMS = 1e8  # of the curve of unequal printers, over all boxes: about a second for each limit
 
@@ -62,11 +71,11 @@ def decompose_auto(
         )
         wanted = best.printers
     try:
-        result = partition.decompose_model(model, printers[:wanted], options, cost, executor)
+        result = decompose_model(model, printers[:wanted], options, cost, executor)
     except NoFit:
         if wanted == len(printers):
             raise
-        result = partition.decompose_model(model, printers, options, cost, executor)
+        result = decompose_model(model, printers, options, cost, executor)
     return replace(result, curve=points)
 
 

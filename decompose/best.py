@@ -13,11 +13,11 @@ from time import perf_counter
 
 from scipy.spatial.transform import Rotation
 
-from decompose.effort import Effort
 from decompose.errors import DecomposeError, GeometryError, NoFit
 from decompose.grid import cell_counts
-from decompose.problem import FINEST, Problem
-from decompose.report import Attempt, Decomposition, Engine
+from decompose.options import Engine
+from decompose.problem import FINEST, Effort, Problem
+from decompose.results import Attempt, Decomposition
 
 BEST_ENGINES = (Engine.GUILLOTINE, Engine.PARALLELOBOX)
 OTHER_GRIDS = (1.1, 0.95, 0.9)  # cells a side for each one of the first grid
@@ -40,7 +40,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
         Of the first engine, where none has a result.
     """
     options = problem.options
-    so_far = _Trials(problem, by_engine, options.budget_s)
+    so_far = _Trials(problem, by_engine, options.best.budget_s)
     for engine in BEST_ENGINES:
         so_far.try_engine(engine, options.granularity)
     if options.granularity == "auto" and len(problem.printers) > 1:

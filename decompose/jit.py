@@ -24,7 +24,7 @@ def hash_sources(folder: Path) -> str:
     for path in sorted(folder.rglob("*.py")):
         text = path.read_bytes()
         if b"decompose.jit" in text:
-            digest.update(path.name.encode() + b"\0" + text)
+            digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + text)
     return digest.hexdigest()[:16]
 
 

@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from decompose.errors import DecomposeError
-from decompose.solid import Solid
-from decompose.stl import round_triangles, write_stl
+from decompose.geometry import Solid, round_triangles, write_stl
 
 LENGTH_MM = 330.0
 # Each tier: floor, height, depth, number of arches, width of a pier between two, height of its arches' feet.

@@ -17,7 +17,7 @@ from slicing.resources import Resources, find_engine
 from slicing.settings import Settings, SettingsRequest, resolve_settings
 
 if TYPE_CHECKING:  # the daemon books what workers have cut and sliced, and loads nothing for either
-    from decompose.report import Part as DecompositionPart
+    from decompose.results import Part as DecompositionPart
     from slicing.plate import PlateResult
 
 MOST_WARNINGS = 3

@@ -5,11 +5,14 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
-from decompose import auto, partition
-from decompose.cost import CostModel, PrinterRoom
+from decompose.auto import decompose_auto
+from decompose.decompose import decompose_model
 from decompose.errors import NoFit
-from decompose.mesh import Model
-from decompose.report import Decomposition, Engine, Options
+from decompose.geometry import Model
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.results import Decomposition
 
 LATE = 1.1
 """The margin of `--done-by`: planning itself takes its time, and so may a print."""
@@ -26,10 +29,10 @@ class Cut:
     executor: Executor
 
     def for_all(self) -> Decomposition:
-        return partition.decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
+        return decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
 
     def worth_it(self, within_s: float | None = None) -> Decomposition:
-        return auto.decompose_auto(
+        return decompose_auto(
             self.model, self.rooms, self.options, self.cost, self.executor, within_s=within_s
         )
 
@@ -41,7 +44,7 @@ class Cut:
         options = replace(self.options, engine=Engine.GUILLOTINE)  # which finds one part wherever one will do
         for room in sorted(rooms, key=lambda room: max(box[2] for box in room.boxes)):
             try:
-                return partition.decompose_model(self.model, [room], options, self.cost, self.executor)
+                return decompose_model(self.model, [room], options, self.cost, self.executor)
             except NoFit:
                 continue
         return None

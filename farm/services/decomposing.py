@@ -9,13 +9,15 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
-from decompose import again, partition
-from decompose.cost import CostModel, PrinterRoom, Recipe
+from decompose.decompose import decompose_model
 from decompose.errors import NoFit
-from decompose.files import write_decomposition
-from decompose.mesh import Model
-from decompose.report import Decomposition, Engine, Options
-from decompose.solid import Solid
+from decompose.export import write_decomposition
+from decompose.geometry import Model, Solid
+from decompose.options import BestOptions, Engine, Options
+from decompose.print_time import CostModel, Recipe
+from decompose.printers import PrinterRoom
+from decompose.relevel import relevel_planes
+from decompose.results import Decomposition
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
@@ -35,7 +37,7 @@ def warm() -> None:
     """Import and compile what planning needs, before somebody waits for it: cut a small box in two."""
     box = Model(Solid.box((0.0, 0.0, 0.0), (30.0, 10.0, 10.0)), (), 1.0)
     rooms = [PrinterRoom(name, ((20.0, 20.0, 20.0),)) for name in "ab"]
-    partition.decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
+    decompose_model(box, rooms, Options(prove=False), CostModel.from_recipe(Recipe()))
 
 
 def decompose_job(task: DecomposeTask) -> Decomposed:
@@ -54,7 +56,7 @@ def decompose_job(task: DecomposeTask) -> Decomposed:
     model = read_inspected(task.model)
     options = decomposition_options(task.options)
     if task.budget_s is not None:
-        options = replace(options, budget_s=task.budget_s)
+        options = replace(options, best=BestOptions(task.budget_s))
     try:
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:  # they end with the worker
             cut = Cut(model, rooms, options, cost, threads)
@@ -112,7 +114,7 @@ def level_again(sliced: Sliced, folder: Path) -> Decomposed | None:
     ]
     model = read_inspected(task.model)
     with in_farm_words(), ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-        found = again.relevel_planes(model, was, took_s, cost, threads)
+        found = relevel_planes(model, was, took_s, cost, threads)
         return None if found is None else _decomposed(write_decomposition(found, folder), model, folder)
 
 

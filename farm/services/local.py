@@ -9,13 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from decompose import auto, partition
-from decompose.cost import CostModel, PrinterRoom
-from decompose.files import write_decomposition
-from decompose.growth import Score
-from decompose.mesh import load_model
-from decompose.names import ASSEMBLY, PICTURE, REPORT
-from decompose.report import Engine, Interior, Options
+from decompose.auto import decompose_auto
+from decompose.decompose import decompose_model
+from decompose.export import write_decomposition
+from decompose.file_names import ASSEMBLY, PICTURE, REPORT
+from decompose.geometry import load_model
+from decompose.options import BestOptions, Engine, Interior, Options, ParalleloboxOptions, Score
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
 from drivers.profiles import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.services.recipe import recipe
@@ -87,10 +88,9 @@ def decompose_to_folder(
         min_wall_mm=min_wall_mm,
         min_glue_mm2=min_glue_mm2,
         seed=seed,
-        tries=tries,
-        score=read,
         faithful=faithful,
-        budget_s=budget_s,
+        best=BestOptions(budget_s),
+        parallelobox=ParalleloboxOptions(tries, read),
     )
     _empty_for_parts(out)
     with in_farm_words():
@@ -104,9 +104,9 @@ def decompose_to_folder(
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             if printers is None:
                 handling = {"clear_s": clear_s, "assemble_s": assemble_s}
-                found = auto.decompose_auto(model, rooms, options, cost, executor, **handling)
+                found = decompose_auto(model, rooms, options, cost, executor, **handling)
             else:
-                found = partition.decompose_model(model, rooms, options, cost, executor)
+                found = decompose_model(model, rooms, options, cost, executor)
             written = write_decomposition(found, out)
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from decompose.mesh import Model, load_model
-from decompose.solid import Solid
+from decompose.geometry import Model, Solid, load_model
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.services.files import store_file

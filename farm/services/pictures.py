@@ -9,9 +9,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import trimesh
 
-from decompose.assembly import draw_assembly
-from decompose.report import Part
-from decompose.solid import Solid
+from decompose.export import draw_assembly
+from decompose.geometry import Solid
+from decompose.results import Part
 
 LONGEST_PX = 220
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from decompose.names import ASSEMBLY, PICTURE, REPORT
+from decompose.file_names import ASSEMBLY, PICTURE, REPORT
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused

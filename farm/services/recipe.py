@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from decompose.cost import CostModel, Recipe
-from decompose.footing import REFERENCE_SHRINKAGE
+from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
 from farm.config import PrinterSection
 from farm.services.estimate import prelude_seconds
 from slicing.settings import Settings

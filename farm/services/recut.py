@@ -9,16 +9,14 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from decompose import auto
-from decompose.assembly import draw_assembly
+from decompose.auto import decompose_auto
 from decompose.errors import NoFit
-from decompose.files import write_decomposition
-from decompose.glb import write_glb
-from decompose.mesh import Model
-from decompose.names import REPORT
-from decompose.report import Decomposition, Interior
-from decompose.report import Part as Drawn
-from decompose.solid import Solid
+from decompose.export import draw_assembly, write_decomposition, write_glb
+from decompose.file_names import REPORT
+from decompose.geometry import Model, Solid
+from decompose.options import Interior
+from decompose.results import Decomposition
+from decompose.results import Part as Drawn
 from farm.errors import ErrorCode, FarmError
 from farm.model import Part
 from farm.services.again import AgainTask, Pieces
@@ -42,7 +40,7 @@ def cut_part(task: AgainTask) -> Pieces:
     options = replace(decomposition_options(task.options), interior=Interior.KEEP)  # no hollows
     whole = Model(_solid(task.files / task.part.file), (), 1.0)
     try:
-        found = auto.decompose_auto(whole, rooms, options, cost)
+        found = decompose_auto(whole, rooms, options, cost)
         if len(found.parts) < 2:
             raise FarmError(f"part {task.part.id} is printed sooner in one piece", ErrorCode.NO_FIT)
         written = write_decomposition(_named(found, task.part), task.folder)

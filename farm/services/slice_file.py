@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from decompose.mesh import load_model
+from decompose.geometry import load_model
 from drivers.profiles import BEDS, RoomBox, part_room, place
 from farm.errors import ErrorCode, FarmError
 from farm.services.booking import SliceTask

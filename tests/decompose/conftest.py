@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.cost import CostModel, PrinterRoom, Recipe
-from decompose.mesh import Model
-from decompose.solid import Solid
+from decompose.geometry import Model, Solid
+from decompose.print_time import CostModel, Recipe
+from decompose.printers import PrinterRoom
 
 PLUS = ((206.9, 190.9, 205.0), (173.9, 197.9, 205.0), (164.9, 206.9, 205.0))
 EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)

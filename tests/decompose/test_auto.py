@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from decompose import auto
-from decompose.cost import CostModel, PrinterRoom
-from decompose.curve import CurvePoint
+from decompose.engines.guillotine import CurvePoint
 from decompose.errors import NoFit
-from decompose.files import write_decomposition
-from decompose.mesh import Model
-from decompose.report import Engine, Options
-from decompose.solid import Solid
+from decompose.export import write_decomposition
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
 
 COARSE = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
 

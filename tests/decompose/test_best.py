@@ -11,16 +11,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from decompose.best import OTHER_GRIDS, OTHER_YAWS_DEG, find_best
-from decompose.cost import CostModel, PrinterRoom
-from decompose.effort import WORK_NS, Work
+from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError, GeometryError, NoFit, Rule
+from decompose.geometry import Model, Solid
 from decompose.grid import cell_counts
-from decompose.joints import Fault
-from decompose.mesh import Model
-from decompose.partition import decompose_model
-from decompose.problem import Problem
-from decompose.report import Decomposition, Engine, Options
-from decompose.solid import Solid
+from decompose.options import BestOptions, Engine, Options
+from decompose.pieces import Fault
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem, Work
+from decompose.problem.effort import WORK_NS
+from decompose.results import Decomposition
 
 BOUND_S = 1000.0
 BLOCK = Model(Solid.box((0, 0, 0), (300, 90, 80)), (), 1.0)
@@ -154,7 +155,7 @@ def test_parts_of_a_turned_model_lie_in_the_model_as_it_was(cost: CostModel) -> 
     """A bar that fits two printers only along its own length: the parts are in its own frame."""
     turn = Rotation.from_euler("z", 45.0, degrees=True).as_matrix()
     bar = replace(BLOCK, solid=BLOCK.solid.rotate(turn))
-    options = Options(Engine.BEST, prove=False, budget_s=1000.0)
+    options = Options(Engine.BEST, prove=False, best=BestOptions(1000.0))
     found = decompose_model(bar, ROOMS[:2], options, cost)
     straight = next(a for a in found.attempts if a.yaw_deg == 45.0)
     assert straight.makespan_s == found.makespan_s
@@ -229,7 +230,7 @@ def test_a_broken_rule_is_told_even_where_the_budget_was_spent(
 
 def test_once_the_budget_is_spent_nothing_is_begun(cost: CostModel, result: Decomposition) -> None:
     engines = Engines(result, far)
-    best = find_best(problem(cost, budget_s=1.5), engines)
+    best = find_best(problem(cost, best=BestOptions(1.5)), engines)
     assert engines.tried == FIRST_TWO
     later = best.attempts[2:]
     assert later

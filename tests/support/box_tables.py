@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from decompose.boxes import Box, BoxTables, box_index
+from decompose.grid import Box, BoxTables, box_index
 
 Shape = tuple[int, int, int]
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decompose.curve import ASSEMBLE_S, CLEAR_S
+from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
 from farm.model import Bed, HoldCode
 from farm.scheduling import again
 from farm.scheduling.snapshot import Kind, Need

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose.solid import Solid
+from decompose.geometry import Solid
 from farm.config import Fleet
 from farm.daemon.remaker import Remaker
 from farm.errors import ErrorCode, FarmError

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from decompose import exact, parallelobox, partition, planes
+from decompose.engines.guillotine import exact_search, plane_shift
+from decompose.engines.parallelobox import search as parallelobox_search
 from decompose.errors import NoFit
-from decompose.piece import cut_box
+from decompose.pieces import cut_box
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.daemon.core import Core
@@ -248,9 +249,9 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
     def too_large(solid, grid, box):
         return larger(solid, *grid.bounds_mm(box))
 
-    for engine in (exact, parallelobox):
+    for engine in (exact_search, parallelobox_search):
         monkeypatch.setattr(engine, "cut_cells", too_large)
-    monkeypatch.setattr(planes, "cut_box", larger)
+    monkeypatch.setattr(plane_shift, "cut_box", larger)
     with pytest.raises(FarmError) as error:
         decompose_job(task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
@@ -286,7 +287,7 @@ def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, 
         seen.extend(rooms)
         raise NoFit("seen enough")
 
-    monkeypatch.setattr(partition, "decompose_model", caught)
+    monkeypatch.setattr("farm.services.cut.decompose_model", caught)
     nozzles = (0.4, 0.25, 0.8, 0.4)
     printers = [
         section.model_copy(update={"nozzle_mm": nozzle_mm})

@@ -10,9 +10,9 @@ from statistics import mean
 import pytest
 import trimesh
 
-from decompose.cost import POSE_ROTATIONS, CostModel, pose_prices_s
-from decompose.solid import Solid
-from decompose.stl import round_triangles, write_stl
+from decompose.geometry import Solid, round_triangles, write_stl
+from decompose.print_time import POSE_ROTATIONS, CostModel
+from decompose.print_time.pose_prices import pose_prices_s
 from drivers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.services.estimate import plate_seconds, prelude_seconds

@@ -1,0 +1,11 @@
+"""Proven lower bounds on the makespan."""
+
+from __future__ import annotations
+
+from decompose.bound.makespan import makespan_bound
+from decompose.bound.surface import surface_bound_s
+
+__all__ = [
+    "makespan_bound",
+    "surface_bound_s",
+]

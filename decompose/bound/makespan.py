@@ -1,0 +1,125 @@
+"""A proven lower bound on the makespan: no partition of the grid into boxes ends sooner by the tables.
+
+The certificate is a weight for each needed cell. Of `n` parts that hold all the weight, one holds at least
+an n-th of it, so the makespan is at least the time of the quickest box that holds so much (a box of k pieces
+is k parts, and has to hold k times as much). That is true of any weights; weights are whole numbers, so that
+the comparison is exact, and every box is looked at.
+
+Good weights are the dual solution of a linear programme (`decompose.covering`): cover the needed cells with
+the fewest boxes, fractions of boxes allowed, that each take at most T seconds. Where that takes more than n,
+T is refuted; bisection finds the greatest such T.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.bound.covering import cover_cells
+from decompose.grid import BoxTables, interval
+from decompose.jit import jit
+
+UNIT = 1 << 24  # the weight of a whole part, once weights are rounded to whole numbers
+LIMITS = 30  # times that are tried at most
+FIRST = 0.95  # share of the makespan of a good partition near which its bound mostly is
+CLOSE = 0.005  # a bound this close to what can be proven so is good enough
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """A lower bound and what proves it.
+
+    Attributes
+    ----------
+    seconds
+        Every partition into boxes, of at most as many pieces as printers, has a box that takes this long.
+    weights
+        (nx, ny, nz) of the cells, whole numbers; 0 where a cell is not needed.
+    """
+
+    seconds: float
+    weights: Ints
+
+
+@jit
+def _proven_s(
+    sat: Ints,
+    printers: int,
+    makespan_s: float,
+    seconds: npt.NDArray[np.float32],
+    trimmed: npt.NDArray[np.int32],
+    pieces: npt.NDArray[np.int16],
+) -> float:
+    """The time of the quickest box that holds its pieces' share of the weight; at most makespan_s.
+
+    sat: summed-area table of the weights.
+    """
+    nx, ny, nz = sat.shape[0] - 1, sat.shape[1] - 1, sat.shape[2] - 1
+    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    total = sat[nx, ny, nz]
+    proven = makespan_s
+    for x0 in range(nx):
+        for x1 in range(x0 + 1, nx + 1):
+            ix = interval(x0, x1, nx)
+            for y0 in range(ny):
+                for y1 in range(y0 + 1, ny + 1):
+                    row = (ix * ty + interval(y0, y1, ny)) * tz
+                    for z0 in range(nz):
+                        for z1 in range(z0 + 1, nz + 1):
+                            box = row + interval(z0, z1, nz)
+                            if not seconds[box] < proven or trimmed[box] != box:
+                                continue
+                            weight = sat[x1, y1, z1] - sat[x0, y1, z1] - sat[x1, y0, z1] - sat[x1, y1, z0]
+                            weight += sat[x0, y0, z1] + sat[x0, y1, z0] + sat[x1, y0, z0] - sat[x0, y0, z0]
+                            if weight * printers >= pieces[box] * total:
+                                proven = float(seconds[box])
+    return proven
+
+
+def _proof(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
+    """What weights prove."""
+    whole = np.floor(weights * UNIT).astype(np.int64)
+    sat = np.pad(whole, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
+    return Bound(_proven_s(sat, printers, makespan_s, *tables), whole)
+
+
+def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
+    """A lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
+
+    Parameters
+    ----------
+    boxes
+        The tables. The proof is about them: a box takes what it takes in the best of its axis poses, with
+        supports down to the bed, and has as many pieces as they say.
+    needed
+        (nx, ny, nz) cells that must be in some box; at least one.
+    printers
+        The greatest number of pieces.
+    makespan_s
+        The longest time by the tables of a partition into so many.
+
+    Returns
+    -------
+    Bound
+        The best that was proven. It misses the optimum by what fractions of boxes win, and by what the
+        programmes were not solved to.
+    """
+    weights = needed * (printers / needed.sum())
+    low = _proof(boxes, weights, printers, makespan_s)
+    high, limit = makespan_s, FIRST * makespan_s
+    for _ in range(LIMITS):
+        if high <= low.seconds * (1.0 + CLOSE):
+            break
+        if limit <= low.seconds:
+            limit = (low.seconds + high) / 2.0
+        weights = cover_cells(boxes, needed, limit, printers, weights).weights
+        proof = _proof(boxes, weights, printers, makespan_s)
+        low = max(low, proof, key=lambda bound: bound.seconds)
+        if proof.seconds <= limit:
+            high = limit
+        limit = (low.seconds + high) / 2.0
+    return low

@@ -1,0 +1,102 @@
+"""`decompose`: a model and printers in, checked parts out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from functools import partial
+from time import perf_counter
+
+import numpy as np
+
+from decompose.arrays import Floats, Ints
+from decompose.best import find_best
+from decompose.engines import ENGINES, paper_settings
+from decompose.geometry import Model
+from decompose.options import Engine, Options
+from decompose.print_time import POSE_ROTATIONS, CostModel, find_best_pose, measure_pose
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem, validate_problem
+from decompose.results import Decomposition, finish_result
+
+
+def decompose_model(
+    model: Model,
+    printers: Sequence[PrinterRoom],
+    options: Options,
+    cost: CostModel,
+    executor: Executor | None = None,
+) -> Decomposition:
+    """Cut a model into parts that finish together.
+
+    Parameters
+    ----------
+    model
+        From `decompose.mesh.load_model`.
+    printers
+        Those that are free, one part each at most; a printer that may print in several rounds is there once
+        for each. The guillotine engine cuts a part for its own printer's room and speed; the parts of the
+        others fit all printers.
+    options
+        How to cut.
+    cost
+        Print time of a part.
+    executor
+        For attempts that may run side by side; threads do.
+
+    Raises
+    ------
+    NoFit
+        The parts are more than the printers, with how many would do.
+    GeometryError
+        The result breaks a geometry rule.
+    """
+    began_s = perf_counter()
+    validate_problem(model, tuple(printers), options)
+    vertices, faces = model.solid.arrays()
+    serial = estimate_serial_s(vertices, faces, cost, options.fit_first_layer)
+    serial_s = perf_counter() - began_s
+    problem = Problem(model, tuple(printers), cost, options, executor)
+    by_engine = partial(_by_engine, serial=serial)
+    found = find_best(problem, by_engine) if options.engine is Engine.BEST else by_engine(problem)
+    stages = found.compute_s | {"serial": serial_s, "total": perf_counter() - began_s}
+    return replace(found, compute_s=stages)
+
+
+def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
+    """The result of one engine, checked; `serial` is what `serial_seconds` says of the model."""
+    watch = _StageTimes()
+    if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
+        problem = replace(problem, options=paper_settings(problem.options))
+    problem = replace(problem, on_stage=watch.lap)
+    found = ENGINES[problem.options.engine](problem)
+    watch.lap("engine")
+    return replace(finish_result(problem, found, serial), compute_s=watch.laps())
+
+
+def estimate_serial_s(
+    vertices: Floats, faces: Ints, cost: CostModel, fit_first_layer: bool
+) -> tuple[float, float]:
+    """A whole model on a printer without limits, in seconds: in its best pose, and as it stands."""
+    uncut = np.zeros(len(faces), dtype=np.bool_)
+    best = find_best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
+    as_is = measure_pose(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)
+    assert best is not None  # nothing is too large for a printer without limits
+    return best.price_s, as_is.price_s
+
+
+class _StageTimes:
+    """Wall time by stage."""
+
+    def __init__(self) -> None:
+        self._start = self._last = perf_counter()
+        self._laps: dict[str, float] = {}
+
+    def lap(self, stage: str) -> None:
+        now = perf_counter()
+        self._laps[stage] = now - self._last
+        self._last = now
+
+    def laps(self) -> dict[str, float]:
+        return {**self._laps, "total": self._last - self._start}

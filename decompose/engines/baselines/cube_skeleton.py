@@ -1,0 +1,255 @@
+"""The engine `cube-skeleton`: CSSS, a hollow model cut by the sides of a cube inside (Li et al. 2021).
+
+The model is hollowed to the least wall; the planes of the largest cube in the hollow cut the shell into up
+to 26 regions; small loose pieces of a region are joined to their smallest neighbours, and pieces are merged
+while they fit. With the interior kept, the cube is printed too, with cubes from its faces outwards: the
+skeleton.
+
+`--faithful` takes the cube in whole cells, and merges pairs, once, by volume, whatever the number of
+printers. Otherwise the cube is refined against the mesh, too, and that one taken whose pieces end sooner;
+regions larger than a printer are cut on a grid, and neighbours that are printed soonest are merged until each
+piece has a printer.
+Where nothing can be hollowed, the cube is the largest deep inside, and a piece of its own.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.engines.baselines.fitting import (
+    connected_pieces,
+    count_blocks,
+    place_clear_of_faces,
+    refuse_misfits,
+)
+from decompose.engines.baselines.hollow import (
+    Block,
+    Shell,
+    cubes_about,
+    hollow_model,
+    largest_cube,
+    planes_at,
+    refine_cube,
+)
+from decompose.errors import NoFit
+from decompose.geometry import Solid, round_triangles
+from decompose.grid import Cell, Grid, build_grid, fill_grid
+from decompose.options import Interior
+from decompose.pieces import Piece, box_planes, find_joints
+from decompose.print_time import axis_prices_s
+from decompose.problem import Partition, Problem
+
+CELLS = 24  # the cube root of the number of cells that the model is hollowed by
+TOUCH_MM2 = 1.0  # pieces that share less are no neighbours
+
+
+def cut_by_cube_skeleton(problem: Problem) -> Partition:
+    """The pieces of CSSS.
+
+    Raises
+    ------
+    NoFit
+        There is no cube inside, a piece fits no printer, or the pieces are more than the printers.
+    """
+    model, options, faithful = problem.model, problem.options, problem.options.faithful
+    vertices, faces = model.solid.arrays()
+    cost = problem.cost
+    settings = (options.min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
+    grid = build_grid(vertices[faces], CELLS, *settings)
+    shell = hollow_model(model.solid, grid)
+    hollowed = bool(shell.cavity.any())
+    cube = largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
+    if cube is None and faithful:
+        raise NoFit("there is no room for a cube inside the model: take --engine guillotine")
+    problem.on_stage("hollow")
+    found = _cut(problem, grid, shell, cube)
+    if cube is not None and hollowed and not faithful:
+        cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
+        cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
+        planes, cube = planes_at(model.solid, grid, cube_mm)
+        grid = fill_grid(vertices[faces], planes, *settings)
+        other = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
+        found = min(other, found, key=lambda own: (len(own) > len(problem.printers), problem.makespan_s(own)))
+    problem.on_stage("cut")
+    refuse_misfits("cube-skeleton", found, problem, would_do=len(found))
+    return Partition(found, model, np.eye(3))
+
+
+def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
+    """The pieces that the sides of a cube cut a shell into, merged; and those of the skeleton."""
+    skeleton: list[Piece] = []
+    if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
+        skeleton = _skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
+    pieces = _regions(Piece(shell.solid, shell.planes, shell.boxes_mm), cube, grid)
+    if not problem.options.faithful:
+        pieces = [part for piece in pieces for part in _fitting(piece, problem)]
+    return (*_merged(pieces, len(problem.printers) - len(skeleton), problem), *skeleton)
+
+
+def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
+    found = []
+    for cube in cubes:
+        box = np.array(grid.bounds_mm(cube))
+        found += _fitting(Piece(Solid.box(*box), box_planes(box), box[None]), problem)
+    return found
+
+
+def _regions(whole: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
+    """What is between the planes of a cube's sides; each of it may be in several pieces."""
+    parts = [whole]
+    if cube is None:
+        return parts
+    for axis in range(3):
+        for side in (axis, axis + 3):
+            at_mm = float(grid.planes[axis][cube[side]])
+            parts = [half for part in parts for half in _split(part, axis, at_mm)]
+    return parts
+
+
+def _split(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
+    planes = np.vstack([piece.planes, [*np.eye(3)[axis], at_mm]])
+    sides = piece.solid.split(axis, at_mm)
+    return [Piece(side, planes, piece.boxes_mm) for side in sides if side.volume_mm3 > 0.0]
+
+
+def _fitting(piece: Piece, problem: Problem) -> list[Piece]:
+    """A piece cut on a grid, if need be, into such as fit every printer."""
+    lo, hi = piece.solid.bounds_mm
+    counts = np.array(count_blocks(hi - lo, problem.rooms))
+    if counts.max() == 1:
+        return [piece]
+    axis = int(counts.argmax())
+    share = (counts[axis] // 2) / counts[axis]
+    at_mm = float(lo[axis] + share * (hi - lo)[axis])
+    halves = _split(piece, axis, place_clear_of_faces(piece.solid, np.eye(3)[axis], at_mm))
+    return [part for half in halves for part in _fitting(half, problem)] if len(halves) > 1 else [piece]
+
+
+@dataclass(slots=True, eq=False)
+class _Group:
+    """Pieces that are one: their numbers, and their solid with its seconds."""
+
+    members: list[int]
+    solid: Solid
+    seconds: float
+
+    @property
+    def volume_mm3(self) -> float:
+        return self.solid.volume_mm3
+
+    def size_mm(self, other: _Group) -> Floats:
+        """(3,) Of the box about both."""
+        both = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
+        return np.asarray(both[:, 1].max(axis=0) - both[:, 0].min(axis=0))
+
+
+class _Merging:
+    """Groups of pieces by number, and which of them touch."""
+
+    def __init__(self, pieces: list[Piece], problem: Problem) -> None:
+        self.pieces = pieces
+        self.problem = problem
+        self.groups: dict[int, _Group] = {}
+        for i, piece in enumerate(pieces):
+            solid = piece.solid
+            seconds = float(axis_prices_s(*solid.arrays(), problem.cost).min())
+            self.groups[i] = _Group([i], solid, seconds)
+        self.touching: dict[int, set[int]] = defaultdict(set)
+        for joint in find_joints(pieces):
+            if joint.area_mm2 >= TOUCH_MM2:
+                self.touching[joint.a].add(joint.b)
+                self.touching[joint.b].add(joint.a)
+
+    def fits(self, a: int, b: int) -> bool:
+        size_mm = self.groups[a].size_mm(self.groups[b])
+        return max(count_blocks(size_mm, self.problem.rooms)) == 1
+
+    def merge(self, a: int, b: int) -> bool:
+        """The second group becomes a part of the first.
+
+        Not where rounding keeps them apart on their cut, nor where they would meet along an edge too: an STL
+        of that is not closed.
+        """
+        one, other = self.groups[a], self.groups[b]
+        solid = Solid.union([one.solid, other.solid])
+        if len(solid.pieces()) > 1 or round_triangles(*solid.arrays()) is None:
+            self.touching[a].discard(b)
+            self.touching[b].discard(a)
+            return False
+        self.groups[a] = _Group(one.members + other.members, solid, one.seconds + other.seconds)
+        del self.groups[b]
+        for neighbour in self.touching.pop(b):
+            self.touching[neighbour].discard(b)
+            if neighbour != a:
+                self.touching[neighbour].add(a)
+                self.touching[a].add(neighbour)
+        return True
+
+    def smallest(self, numbers: set[int]) -> int | None:
+        return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
+
+    def join_islands(self, islands: list[int]) -> None:
+        """Each of these pieces, the smallest first, to its smallest neighbour with which it fits."""
+        for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
+            joined = False
+            while not joined:
+                neighbour = self.smallest({i for i in self.touching[island] if self.fits(i, island)})
+                joined = neighbour is None or self.merge(neighbour, island)
+
+    def pair_once(self) -> None:
+        """Each piece, the largest first, with its smallest neighbour that has no other, if both fit."""
+        alone = set(self.groups)
+        for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
+            neighbour = self.smallest(self.touching[number] & alone)
+            if number not in alone or neighbour is None or not self.fits(number, neighbour):
+                continue
+            if self.merge(number, neighbour):
+                alone -= {number, neighbour}
+
+    def merge_to(self, printers: int) -> None:
+        """Neighbours that are printed soonest are merged, until there are no more groups than printers.
+
+        Where that ends with too many that fit no other, those that fill the least box are merged instead.
+        """
+        groups, touching = dict(self.groups), {i: set(others) for i, others in self.touching.items()}
+        self._merge_least(printers, lambda a, b: a.seconds + b.seconds)
+        if len(self.groups) > printers:
+            self.groups, self.touching = groups, defaultdict(set, touching)
+            self._merge_least(printers, lambda a, b: float(a.size_mm(b).prod()))
+
+    def _merge_least(self, printers: int, key: Callable[[_Group, _Group], float]) -> None:
+        while len(self.groups) > printers:
+            pairs = [(a, b) for a in self.groups for b in self.touching[a] if a < b and self.fits(a, b)]
+            if not pairs:
+                return
+            self.merge(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
+
+    def merged(self) -> list[Piece]:
+        found = []
+        for group in self.groups.values():
+            members = [self.pieces[i] for i in group.members]
+            planes = np.unique(np.concatenate([piece.planes for piece in members]), axis=0)
+            found += connected_pieces(Piece(group.solid, planes, members[0].boxes_mm))
+        return found
+
+
+def _merged(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
+    """The pieces of regions, islands joined to neighbours and neighbours merged."""
+    pieces: list[Piece] = []
+    islands: list[int] = []
+    for region in regions:
+        found = sorted(connected_pieces(region), key=lambda piece: -piece.solid.volume_mm3)
+        islands += range(len(pieces) + 1, len(pieces) + len(found))
+        pieces += found
+    merging = _Merging(pieces, problem)
+    merging.join_islands(islands)
+    if problem.options.faithful:
+        merging.pair_once()
+    else:
+        merging.merge_to(printers)
+    return merging.merged()

@@ -1,0 +1,89 @@
+"""Pieces and the printers' room: how many it asks for, which do not fit, and where to cut."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import permutations
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.errors import NoFit
+from decompose.geometry import Solid
+from decompose.grid import CLEAR_MM
+from decompose.pieces import Piece
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem
+
+FIT_MM = 1e-6  # a part may be this much larger than its room: rounding
+ROUNDING_MM3 = 1e-6  # a film on a cut plane
+
+
+def count_blocks(size_mm: Floats, printers: Sequence[PrinterRoom]) -> tuple[int, int, int]:
+    """Along each axis the least equal blocks of a box (3,) that fit every printer, square to its sides.
+
+    A box that needs one block fits; it may fit turned where it needs more.
+    """
+    each = []
+    for printer in printers:
+        turned = [np.ceil((size_mm - FIT_MM) / box) for b in printer.boxes for box in permutations(b)]
+        each.append(min(turned, key=lambda counts: (math.prod(counts.tolist()), counts.tolist())))
+    x, y, z = np.maximum(1.0, np.max(each, axis=0)).astype(int).tolist()
+    return x, y, z
+
+
+def count_parts(solid: Solid, printers: Sequence[PrinterRoom]) -> int:
+    """The parts that a solid is cut into at least, along the axes; 1 where it fits as it is."""
+    return math.prod(count_blocks(np.ptp(solid.bounds_mm, axis=0), printers))
+
+
+def place_clear_of_faces(
+    solid: Solid, normal: Floats, at_mm: float, reach_mm: float = 2.0 * CLEAR_MM
+) -> float:
+    """A place next to `at_mm` for a plane, where no face of the solid lies near it.
+
+    A cut there would leave slivers, and the face be taken for a cut. Where nothing within the reach is clear,
+    the place is that which is furthest from any face.
+    """
+    vertices, faces = solid.arrays()
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    along, size = cross @ normal, np.linalg.norm(cross, axis=1)
+    flat = (np.abs(along) > (1.0 - 1e-9) * size) & (size > 0.0)
+    coordinates = np.unique(np.round(a[flat] @ normal, 6))
+    coordinates = coordinates[np.abs(coordinates - at_mm) < reach_mm + CLEAR_MM]
+    if not len(coordinates):
+        return at_mm
+    offsets = np.linspace(-reach_mm, reach_mm, 81)
+    offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
+    gaps = np.abs(at_mm + offsets[:, None] - coordinates[None]).min(axis=1)
+    clear = np.flatnonzero(gaps >= CLEAR_MM)
+    return at_mm + float(offsets[clear[0] if len(clear) else int(np.argmax(gaps))])
+
+
+def connected_pieces(piece: Piece) -> list[Piece]:
+    """The connected pieces of what an engine takes for one, without what rounding leaves on a cut."""
+    found = [solid for solid in piece.solid.pieces() if solid.volume_mm3 > ROUNDING_MM3]
+    return [Piece(solid, piece.planes, piece.boxes_mm) for solid in found]
+
+
+def refuse_misfits(engine: str, pieces: Sequence[Piece], problem: Problem, would_do: int | None) -> None:
+    """Raise `NoFit` where a piece fits no printer in any pose, or the pieces are more than the printers.
+
+    `would_do` printers would do, if that is known.
+    """
+    printers = len(problem.printers)
+    large = [p for p in pieces if count_parts(p.solid, problem.rooms) > 1]
+    misfits = sum(pose is None for pose in problem.find_poses(large))
+    if misfits:
+        raise NoFit(
+            f"{misfits} of the {len(pieces)} parts that {engine} makes for {printers} printers fit none of "
+            f"them: take another --longest-side, or --engine guillotine"
+        )
+    if len(pieces) > printers:
+        raise NoFit(
+            f"{engine} makes {len(pieces)} parts, each on a printer of its own, and there are {printers}: "
+            f"free more printers, or take --engine guillotine",
+            would_do,
+        )

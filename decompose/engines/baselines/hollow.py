@@ -1,0 +1,196 @@
+"""A model hollowed on a grid, and the largest cube in the hollow, which may be refined against the mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from decompose.arrays import Bools, Floats
+from decompose.geometry import Solid
+from decompose.grid import CLEAR_MM, Cell, Grid, flat_coordinates
+from decompose.pieces import box_planes
+
+Block = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
+
+REACH = 2.0  # times the longest side of a cell, by which a cube may get larger on each side
+CLOSE_MM = 0.2  # to which that is found
+SURE_MM = 0.01  # by which it keeps more than the least wall, since distances are rounded
+ROUNDS = 2  # of growing it every way
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shell:
+    """What is left of a model.
+
+    Attributes
+    ----------
+    cavity
+        (nx, ny, nz) the cells that were taken out.
+    planes
+        (k, 4) rows nx, ny, nz, d: those of the walls of the hollow.
+    boxes_mm
+        (b, 2, 3) boxes about all that is left; none where nothing was taken out.
+    """
+
+    solid: Solid
+    cavity: Bools
+    planes: Floats
+    boxes_mm: Floats
+
+
+def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
+    """Take out the cells that are not needed, those that keep the least wall from the surface; and a cube."""
+    own = np.zeros_like(grid.needed)
+    if cube is not None:
+        own[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
+    cavity = remove_diagonals(own | ((grid.cells == Cell.INTERNAL) & ~grid.needed), own)
+    if not cavity.any():
+        return Shell(solid, cavity, np.zeros((0, 4)), np.zeros((0, 2, 3)))
+    holes = [np.array(grid.bounds_mm(block)) for block in blocks(cavity)]
+    left = np.array([grid.bounds_mm(block) for block in blocks(~cavity)])
+    shell = solid.subtract(Solid.union([Solid.box(*hole) for hole in holes]))
+    planes = np.unique(np.concatenate([box_planes(hole) for hole in holes]), axis=0)
+    return Shell(shell, cavity, planes, left)
+
+
+def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
+    """Less cells that meet others along an edge alone, where the surface of the rest would touch itself.
+
+    Those of one box may be `kept`.
+    """
+    cells = cells.copy()
+    kept = np.zeros_like(cells) if kept is None else kept
+    while True:
+        before = int(cells.sum())
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            view = np.moveaxis(cells, (a, b), (0, 1))
+            own = np.moveaxis(kept, (a, b), (0, 1))
+            near, far = view[:-1, :-1], view[1:, 1:]
+            left, right = view[1:, :-1], view[:-1, 1:]
+            meets = near & far & ~left & ~right
+            near &= ~meets | own[:-1, :-1]
+            far &= ~meets | ~own[:-1, :-1]
+            meets = left & right & ~near & ~far
+            left &= ~meets | own[1:, :-1]
+            right &= ~meets | ~own[1:, :-1]
+        if int(cells.sum()) == before:
+            return cells
+
+
+def blocks(cells: Bools) -> list[Block]:
+    """Disjoint boxes that cover just these cells: each grows along z, then y, then x as far as it can."""
+    free = cells.copy()
+    found: list[Block] = []
+    for x, y, z in np.argwhere(cells).tolist():
+        if not free[x, y, z]:
+            continue
+        x1, y1, z1 = x + 1, y + 1, z + 1
+        while z1 < free.shape[2] and free[x, y, z1]:
+            z1 += 1
+        while y1 < free.shape[1] and free[x, y1, z:z1].all():
+            y1 += 1
+        while x1 < free.shape[0] and free[x1, y:y1, z:z1].all():
+            x1 += 1
+        free[x:x1, y:y1, z:z1] = False
+        found.append((x, y, z, x1, y1, z1))
+    return found
+
+
+def largest_cube(cells: Bools) -> Block | None:
+    """The largest cube of these cells, the one nearest to their middle; None where there are no cells."""
+    if not cells.any():
+        return None
+    edge = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)  # of the largest cube that ends at a cell
+    for x, y, z in np.argwhere(cells).tolist():
+        before = edge[x : x + 2, y : y + 2, z : z + 2].ravel()[:7]
+        edge[x + 1, y + 1, z + 1] = 1 + before.min()
+    ends = np.argwhere(edge == edge.max())
+    size = int(edge.max())
+    middle = np.argwhere(cells).mean(axis=0) + 0.5
+    away = np.round(np.linalg.norm(ends - size / 2.0 - middle, axis=1), 6)
+    x, y, z = ends[int(np.argmin(away))].tolist()
+    return x - size, y - size, z - size, x, y, z
+
+
+def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
+    """A cube (2, 3) within the cuboid of these corners in mm, grown until it reaches the least wall.
+
+    It grows about its middle and towards each corner, by bisection against the mesh itself, and so often that
+    hardly any larger cube that contains it keeps the wall; not further than `REACH` cells. What it begins as
+    keeps the wall.
+    """
+    reach_mm, wall_mm = REACH * cell_mm, max(wall_mm, CLOSE_MM) + SURE_MM
+    middle, half = cube_mm.mean(axis=0), np.ptp(cube_mm, axis=0).min() / 2.0
+    least, most = cube_mm[0] - reach_mm, cube_mm[1] + reach_mm
+    far_mm = wall_mm + CLOSE_MM
+    outside = Solid.box(least - far_mm, most + far_mm).subtract(solid)
+    cube = np.array([middle - half, middle + half])
+    ways: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])  # the share of growth that goes down
+
+    def grown(way: Floats, by_mm: float) -> Floats:
+        return np.array([cube[0] - way * by_mm, cube[1] + (1.0 - way) * by_mm])
+
+    def keeps_wall(box: Floats) -> bool:
+        return outside.is_empty or outside.gap_mm(Solid.box(*box), wall_mm) >= wall_mm
+
+    for _ in range(ROUNDS):
+        before_mm = float(cube[1, 0] - cube[0, 0])
+        for way in ways:
+            share, room = np.array([way, 1.0 - way]), np.array([cube[0] - least, most - cube[1]])
+            low, high = 0.0, float((room[share > 0.0] / share[share > 0.0]).min())
+            while high - low > CLOSE_MM:
+                by_mm = (low + high) / 2.0
+                low, high = (by_mm, high) if keeps_wall(grown(way, by_mm)) else (low, by_mm)
+            cube = grown(way, low)
+        if cube[1, 0] - cube[0, 0] < before_mm + CLOSE_MM:
+            break
+    return cube
+
+
+def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
+    """The planes of a grid, the nearest of them moved to the sides of a cube (2, 3); and its cells there.
+
+    A side next to a flat face of the solid, where a plane would cut slivers off, goes inwards.
+    """
+    vertices, faces = solid.arrays()
+    inwards_mm = min(2.0 * CLEAR_MM, float(np.ptp(cube_mm, axis=0).min()) / 3.0)
+    planes, cells = [], []
+    for axis, sides in enumerate(cube_mm.T.tolist()):
+        own, flats = grid.planes[axis].copy(), flat_coordinates(vertices[faces], axis)
+        low, high = (_clear(flats, at, by) for at, by in zip(sides, (inwards_mm, -inwards_mm), strict=True))
+        first = 1 + int(np.abs(own[1:-2] - low).argmin())
+        last = first + 1 + int(np.abs(own[first + 1 : -1] - high).argmin())
+        own[first], own[last] = low, high
+        planes.append(own)
+        cells.append((first, last))
+    (x0, x1), (y0, y1), (z0, z1) = cells
+    return (planes[0], planes[1], planes[2]), (x0, y0, z0, x1, y1, z1)
+
+
+def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
+    """The place nearest to one, up to so far from it, that is clear of all flats, or furthest from any."""
+    places = np.linspace(at_mm, at_mm + by_mm, 41)
+    gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
+    clear = np.flatnonzero(gaps >= CLEAR_MM)
+    return float(places[clear[0] if len(clear) else int(gaps.argmax())])
+
+
+def cubes_about(cube: Block, cells: Bools) -> list[Block]:
+    """From the middle of each face of a cube outwards the largest cube of these cells, not larger than it.
+
+    Where cells are no cubes, cubes are what has fewer of them than the first by as many along every axis.
+    """
+    edges = [cube[axis + 3] - cube[axis] for axis in range(3)]
+    found: list[Block] = []
+    for axis in range(3):
+        for outward in (False, True):
+            for less in range(min(edges)):
+                lo = [cube[a] + less // 2 for a in range(3)]
+                lo[axis] = cube[axis + 3] if outward else cube[axis] - edges[axis] + less
+                hi = [v + edge - less for v, edge in zip(lo, edges, strict=True)]
+                inside = min(lo) >= 0 and all(h <= n for h, n in zip(hi, cells.shape, strict=True))
+                if inside and cells[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]].all():
+                    found.append((lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))
+                    break
+    return found

@@ -1,0 +1,230 @@
+"""The engine `symmetry`: SBD, recursive cuts at planes of symmetry (Hatton et al. 2023).
+
+First a tree of cuts to a depth of three, of which those leaves are taken that make the worst part best; then
+part after part is cut on, while there are printers. `--faithful` does as the authors' program does: a draw
+of normals decides, parts count by their volume, the least symmetric is cut first, halves of too little volume
+are refused, and nothing looks at the printers' room. Otherwise planes are refined and count only where they
+are good, parts count by their print time, the costliest is cut first, and the printers' room forces cuts.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.engines.baselines.fitting import (
+    connected_pieces,
+    count_blocks,
+    count_parts,
+    place_clear_of_faces,
+    refuse_misfits,
+)
+from decompose.errors import NoFit
+from decompose.geometry import Mirror, Solid, draw_mirrors, find_good_mirrors
+from decompose.pieces import Piece
+from decompose.print_time import axis_prices_s
+from decompose.problem import Partition, Problem
+
+LOOK_AHEAD = 3  # cuts
+DRAWN_PLANES = 5  # of a part, kept of a draw
+GOOD_PLANES = 3
+REFINING_SAMPLES = 25  # normals a round
+MIN_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
+ASIDE: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])  # of a block
+CRUMB_SHARE = 0.05  # likewise of the mended form: a part that is not worth a printer
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """A piece, its price (volume in mm3 or seconds), and how many printers it will take at least."""
+
+    piece: Piece
+    price: float
+    needs: int = 1
+
+
+Leaves = tuple[float, tuple[_Part, ...]]  # the greatest price of some parts, and the parts
+NO_LEAVES: Leaves = (math.inf, ())
+
+
+class _Form(ABC):
+    """What the two forms do differently."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.rng = np.random.default_rng(problem.options.seed)
+        self.mean_mm3 = problem.model.solid.volume_mm3 / len(problem.printers)
+
+    @abstractmethod
+    def part(self, piece: Piece) -> _Part:
+        """A piece with its price."""
+
+    @abstractmethod
+    def cuts(self, part: _Part) -> Iterator[list[_Part]]:
+        """What is left of a part by each of its planes, the best first."""
+
+    @abstractmethod
+    def cut_on(self, parts: list[_Part]) -> list[_Part]:
+        """The parts after the second phase."""
+
+    def whole(self) -> _Part:
+        return self.part(Piece(self.problem.model.solid, np.zeros((0, 4)), np.zeros((0, 2, 3))))
+
+
+def cut_by_symmetry(problem: Problem) -> Partition:
+    """The parts of SBD.
+
+    Raises
+    ------
+    NoFit
+        A part fits no printer, or the parts are in more pieces than there are printers.
+    """
+    form = _Faithful(problem) if problem.options.faithful else _Mended(problem)
+    printers = len(problem.printers)
+    whole = form.whole()
+    if whole.needs > printers:
+        raise NoFit(
+            f"the room of the printers asks for {whole.needs} parts at least, and there are {printers}",
+            whole.needs,
+        )
+    parts = list(_best_leaves(form, whole, printers, LOOK_AHEAD)[printers][1])
+    problem.on_stage("tree")
+    parts = form.cut_on(parts)
+    problem.on_stage("greedy")
+    pieces = tuple(piece for part in parts for piece in connected_pieces(part.piece))
+    refuse_misfits("symmetry", pieces, problem, would_do=None)  # with more it makes more
+    return Partition(pieces, problem.model, np.eye(3))
+
+
+def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
+    """For 0, 1, ... printers the leaves of the tree of cuts below a part whose greatest price is least."""
+    best = [NO_LEAVES if k < part.needs else (part.price, (part,)) for k in range(printers + 1)]
+    if depth == 0 or printers < 2:
+        return best
+    for children in form.cuts(part):
+        together: list[Leaves] = [(0.0, ())] * (printers + 1)
+        for child in children:
+            below = _best_leaves(form, child, printers, depth - 1)
+            together = [_shared(together, below, k) for k in range(printers + 1)]
+        best = [
+            min(a, b, key=lambda found: (found[0], len(found[1])))
+            for a, b in zip(best, together, strict=True)
+        ]
+    return best
+
+
+def _shared(some: list[Leaves], others: list[Leaves], printers: int) -> Leaves:
+    """The best leaves of two sides for so many printers together."""
+    shares = [(some[k], others[printers - k]) for k in range(printers + 1)]
+    a, b = min(shares, key=lambda both: (max(both[0][0], both[1][0]), len(both[0][1]) + len(both[1][1])))
+    return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
+
+
+def _halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
+    """What lies on the two sides of a plane, where there is something on both."""
+    planes = np.vstack([piece.planes, [*normal, at_mm]])
+    sides = piece.solid.split_by_plane(normal, at_mm)
+    return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
+
+
+def _needs(parts: list[_Part]) -> int:
+    return sum(part.needs for part in parts)
+
+
+class _Faithful(_Form):
+    """As the authors' program is, with its mistakes."""
+
+    def part(self, piece: Piece) -> _Part:
+        return _Part(piece, piece.solid.volume_mm3)
+
+    def mirrors(self, part: _Part, most: int) -> list[Mirror]:
+        return draw_mirrors(part.piece.solid.arrays()[0], self.rng, most)
+
+    def cuts(self, part: _Part) -> Iterator[list[_Part]]:
+        for mirror in self.mirrors(part, DRAWN_PLANES):
+            halves = self.halves(part, mirror)
+            if halves:
+                yield halves
+
+    def halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
+        """The two halves, connected or not; none where one of them is too small."""
+        found = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
+        whole = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
+        return found if whole else []
+
+    def cut_on(self, parts: list[_Part]) -> list[_Part]:
+        divided = True
+        while divided and len(parts) < len(self.problem.printers):
+            divided = False
+            best = [(self.mirrors(part, 1)[0], part) for part in parts]
+            for mirror, part in sorted(best, key=lambda pair: -pair[0].error_mm):
+                if len(parts) == len(self.problem.printers):
+                    break
+                halves = self.halves(part, mirror)
+                if halves:
+                    parts = [p for p in parts if p is not part] + halves
+                    divided = True
+        return parts
+
+
+class _Mended(_Form):
+    """With what the authors' program means to do, and with parts that fit."""
+
+    def part(self, piece: Piece) -> _Part:
+        """A part that does not fit is taken for so many of equal price as its box asks for."""
+        needs = count_parts(piece.solid, self.problem.rooms)
+        seconds = float(axis_prices_s(*piece.solid.arrays(), self.problem.cost).min())
+        return _Part(piece, seconds / needs, needs)
+
+    def cuts(self, part: _Part) -> Iterator[list[_Part]]:
+        solid = part.piece.solid
+        vertices = solid.arrays()[0]
+        for mirror in find_good_mirrors(vertices, self.rng, GOOD_PLANES, REFINING_SAMPLES):
+            yield from self.pieces(part.piece, mirror.normal, mirror.offset_mm)
+        normal, places_mm = self.across(solid)
+        least, fewest = max(2, part.needs), None
+        for at_mm in places_mm:
+            for children in self.pieces(part.piece, normal, at_mm):
+                if fewest is None or _needs(children) < _needs(fewest):
+                    fewest = children
+            if fewest is not None and _needs(fewest) <= least:
+                break
+        if fewest is not None:
+            yield fewest
+
+    def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
+        """The connected pieces on both sides of a plane next to this one, unless one of them is a crumb."""
+        at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
+        found = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
+        least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
+        if len(found) > 1 and all(each.solid.volume_mm3 >= least_mm3 for each in found):
+            yield [self.part(each) for each in found]
+
+    def across(self, solid: Solid) -> tuple[Floats, list[float]]:
+        """The normal and places of planes across the longest side, or the one that is too long by most.
+
+        The first divides it by a whole number of rooms, the others lie about it.
+        """
+        lo, hi = solid.bounds_mm
+        counts = count_blocks(hi - lo, self.problem.rooms)
+        axis = int(np.lexsort((hi - lo, counts))[-1])
+        shares = (counts[axis] // 2 + ASIDE) / counts[axis] if counts[axis] > 1 else (1.0 + ASIDE) / 2.0
+        return np.eye(3)[axis], (lo[axis] + shares * (hi - lo)[axis]).tolist()
+
+    def cut_on(self, parts: list[_Part]) -> list[_Part]:
+        while True:
+            worst = max(parts, key=lambda part: (part.needs > 1, part.price))
+            others = [part for part in parts if part is not worst]
+            free = len(self.problem.printers) - _needs(others)
+            for children in self.cuts(worst):
+                dearer = worst.needs == 1 and max(child.price for child in children) >= worst.price
+                if _needs(children) <= free and not dearer:
+                    parts = others + children
+                    break
+            else:
+                return parts

@@ -1,0 +1,278 @@
+"""The engine `guillotine` for printers of unequal rooms and speeds.
+
+The model is cut as for equal printers first: each part fits the room that all of them share, and the quickest
+printer takes the longest part. Then it is cut for classes of printers (`decompose.classes`): exact over all
+guillotine partitions and all ways to share their parts out. The better one of the two is the answer, so that
+nothing is lost where the classes, which are coarser than the printers, miss something.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.bound import makespan_bound, surface_bound_s
+from decompose.engines.guillotine.exact_search import ExactSearch, cut_for_uniform_printers
+from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
+from decompose.engines.guillotine.plane_shift import shift_planes
+from decompose.engines.guillotine.printer_classes import PrinterClass, classify_printers, count_sums
+from decompose.engines.guillotine.recursion import UNREACHABLE
+from decompose.errors import NoFit, size_text
+from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
+from decompose.pieces import Piece, assign_bottleneck
+from decompose.printers import PrinterRoom
+from decompose.problem import GridFigures, Partition, Problem, Work
+
+Cut = Mapping[Box, Sequence[Piece]]
+
+MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
+MAX_ROUNDS, MAX_MENDS = 4, 20  # of pricing truly what was chosen; of choices that were given up
+GAIN = 0.995  # of the makespan so far, which a partition has to reach to be worth its search
+CLOSE = 0.003  # share of it to which the least makespan is found
+MAX_MORE = 32  # printers of a class that are thought of where there are too few
+WORTH = 1.01  # as in `decompose.exact`
+
+
+def cut_by_guillotine(problem: Problem) -> Partition:
+    """The pieces of the partition that ends soonest on these printers; see `cut_for_uniform_printers`.
+
+    Raises
+    ------
+    NoFit
+        The pieces are more than the printers, with how many of the smallest would do.
+    """
+    if problem.is_uniform:
+        return cut_for_uniform_printers(problem)
+    model = problem.model
+    grid = problem.build_grid(model)
+    problem.on_stage("grid")
+    boxes = problem.price_boxes(grid)
+    problem.on_stage("boxes")
+    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+    least_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    cuts: list[Cut] = []
+    failure: NoFit | None = None
+    try:
+        cuts.append(_for_printers(problem, ExactSearch(problem, grid, boxes, least_s).run()))
+    except NoFit as error:
+        failure = error
+    problem.on_stage("search")
+    least_s *= problem.fastest_factor
+    by_class = _ClassSearch(problem, grid, boxes, least_s)
+    cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
+    if not cuts:
+        assert failure is not None
+        raise _too_few(problem, grid, boxes) or failure
+    problem.on_stage("classes")
+    best = min(cuts, key=lambda cut: _ends_s(problem, cut))
+    pieces = tuple(shift_planes(problem, grid, best))
+    for cut in cuts:
+        if cut is not best and not problem.effort.is_spent():
+            other = tuple(shift_planes(problem, grid, cut))
+            pieces = min(pieces, other, key=problem.makespan_s)
+    problem.on_stage("planes")
+    figures = by_class.grid_figures(grid, best, least_s, pieces)
+    problem.on_stage("bound")
+    return Partition(pieces, model, np.eye(3), figures)
+
+
+def _for_printers(problem: Problem, cut: Cut) -> Cut:
+    """The pieces of boxes, each with its printer: the last one ends soonest then."""
+    takers = problem.assign_printers(_pieces(cut))
+    return cut if takers is None else _taken(cut, takers)
+
+
+def _taken(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
+    """The same pieces, each with its printer."""
+    each = iter(takers)
+    return {box: [replace(piece, printer=next(each)) for piece in found] for box, found in cut.items()}
+
+
+def _pieces(cut: Cut) -> list[Piece]:
+    return [piece for found in cut.values() for piece in found]
+
+
+def _ends_s(problem: Problem, cut: Cut) -> float:
+    return problem.makespan_s(_pieces(cut))
+
+
+class _ClassSearch(ExactSearch):
+    """The search for classes of printers, told the truth about what it chooses as `ExactSearch` is.
+
+    What was learned there of boxes on all printers is known here, too.
+    """
+
+    def __init__(self, problem: Problem, grid: Grid, shared: BoxTables, least_s: float) -> None:
+        self.classes = classify_printers(problem.printers, MAX_SUMS / len(shared.seconds))
+        self.tables = class_tables(problem, grid, shared, self.classes)
+        super().__init__(problem, grid, self.tables[0], least_s)
+        others = zip(self.tables[1:], self.classes[1:], strict=True)
+        self.solver = Partitioner(self.tables[0], [OtherClass(table, own.count) for table, own in others])
+
+    def run(self, below_s: float) -> list[Cut]:  # type: ignore[override]
+        """Partitions that truly end sooner than that, the last one soonest; none where there is one class."""
+        found: list[Cut] = []
+        close_s = CLOSE * (below_s if math.isfinite(below_s) else self.least_s)
+        if len(self.classes) == 1 or not self._promising(GAIN * below_s, close_s):
+            return found
+        rounds = 0
+        while rounds < MAX_ROUNDS and len(self.mends) < MAX_MENDS:
+            if math.isfinite(below_s) and self.problem.effort.is_spent():
+                break
+            limit_s = self._solved(self.classes[0].count, close_s, GAIN * below_s)
+            if limit_s is None:
+                break
+            self.least_s = max(self.least_s, limit_s - close_s)
+            chosen = self.solver.chosen_boxes()
+            if self._more_pieces(chosen) or self._mended(chosen):
+                continue
+            rounds += 1
+            cut = self._shared_out(chosen)
+            ends_s = _ends_s(self.problem, cut)
+            if ends_s < below_s:
+                found, below_s = [cut], ends_s
+            if ends_s <= WORTH * limit_s:
+                break
+            self._learn(cut)
+        return found
+
+    def _promising(self, at_most_s: float, close_s: float) -> bool:
+        """Whether there might be such a partition, were every printer as good as the best for each box."""
+        best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
+        count = sum(own.count for own in self.classes)
+        solver = Partitioner(best)
+        least_s = solver.find_least_makespan(count, self.least_s, close_s, at_most_s)
+        self.problem.effort.book(Work.SUM, solver.sums)
+        if least_s is not None:
+            self.least_s = max(self.least_s, least_s - close_s)
+        return least_s is not None
+
+    def _forbid(self, at: int) -> None:
+        for table in self.tables:
+            table.seconds[at] = math.inf
+
+    def _shared_out(self, chosen: Sequence[Box]) -> Cut:
+        """The pieces of boxes, each with the printer that the tables say is best."""
+        cut = {box: self.cut[box] for box in chosen}
+        takers = assign_bottleneck(self._seconds(chosen))
+        assert takers is not None  # the search found a way
+        printers = [printer for own in self.classes for printer in own.printers]
+        return _taken(cut, [printers[i] for i in takers])
+
+    def _seconds(self, chosen: Sequence[Box]) -> Floats:
+        """(pieces, printers) What each piece takes by the tables; printers in the order of the classes."""
+        at = [box_index(box, self.boxes.shape) for box in chosen]
+        rows = np.repeat(at, self.boxes.pieces[at])
+        columns = [
+            table.seconds[rows].astype(np.float64) / own.time_factor * printer.time_factor
+            for table, own in zip(self.tables, self.classes, strict=True)
+            for printer in own.printers
+        ]
+        return np.array(columns).T
+
+    def _learn(self, cut: Cut) -> None:
+        """Put into the tables what pieces truly cost, on all printers with that room."""
+        for box, pieces in cut.items():
+            at = box_index(box, self.boxes.shape)
+            for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
+                seconds = math.inf if pose is None else pose.price_s
+                mine = next(own for own in self.classes if piece.printer in own.printers)
+                for own, table in zip(self.classes, self.tables, strict=True):
+                    if own.boxes == mine.boxes:
+                        table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
+
+    def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
+        """How good these boxes are by the tables, and what no partition can undercut on any printer.
+
+        Proven as if all printers had the speed of the quickest, and the room of whichever is best.
+        """
+        problem = self.problem
+        times = self._seconds(list(cut))
+        takers = assign_bottleneck(times)
+        if takers is None:  # what this search gave up, the one for all printers need not have
+            makespan_s = _ends_s(problem, cut)
+        else:
+            makespan_s = float(times[range(len(takers)), takers].max())
+        if problem.needs_proof(pieces):
+            quickest = np.float32(problem.fastest_factor)
+            each = [problem.price_boxes(grid, [room]) for room in problem.rooms]
+            best = replace(
+                each[0],
+                seconds=quickest * np.min([boxes.seconds for boxes in each], axis=0),
+                pieces=np.max([boxes.pieces for boxes in each], axis=0),
+            )
+            problem.effort.book(Work.BOX_PROVEN, len(best.seconds))
+            proven = makespan_bound(best, grid.needed, len(problem.printers), makespan_s)
+            least_s = max(least_s, proven.seconds)
+        return GridFigures(makespan_s, least_s, grid.shape)
+
+
+def _too_few(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
+    """How many printers would do, were there more of the kinds that there are; None where that is not why.
+
+    More of the first class, of one other, or of both.
+    """
+    most_sums = MAX_SUMS / len(shared.seconds)
+    classes = classify_printers(
+        [replace(printer, time_factor=1.0) for printer in problem.printers], most_sums
+    )
+    tables = class_tables(problem, grid, shared, classes)
+    own = [each.count for each in classes]
+    found: list[tuple[int, list[int]]] = []
+    for grown in range(1, len(classes)):
+        counts = _grown(own, grown, most_sums)
+        others = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
+        solver = Partitioner(tables[0], others)
+        solver.solve(float(np.finfo(np.float32).max))  # below inf, which stands for no fit
+        for state, fewest in zip(*solver.class_shares(), strict=True):
+            more = [max(0, int(n) - count) for n, count in zip((fewest, *state), own, strict=True)]
+            found += [(sum(more), more)] if fewest < UNREACHABLE else []
+    total, more = min(found, default=(0, []))
+    if total == 0:
+        return None
+    wanted = [
+        f"{count} more with room for {size_text(np.max(each.boxes, axis=0))} mm"
+        for count, each in zip(more, classes, strict=True)
+        if count
+    ]
+    printers = len(problem.printers)
+    return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(wanted))
+
+
+def _grown(own: Sequence[int], which: int, most_sums: float) -> list[int]:
+    """The counts of all classes but the first, one of them by so many larger as the search allows."""
+    counts = list(own[1:])
+    for _ in range(MAX_MORE):
+        larger = list(counts)
+        larger[which - 1] += 1
+        if count_sums([max(larger), *larger]) > most_sums:
+            break
+        counts = larger
+    return counts
+
+
+def class_tables(
+    problem: Problem, grid: Grid, shared: BoxTables, classes: Sequence[PrinterClass]
+) -> list[BoxTables]:
+    """The tables of each class, its speed in the times; all have the same `trimmed` and `pieces`.
+
+    Parameters
+    ----------
+    shared
+        Of the room that all printers have.
+    """
+    rooms: dict[object, BoxTables] = {}
+    for own in classes:
+        if own.boxes in rooms:
+            continue
+        least = all(room.fits(*box) for box in own.boxes for room in problem.rooms)
+        rooms[own.boxes] = shared if least else problem.price_boxes(grid, [own.room])
+    pieces = np.maximum(shared.pieces, np.max([boxes.pieces for boxes in rooms.values()], axis=0))
+    return [
+        replace(shared, seconds=rooms[own.boxes].seconds * np.float32(own.time_factor), pieces=pieces)
+        for own in classes
+    ]

@@ -1,0 +1,114 @@
+"""The curve of makespan over the number of printers, and the number of printers that is worth its work.
+
+One search serves all numbers: the fewest parts at a time T say of every number whether it reaches T, so that
+each solve narrows down many of them. So it does for classes of printers: the fewest of the first class are
+known beside any number of the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from decompose.arrays import Bools, Ints
+from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
+from decompose.grid import BoxTables
+
+CLOSE = 0.005  # share of a makespan to which it is known
+AT_ONCE = 2  # solves side by side; their number is fixed, so that the answer is
+CLEAR_S = 120.0
+"""A person's time to take a part off a bed and to make the bed clear, an estimate."""
+ASSEMBLE_S = 216.0
+"""A person's time to clean and glue a part: 3.6 min, as the literature on such models has it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CurvePoint:
+    """The least makespan in seconds that a search found for a number of printers."""
+
+    printers: int
+    makespan_s: float
+
+
+class _Narrowing:
+    """What is known of each number of printers; `fleets` as of `curve`."""
+
+    def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
+        most = fleets.max(axis=0)
+        self._boxes = tables[0]
+        self._others = [OtherClass(own, int(count)) for own, count in zip(tables[1:], most[1:], strict=True)]
+        self._fleets = fleets
+        self.reached_s = np.full(len(fleets), np.inf)
+        self.refuted_s = np.zeros(len(fleets))
+
+    def solve(self, limit_s: float) -> tuple[float, Bools, float]:
+        """A limit, which fleets reach it, and when the last part of the fewest ends then."""
+        solver = Partitioner(self._boxes, self._others)
+        solver.solve(limit_s)
+        states, fewest = solver.class_shares()
+        beside = {tuple(state): int(least) for state, least in zip(states.tolist(), fewest, strict=True)}
+        enough = np.array([own >= beside[tuple(others)] for own, *others in self._fleets.tolist()])
+        ends_s = solver.longest_s() if enough.any() and not self._others else limit_s
+        return limit_s, enough, ends_s
+
+    def learn(self, limit_s: float, enough: Bools, ends_s: float) -> None:
+        """What a solve says of every number."""
+        self.reached_s[enough] = np.minimum(self.reached_s[enough], ends_s)
+        self.refuted_s[~enough] = np.maximum(self.refuted_s[~enough], limit_s)
+
+    def next_limits(self) -> list[float]:
+        """Limits that are worth a solve: in the widest gaps; none where all are narrow."""
+        known = np.isfinite(self.reached_s)
+        gaps: dict[tuple[float, float], float] = {}
+        for low, high in zip(self.refuted_s[known].tolist(), self.reached_s[known].tolist(), strict=True):
+            if high - low > CLOSE * high:
+                gaps[low, high] = (high - low) / high
+        widest = sorted(gaps, key=lambda gap: (-gaps[gap], gap))[:AT_ONCE]
+        return [(low + high) / 2.0 for low, high in widest]
+
+
+def makespan_curve(
+    tables: Sequence[BoxTables], fleets: Ints, executor: Executor | None = None
+) -> tuple[CurvePoint, ...]:
+    """The least makespan of guillotine partitions for some fleets.
+
+    Each is known to `CLOSE`; those that are too few for any partition are left out.
+
+    Parameters
+    ----------
+    tables
+        Of each class of printers, its speed in the times; the largest class is the first.
+    fleets
+        (n, classes) how many printers of each class there are, no row the same in number as another.
+    """
+    finite = [own.seconds[np.isfinite(own.seconds)] for own in tables]
+    if not any(len(own) for own in finite):
+        return ()
+    narrowing = _Narrowing(tables, fleets)
+    limits = [max(float(own.max()) for own in finite if len(own))]
+    run = map if executor is None else executor.map
+    while limits:
+        for found in run(narrowing.solve, limits):
+            narrowing.learn(*found)
+        limits = narrowing.next_limits()
+    counts, reached_s = fleets.sum(axis=1).tolist(), narrowing.reached_s.tolist()
+    return tuple(CurvePoint(n, s) for n, s in zip(counts, reached_s, strict=True) if math.isfinite(s))
+
+
+def find_knee(
+    points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
+) -> CurvePoint:
+    """The point where printing and what a person does after it, part by part, take least together."""
+    return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
+
+
+def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurvePoint:
+    """The fewest printers that are done within so many seconds; where none are, the soonest."""
+    enough = [point for point in points if point.makespan_s <= within_s]
+    if enough:
+        return min(enough, key=lambda point: point.printers)
+    return min(points, key=lambda point: (point.makespan_s, point.printers))

@@ -1,0 +1,224 @@
+"""The engine `guillotine`: a grid, the price of every box of it, the exact partition, and its true cost.
+
+What guillotine cuts and the grid have cost is won back then: boxes cut anew, and planes off the grid.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from decompose.bound import surface_bound_s
+from decompose.engines.guillotine.neighbourhood import improve_locally, sorted_times_s
+from decompose.engines.guillotine.partitioner import Partitioner
+from decompose.engines.guillotine.plane_shift import shift_planes
+from decompose.engines.guillotine.recursion import UNREACHABLE
+from decompose.errors import NoFit, size_text
+from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
+from decompose.pieces import Piece, cut_cells, find_faults
+from decompose.problem import Partition, Problem, Work
+
+MAX_ROUNDS = 8  # of pricing truly what was chosen, and choosing again
+MAX_MENDS = 40  # choices that are given up for a sliver or a weak joint
+WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
+LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
+LOOSEST = 1.06  # where there is none for one less: of the least makespan
+NEAR = 1.03  # of the makespan to beat: what ends later than that is not worth looking on
+
+
+def cut_for_uniform_printers(problem: Problem) -> Partition:
+    """The pieces of the partition that ends soonest, of all that axis cuts along the grid can make.
+
+    Raises
+    ------
+    NoFit
+        The pieces are more than the printers, with how many would do.
+    """
+    model = problem.model
+    grid = problem.build_grid(model)
+    problem.on_stage("grid")
+    boxes = problem.price_boxes(grid)
+    problem.on_stage("boxes")
+    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+    bound_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    engine = ExactSearch(problem, grid, boxes, bound_s)
+    chosen = engine.run()
+    problem.on_stage("search")
+    pieces = tuple(shift_planes(problem, grid, chosen))
+    near = problem.thorough and problem.makespan_s(pieces) < NEAR * problem.best_known_s
+    if near and not problem.effort.is_spent():
+        for looser in engine.looser_partitions(list(chosen)):
+            pieces = min(pieces, tuple(shift_planes(problem, grid, looser)), key=problem.makespan_s)
+            if problem.effort.is_spent():
+                break
+    problem.on_stage("planes")
+    figures = problem.grid_figures(grid, boxes, list(chosen), pieces)
+    problem.on_stage("bound")
+    return Partition(pieces, model, np.eye(3), figures)
+
+
+class ExactSearch:
+    """The exact search, told the truth about the boxes that it chooses.
+
+    The tables take the solid in a cell as one piece, and price a box in the axis poses with no idea whether
+    it stands. What a chosen box really has in pieces, and really costs, is put into the tables where it is
+    more, and the search is made again. A box with a piece that is bad to glue is priced out. Counts and
+    prices only grow, so the makespan only grows.
+    """
+
+    def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:
+        self.problem, self.grid, self.boxes = problem, grid, boxes
+        self.least_s = bound_s
+        self.solver = Partitioner(boxes)
+        self.cut: dict[Box, list[Piece]] = {}
+        self.posed_s: dict[Box, float] = {}
+        self.mends: list[str] = []  # what was wrong with each choice that was given up
+
+    def run(self) -> dict[Box, list[Piece]]:
+        """The boxes of the solution that truly ends soonest, and their pieces."""
+        best: list[Box] = []
+        best_s = math.inf
+        rounds, effort = 0, self.problem.effort
+        while True:
+            makespan_s = self._solved(len(self.problem.printers))
+            if makespan_s is None or len(self.mends) > MAX_MENDS:
+                if best:
+                    break  # prices only ever grow: nothing is left that fits
+                raise self._no_fit()
+            self.least_s = max(self.least_s, makespan_s - 1.0)
+            if makespan_s >= best_s:
+                break
+            chosen = self.solver.chosen_boxes()
+            if self._more_pieces(chosen) or self._mended(chosen):
+                continue
+            rounds += 1
+            longest_s = self._truly_s(chosen)
+            if longest_s < best_s:
+                best, best_s = chosen, longest_s
+            if longest_s <= WORTH * makespan_s or rounds == MAX_ROUNDS or effort.is_spent():
+                break
+        return {box: self.cut[box] for box in self._neighbour(best)}
+
+    def looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
+        """Other partitions than the best, of less work, with boxes that are a little longer than need be.
+
+        What ends soonest on the grid need not once its planes move: they level what is long, and it is the
+        work in all that is left. Each has the fewest boxes, and of those the least work, within a limit.
+        """
+        if len(best) < 2:
+            return
+        seconds, pieces = self.boxes.seconds.copy(), self.boxes.pieces.copy()  # the tables stay as they are
+        own = ExactSearch(
+            self.problem, self.grid, replace(self.boxes, seconds=seconds, pieces=pieces), self.least_s
+        )
+        own.cut, own.posed_s = self.cut, self.posed_s
+        printers = len(self.problem.printers)
+        least_s, fewer_s = own._solved(printers), own._solved(printers - 1)
+        if least_s is None:
+            return
+        seen = {frozenset(best)}
+        for share in LOOSER:
+            chosen = own._within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
+            if chosen and frozenset(chosen) not in seen:
+                seen.add(frozenset(chosen))
+                yield {box: self.cut[box] for box in chosen}
+
+    def _within(self, limit_s: float) -> list[Box]:
+        """The partition of least work whose boxes truly take at most about that; none where there is none."""
+        found: list[Box] = []
+        for _ in range(MAX_ROUNDS):
+            before = self.solver.sums
+            parts = self.solver.solve(limit_s, ties=self.solver.can_break_ties)
+            self.problem.effort.book(Work.SUM, self.solver.sums - before)
+            if parts > len(self.problem.printers) or len(self.mends) > MAX_MENDS:
+                break
+            chosen = self.solver.chosen_boxes()
+            if self._more_pieces(chosen) or self._mended(chosen):
+                continue
+            longest_s = self._truly_s(chosen)
+            found = chosen if math.isfinite(longest_s) else found
+            if longest_s <= WORTH * limit_s or self.problem.effort.is_spent():
+                break
+        return found
+
+    def _solved(self, printers: int, *limits_s: float) -> float | None:
+        """The least makespan by the tables, see `Partitioner.find_least_makespan`; the work is booked."""
+        before = self.solver.sums
+        found = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
+        self.problem.effort.book(Work.SUM, self.solver.sums - before)
+        return found
+
+    def _neighbour(self, best: list[Box]) -> list[Box]:
+        """The best partition near this one, truly priced; no longer bound to guillotine cuts."""
+        for _ in range(MAX_ROUNDS):
+            if len(self.mends) == MAX_MENDS or self.problem.effort.is_spent():
+                break
+            chosen = improve_locally(self.boxes, best, len(self.problem.printers), effort=self.problem.effort)
+            if chosen == best:
+                break
+            if self._more_pieces(chosen) or self._mended(chosen):
+                continue
+            self._truly_s(chosen)
+            if sorted_times_s(self.boxes, chosen) < sorted_times_s(self.boxes, best):
+                best = chosen
+        return best
+
+    def _more_pieces(self, chosen: list[Box]) -> bool:
+        """Whether a box has more pieces than the table says; the table is mended."""
+        more = False
+        for box in chosen:
+            if box not in self.cut:
+                self.problem.effort.book(Work.FACE_CUT, self.problem.model.solid.faces)
+                self.cut[box] = cut_cells(self.problem.model.solid, self.grid, box)
+            at = box_index(box, self.boxes.shape)
+            more = more or len(self.cut[box]) > int(self.boxes.pieces[at])
+            self.boxes.pieces[at] = len(self.cut[box])
+        return more
+
+    def _mended(self, chosen: list[Box]) -> bool:
+        """Whether a box has a piece that is bad to glue; it is priced out of the table."""
+        owners = [box for box in chosen for _ in self.cut[box]]
+        pieces = [piece for box in chosen for piece in self.cut[box]]
+        found = find_faults(pieces, self.problem.options.min_glue_mm2)
+        for fault in found:
+            self._forbid(box_index(owners[fault.piece], self.boxes.shape))
+        self.mends += [found[0].reason] if found else []
+        return bool(found)
+
+    def _forbid(self, at: int) -> None:
+        self.boxes.seconds[at] = math.inf
+
+    def _truly_s(self, chosen: list[Box]) -> float:
+        """The true makespan of these boxes in seconds; what costs more than in the table is put there."""
+        new = [(box, piece) for box in chosen if box not in self.posed_s for piece in self.cut[box]]
+        poses = self.problem.find_poses([piece for _, piece in new])
+        for (box, _), pose in zip(new, poses, strict=True):
+            seconds = math.inf if pose is None else pose.price_s
+            self.posed_s[box] = max(self.posed_s.get(box, 0.0), seconds)
+        for box in chosen:
+            at = box_index(box, self.boxes.shape)
+            self.boxes.seconds[at] = max(float(self.boxes.seconds[at]), self.posed_s[box])
+        return max(self.posed_s[box] for box in chosen)
+
+    def _no_fit(self) -> NoFit:
+        """Why there is no partition for these printers."""
+        problem, model = self.problem, self.problem.model
+        if self.mends:
+            return NoFit(
+                f"no way to cut it holds together; of {len(self.mends)} the last was given up since a part "
+                f"{self.mends[-1]}: take more printers, a greater --longest-side, or (farm decompose) a "
+                "lower --min-glue"
+            )
+        needed = self.solver.solve(sys.float_info.max)  # below inf, which stands for no fit
+        if needed >= UNREACHABLE:
+            least_mm = max(float(np.diff(planes).max()) for planes in self.grid.planes)
+            return NoFit(
+                f"{size_text(model.extents_mm)} mm is cut into blocks of {least_mm:.0f} mm at least, and a "
+                f"part has room for {size_text(problem.room_mm)} mm (clips and brim are off): printers with "
+                f"room for {math.ceil(least_mm)} mm each way would do"
+            )
+        return NoFit.of_too_few(model.extents_mm, needed, len(problem.printers))

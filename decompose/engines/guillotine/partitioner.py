@@ -1,0 +1,228 @@
+"""The exact guillotine engine: the partition by recursive axis cuts that ends soonest.
+
+For a time T the fewest parts that cover all needed cells of a box is: none where it has no needed cell; one
+where it costs at most T and is one piece; or the best sum over all cuts across it. Bisection over T gives the
+least makespan for a number of printers. (Hierarchical bipartition HIER-OPT of Saule, Bas and Catalyurek 2012,
+in three dimensions and with a cost that is not additive.)
+
+Among partitions of as few parts the one with the least sum of times wins, then the one with the least area of
+cuts: the three are digits of one whole number, `_key`, whose sum is made least.
+
+Unequal printers are in classes. At a time T the printers of one class that a box needs are a function of how
+many of each other class it may use; a cut adds the functions of its sides, over all ways to share out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Ints
+from decompose.engines.guillotine.recursion import (
+    PART,
+    UNREACHABLE,
+    Table,
+    fill_counts,
+    fill_keys,
+    solve_recursion,
+)
+from decompose.grid import Box, BoxTables, box_at, box_index
+
+MAX_TIED = 120_000_000  # values of all states, beyond which what is least is left to chance: too much memory
+
+
+@dataclass(frozen=True, slots=True)
+class OtherClass:
+    """Printers of another class, beside those that a partition is first of all for.
+
+    Attributes
+    ----------
+    boxes
+        The tables as they are on such a printer; `trimmed` and `pieces` are the same on all.
+    count
+        How many there are.
+    """
+
+    boxes: BoxTables
+    count: int
+
+
+class Partitioner:
+    """Solves for one table of boxes, and keeps the last solution while the table is as it was.
+
+    Where there are `others`, a part may be theirs too. There is a state for each number of printers of every
+    other class that may be used; of each box and state the fewest of the first class are known, so that the
+    search is exact over all ways to share the parts out. The cost grows with the square of the states.
+    """
+
+    def __init__(self, boxes: BoxTables, others: Sequence[OtherClass] = ()) -> None:
+        self.boxes = boxes
+        self.others = tuple(others)
+        self._states, self._sums = class_states([other.count for other in others])
+        self._value: Table = np.zeros(0, np.int16)
+        self._limit_s = 0.0
+        self._root: Box = (0, 0, 0, *boxes.shape)
+        self.sums = 0  # that all solves have made
+
+    def solve(self, limit_s: float, ties: bool = False) -> int:
+        """The fewest printers of the first class with which each part costs at most limit_s.
+
+        Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
+        With `ties`, of the solutions with so few the one of least work, then of the least area of cuts.
+        """
+        self._limit_s = limit_s
+        size = len(self.boxes.seconds)
+        total = len(self._states) * size
+        self._value = np.empty(total, np.int64) if ties else np.empty(total, np.int16)
+        for state in range(len(self._states)):
+            self._fill(state, slice(0, size), self._value[state * size : (state + 1) * size])
+        solve_recursion(self._value, self._sums, *self.boxes.shape)
+        self.sums += len(self._sums) * count_cuts(self.boxes.shape)
+        return min(int(self.counts[box_index(self._root, self.boxes.shape)]), UNREACHABLE)
+
+    @property
+    def can_break_ties(self) -> bool:
+        """Whether there is memory to choose among partitions of as few parts."""
+        return len(self._states) * len(self.boxes.seconds) <= MAX_TIED
+
+    def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
+        """What the boxes at these indices are worth in a state where they are not cut."""
+        seconds, pieces = self.boxes.seconds[at], self.boxes.pieces[at]
+        for other, free in zip(self.others, self._states[state].tolist(), strict=True):
+            if free:
+                own_s = other.boxes.seconds[at]
+                pieces = np.where(own_s <= self._limit_s, np.maximum(pieces - free, 0), pieces)
+                seconds = np.minimum(seconds, own_s)
+        if self.others:  # what is left of a box has to be quick enough on the first class
+            able = (self.boxes.seconds[at] <= self._limit_s) | (pieces == 0)
+            seconds = np.where(able, seconds, np.float32(np.inf))
+        tables = (self._limit_s, seconds, self.boxes.trimmed[at], pieces.astype(np.int16, copy=False))
+        if value.dtype == np.int64:
+            fill_keys(*tables, self.boxes.cut_mm2[at], value)
+        else:
+            fill_counts(*tables, value)
+
+    @property
+    def counts(self) -> npt.NDArray[np.int16]:
+        """(boxes,) The fewest parts of each box in the last solution, by the index of the box.
+
+        Beside the parts of all others, where there are any.
+        """
+        value = self._value[-len(self.boxes.seconds) :]
+        if value.dtype == np.int64:
+            return (value // PART).astype(np.int16)
+        return value.astype(np.int16, copy=False)
+
+    def class_shares(self) -> tuple[Ints, Ints]:
+        """(m, classes) How many printers of the others may be used, and (m,) the fewest of the first then.
+
+        Of the last solution; `UNREACHABLE` or more where there is none.
+        """
+        at = box_index(self._root, self.boxes.shape)
+        value = self._value[at :: len(self.boxes.seconds)]
+        fewest = value // PART if value.dtype == np.int64 else value
+        return self._states, fewest.astype(np.int64)
+
+    def chosen_boxes(self, within: Box | None = None) -> list[Box]:
+        """The boxes of the last solution, all or those of one box, in the order of the cuts."""
+        found: list[Box] = []
+        stack = [(within or self._root, len(self._states) - 1)]
+        while stack:
+            whole, state = stack.pop()
+            box = self._tight(whole)
+            if box is None:
+                continue
+            if self._worth(box, state) == self._uncut(box, state):
+                found.append(box)
+            else:
+                stack.extend(self._cut(box, state))
+        return found
+
+    def _worth(self, box: Box, state: int) -> int:
+        return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
+
+    def _uncut(self, box: Box, state: int) -> int:
+        """What a box is worth as one part."""
+        at = box_index(box, self.boxes.shape)
+        value = np.empty(1, self._value.dtype)
+        self._fill(state, slice(at, at + 1), value)
+        return int(value[0])
+
+    def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
+        """The far and the near side, with their states, of the first cut that reaches the value of a box."""
+        value = self._worth(box, state)
+        shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
+        for axis in range(3):
+            for plane in range(box[axis] + 1, box[axis + 3]):
+                lower, upper = list(box), list(box)
+                lower[axis + 3] = upper[axis] = plane
+                far, near = _box(upper), _box(lower)
+                for a, b in shares:
+                    if self._worth(near, a) + self._worth(far, b) == value:
+                        return (far, b), (near, a)
+        raise LookupError(f"no solution for {box}: nothing reaches it at this limit")
+
+    def _tight(self, box: Box) -> Box | None:
+        at = int(self.boxes.trimmed[box_index(box, self.boxes.shape)])
+        return None if at < 0 else box_at(at, self.boxes.shape)
+
+    def find_least_makespan(
+        self, printers: int, at_least_s: float, tolerance_s: float = 1.0, at_most_s: float = math.inf
+    ) -> float | None:
+        """The least limit (to tolerance_s) at which so many printers of the first class are enough.
+
+        Leaves its solution. None where there is no limit, or none up to at_most_s.
+        """
+        tables = (self.boxes, *(other.boxes for other in self.others))
+        finite = [boxes.seconds[np.isfinite(boxes.seconds)] for boxes in tables]
+        high = min(at_most_s, max((float(each.max()) for each in finite if len(each)), default=-math.inf))
+        low = max(0.0, at_least_s)
+        if high < 0.0 or self.solve(high) > printers:
+            return None
+        while high - low > tolerance_s:
+            middle = (low + high) / 2.0
+            if self.solve(middle) <= printers:
+                high = middle if self.others else min(middle, self.longest_s())
+            else:
+                low = middle
+        self.solve(high, ties=self.can_break_ties)
+        return high
+
+    def longest_s(self) -> float:
+        """The time of the costliest box of the last solution on a printer of the first class."""
+        return self.boxes.longest_s(self.chosen_boxes())
+
+
+def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
+    """How many of each of some classes may be used, and which two states are a third together.
+
+    Returns
+    -------
+    tuple
+        (states, classes) numbers, the last state all of them; and (m, 3) indices of states.
+    """
+    each = list(np.ndindex(*(count + 1 for count in counts)))
+    index = {state: i for i, state in enumerate(each)}
+    sums = [
+        (index[whole], index[part], index[tuple(w - p for w, p in zip(whole, part, strict=True))])
+        for whole in each
+        for part in np.ndindex(*(w + 1 for w in whole))
+    ]
+    return np.array(each, dtype=np.int64).reshape(len(each), len(counts)), np.array(sums, dtype=np.int64)
+
+
+def count_cuts(shape: tuple[int, int, int]) -> int:
+    """The cuts of all boxes of a grid, each of which is a sum."""
+    spans = [n * (n + 1) // 2 for n in shape]
+    cuts = [n * (n * n - 1) // 6 for n in shape]
+    return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))
+
+
+def _box(sides: list[int]) -> Box:
+    x0, y0, z0, x1, y1, z1 = sides
+    return x0, y0, z0, x1, y1, z1

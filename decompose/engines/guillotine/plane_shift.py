@@ -1,0 +1,415 @@
+"""Cut planes moved off the grid, so that the slowest parts end sooner.
+
+A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
+that can move (`decompose.interfaces`) moves at once, by a linear programme: the least makespan were every
+part's time linear in the places of its faces, within steps that are short enough for that. What the parts
+really cost at the new places is then measured, and teaches the programme better slopes. Every `ROUNDS_EACH`
+rounds all parts that moved are posed anew; until then each stays in its pose, which is much quicker to price.
+That much is done however late it is: little else gains as much in its time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.engines.guillotine.plane_programme import solve_plane_shifts
+from decompose.grid import (
+    CLEAR_MM,
+    Box,
+    Cell,
+    Grid,
+    NeededCells,
+    fill_out_boxes,
+    flat_coordinates,
+    free_directions,
+    group_faces,
+    keep_clear,
+    move_groups,
+    refine_cells,
+)
+from decompose.options import Interior
+from decompose.pieces import SLIVER_MM, Piece, cut_box, find_cut_faces, find_faults
+from decompose.print_time import Pose, measure_pose
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem, Work
+
+Face = tuple[int, ...]  # of a box: its side, 0 or 1, and its axis
+
+PROBE_MM = 3.0  # how far a face is moved inwards to see what that saves
+REACH = 0.9  # share of a cell that a plane may move by in all
+FIRST_STEP = 0.5  # share of that
+TRY_MM = 0.4  # a group that cannot move so far alone never moves
+ROUNDS, ROUNDS_EACH = 4, 8
+SHORTER = 0.6  # times as long is the next step, where one was no gain
+NOISE_MM = 2.0  # moves shorter than this teach little: supports, and so times, change by jumps
+WORTH = 0.0015  # share of the makespan that a step has to promise
+WORTH_MORE = 0.003  # share that a search has to gain, so that another one begins where it has ended
+PLANE_DIGITS = 6  # of a plane that moved, in mm
+UNMOVED_MM = 0.02
+MAX_COVERED = 20_000_000  # fine cells, for each box, that are looked at to see whether all is covered
+MAX_KEPT = 4  # times that a step is found anew around planes that flat faces keep
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """The content of a box, posed; `seconds` of its slowest piece on its printer, inf where none fits."""
+
+    box_mm: Floats
+    pieces: tuple[Piece, ...]
+    poses: tuple[Pose, ...]
+    seconds: float
+
+    @property
+    def size_mm(self) -> Floats:
+        """(3,) The longest sides of its pieces along the axes."""
+        return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
+
+    @property
+    def least_mm(self) -> float:
+        """The shortest side of any of its pieces."""
+        return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
+
+    def lying(self, poses: Sequence[Pose | None]) -> _Part:
+        """The same with its pieces in these poses; None where one fits in none."""
+        found = tuple(pose for pose in poses if pose is not None)
+        return replace(self, poses=found, seconds=_slowest_s(self.pieces, poses))
+
+    def is_like(self, other: _Part) -> bool:
+        """Whether it has as many pieces as another, and none that is a sliver by comparison."""
+        return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
+
+
+def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
+    """The pieces of a partition, cut where the slowest of them, truly posed, ends soonest.
+
+    Parameters
+    ----------
+    cut
+        The boxes of a partition of the grid, and the pieces in each.
+
+    Returns
+    -------
+    list[Piece]
+        As many pieces, and none slower than the slowest was; the same ones where nothing was gained. What
+        was in one box is in one box or, where it need not be printed (`decompose.walls`), in none.
+    """
+    filled = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
+    return shift_box_planes(
+        problem, grid, np.array([grid.bounds_mm(box) for box in filled]), list(cut.values())
+    )
+
+
+def shift_box_planes(
+    problem: Problem, grid: Grid, boxes_mm: Floats, pieces: Sequence[Sequence[Piece]]
+) -> list[Piece]:
+    """The same from boxes (n, 2, 3) in mm wherever their planes are, with the pieces in each.
+
+    What barred a face at one start, or was out of its reach, may not from where that has led to: as long as
+    it is worth it, planes are moved again from there.
+    """
+    vertices, faces = problem.model.solid.arrays()
+    keep = problem.options.interior is Interior.KEEP
+    problem.effort.book(Work.FACE_GRIDDED, len(faces))
+    cells = refine_cells(
+        grid, vertices[faces], problem.options.min_wall_mm, keep, MAX_COVERED // len(boxes_mm)
+    )
+    cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
+    while True:
+        evening = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
+        before = evening.posed()
+        parts = evening.run(before)
+        gained = math.isfinite(_longest_s(parts)) and (
+            _longest_s(parts) <= (1.0 - WORTH_MORE) * _longest_s(before)
+        )
+        if not (gained and problem.thorough) or problem.effort.is_spent():
+            return [piece for part in parts for piece in part.pieces]
+        boxes_mm = np.array([part.box_mm for part in parts])
+        pieces = [part.pieces for part in parts]
+
+
+class _PlaneShift:
+    """The search from one partition: what may move, by how much, and what the parts are cut from."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        cells: NeededCells,
+        cell_mm: Floats,
+        boxes_mm: Floats,
+        pieces: Sequence[Sequence[Piece]],
+    ) -> None:
+        self.problem = problem
+        self.cells = cells
+        self.start_mm = boxes_mm
+        self.start = [
+            _Part(box, tuple(replace(piece, boxes_mm=box[None]) for piece in inside), (), math.inf)
+            for box, inside in zip(boxes_mm, pieces, strict=True)
+        ]
+        self.groups = group_faces(self.start_mm)
+        self.free = free_directions(self.start_mm, self.groups, self.cells, TRY_MM)
+        self.axes = np.zeros(len(self.free), dtype=np.int64)
+        self.axes[self.groups[self.groups >= 0]] = np.argwhere(self.groups >= 0)[:, 2]
+        self.reach_mm = (REACH * cell_mm)[self.axes]
+        vertices, faces = problem.model.solid.arrays()
+        self.flats_mm = [flat_coordinates(vertices[faces], axis) for axis in range(3)]
+        self.near = [  # no face ever moves out of what is cut out here
+            problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
+        ]
+
+    def posed(self) -> list[_Part]:
+        """The parts as they are at first, in their best poses."""
+        return self._posed(self.start)
+
+    def run(self, best: list[_Part]) -> list[_Part]:
+        """The parts of the best partition that was found, from these on."""
+        if not (self.free.any() and math.isfinite(_longest_s(best))):
+            return best
+        self._book([i for i in range(len(best)) for _ in range(6)])
+        slopes = np.array([self._slopes(i, part) for i, part in enumerate(best)])
+        for rounds in range(ROUNDS):
+            if rounds and self.problem.effort.is_spent():
+                break
+            rough = self._moved(best, slopes)
+            if rough is best:
+                break
+            new = self._posed(rough, best)
+            if _times_s(new) >= _times_s(best):
+                if not self._barred(best, new, _longest_s(best)):
+                    break
+            elif self._faulty(new):
+                self.reach_mm = self.reach_mm / 2.0
+            else:
+                gain = 1.0 - _longest_s(new) / _longest_s(best)
+                best = new
+                if gain < WORTH:
+                    break
+        return best
+
+    def _book(self, parts: Sequence[int]) -> None:
+        """Book that these parts, by their places, are cut anew and priced in the poses that they have."""
+        self.problem.effort.book(Work.PIECE_MEASURED, len(parts))
+        self.problem.effort.book(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
+
+    def _faulty(self, parts: Sequence[_Part]) -> bool:
+        return bool(
+            find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
+        )
+
+    def _moved(self, parts: list[_Part], slopes: Floats) -> list[_Part]:
+        """Some steps, every part in its pose; the parts themselves where no step is worth it."""
+        step_mm = FIRST_STEP * self.reach_mm
+        for _ in range(ROUNDS_EACH):
+            boxes, promised_s = self._step(parts, slopes, step_mm)
+            if promised_s > (1.0 - WORTH) * _longest_s(parts):
+                break
+            if not self.cells.is_partition(boxes):
+                step_mm *= SHORTER
+                continue
+            new = self._again(parts, boxes)
+            for i, (old, part) in enumerate(zip(parts, new, strict=True)):
+                _learn(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
+            if _times_s(new) < _times_s(parts):
+                parts = new
+            elif not self._barred(parts, new):
+                step_mm *= SHORTER
+        return parts
+
+    def _barred(self, parts: Sequence[_Part], new: Sequence[_Part], limit_s: float = math.inf) -> bool:
+        """Bar faces by which parts come to pieces, fit no longer, or take as long as this, from moving on.
+
+        Where a support comes to touch a cut face, or the brim to be too narrow, another pose is the best, and
+        may be much slower.
+
+        Returns
+        -------
+        bool
+            Whether there are any that were free to: the next step is another one.
+        """
+        before = self.free.copy()
+        for i, (old, part) in enumerate(zip(parts, new, strict=True)):
+            if part.seconds < limit_s:
+                continue
+            by_mm = part.box_mm - old.box_mm
+            faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
+            alone = [] if part.is_like(old) else self._breaking(i, old, faces, by_mm)
+            for face in alone or faces:
+                self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
+        return bool((self.free != before).any())
+
+    def _breaking(self, i: int, part: _Part, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
+        """Those of the faces with which a part comes to pieces, or gets too thin, as they alone move."""
+        self.problem.effort.book(Work.FACE_CUT, len(faces) * self.near[i].faces)
+        found = []
+        for face in faces:
+            box = part.box_mm.copy()
+            box[face] += by_mm[face]
+            if not self._cut(i, box).is_like(part):
+                found.append(face)
+        return found
+
+    def _step(self, parts: list[_Part], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
+        """Where the boxes would be best, were the slopes true; and the makespan that this promises.
+
+        A plane that a flat face keeps from where it would be best stays where that leaves it, and the others
+        make the best of it.
+        """
+        now = np.array([part.box_mm for part in parts])
+        places = self._places(now)
+        at = places - self._places(self.start_mm)
+        low_mm = np.minimum(np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0), 0.0)
+        high_mm = np.maximum(np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0), 0.0)
+        longer_mm = np.array([_longer_mm(part.size_mm, self._rooms(part)) for part in parts])
+        shorter_mm = np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM)
+        seconds = np.array([part.seconds for part in parts])
+        boxes_mm, promised_s = now, math.inf
+        for _ in range(MAX_KEPT):
+            by_mm, least_s = solve_plane_shifts(
+                seconds, slopes, self.groups, longer_mm, shorter_mm, low_mm, high_mm
+            )
+            if not math.isfinite(least_s):  # not with all of these kept: what was found before has to do
+                break
+            promised_s = least_s
+            boxes_mm = self._clear(now, move_groups(now, self.groups, by_mm))
+            really_mm = self._places(boxes_mm) - places
+            kept = np.abs(really_mm - by_mm) > UNMOVED_MM
+            if not kept.any():
+                break
+            low_mm[kept] = high_mm[kept] = really_mm[kept]
+        return boxes_mm, promised_s
+
+    def _places(self, boxes_mm: Floats) -> Floats:
+        """(groups,) The coordinate of each group."""
+        places = np.zeros(len(self.free))
+        places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
+        return places
+
+    def _clear(self, now: Floats, boxes_mm: Floats) -> Floats:
+        """The same with every plane short of flat faces, and where it was if it hardly moved."""
+        old, new = self._places(now), self._places(boxes_mm)
+        for group in range(len(old)):
+            if abs(new[group] - old[group]) < UNMOVED_MM:
+                new[group] = old[group]
+            new[group] = keep_clear(self.flats_mm[self.axes[group]], old[group], new[group], CLEAR_MM)
+            if new[group] != old[group]:  # groups that go to one plane go to the very same
+                new[group] = round(new[group], PLANE_DIGITS)
+        return np.where(self.groups >= 0, new[self.groups], now)
+
+    def _rooms(self, part: _Part) -> list[PrinterRoom]:
+        return [room for piece in part.pieces for room in self.problem.rooms_for(piece)]
+
+    def _cut(self, i: int, box_mm: Floats) -> _Part:
+        pieces = cut_box(self.near[i], *box_mm)
+        before = self.start[i].pieces
+        if len(pieces) == len(before):
+            pieces = [
+                replace(piece, printer=own.printer, time_ratio=own.time_ratio)
+                for piece, own in zip(pieces, before, strict=True)
+            ]
+        return _Part(box_mm, tuple(pieces), (), math.inf)
+
+    def _posed(self, parts: list[_Part], before: Sequence[_Part] = ()) -> list[_Part]:
+        """Parts in their best poses; those that have not moved since `before` are as they were."""
+        done = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
+        new = [i for i in range(len(parts)) if i not in done]
+        poses = iter(self.problem.find_poses([piece for i in new for piece in parts[i].pieces]))
+        for i in new:
+            done[i] = parts[i].lying([next(poses) for _ in parts[i].pieces])
+        return [done[i] for i in range(len(parts))]
+
+    def _again(self, parts: list[_Part], boxes_mm: Floats) -> list[_Part]:
+        """Parts cut anew where their boxes moved; pieces are posed anew where their old poses will not do."""
+        moved = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
+        self._book(moved)
+        run = map if self.problem.executor is None else self.problem.executor.map
+        again = list(run(self._as_it_lay, moved, [parts[i] for i in moved], boxes_mm[moved]))
+        unposed = [
+            piece
+            for part, poses in again
+            for piece, pose in zip(part.pieces, poses, strict=False)
+            if pose is None
+        ]
+        best = iter(self.problem.find_poses(unposed))
+        new = list(parts)
+        for i, (part, poses) in zip(moved, again, strict=True):
+            lying = [next(best) if pose is None else pose for pose in poses]
+            new[i] = part.lying(lying) if lying else part
+        return new
+
+    def _as_it_lay(self, i: int, part: _Part, box_mm: Floats) -> tuple[_Part, list[Pose | None]]:
+        """A part cut anew, and its pieces in the poses that they had; None for one that will not do.
+
+        No poses where it came to pieces.
+        """
+        new = self._cut(i, box_mm)
+        if not new.is_like(part):
+            return new, []
+        poses: list[Pose | None] = []
+        for piece, old in zip(new.pieces, part.poses, strict=True):
+            pose = self._measured(piece, old)
+            fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_for(piece))
+            dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
+            poses.append(pose if fits and not dirtier and pose.rank[:2] <= old.rank[:2] else None)
+        return new, poses
+
+    def _measured(self, piece: Piece, pose: Pose) -> Pose:
+        vertices, faces = piece.solid.arrays()
+        cut = find_cut_faces(vertices, faces, piece.planes)
+        rotation, options = pose.to_model[:3, :3].T, self.problem.options
+        return measure_pose(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
+
+    def _slopes(self, i: int, part: _Part) -> Floats:
+        """(2, 3) Seconds a mm by which a part's time changes as each of its faces moves up its axis."""
+        slopes = np.zeros((2, 3))
+        for side, axis in np.ndindex(2, 3):
+            if self.groups[i, side, axis] < 0 or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
+                continue
+            box = part.box_mm.copy()
+            box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
+            less = self._cut(i, box)
+            if len(less.pieces) == len(part.pieces):
+                now = [self._measured(*each) for each in zip(less.pieces, part.poses, strict=True)]
+                now_s = _slowest_s(less.pieces, now)
+                slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
+        return slopes
+
+
+def _learn(slopes: Floats, by_mm: Floats, seconds: float) -> None:
+    """Mend slopes (2, 3) so that they say what a move really changed (Broyden's update)."""
+    length = float((by_mm * by_mm).sum()) + NOISE_MM * NOISE_MM
+    if math.isfinite(seconds):
+        slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm
+
+
+def _slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
+    each = zip(pieces, poses, strict=True)
+    times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in each]
+    return max(times, default=math.inf)
+
+
+def _times_s(parts: Sequence[_Part]) -> list[float]:
+    """The longest first: the less in the order of words, the better."""
+    return sorted((part.seconds for part in parts), reverse=True)
+
+
+def _longest_s(parts: Sequence[_Part]) -> float:
+    return max(part.seconds for part in parts)
+
+
+def _longer_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
+    """(3,) How much longer a part of this size may be along each axis, the others as they are, in all rooms.
+
+    inf where it fits one of them only turned out of the axes: then nothing is known.
+    """
+    most = np.full(3, math.inf)
+    for room in rooms:
+        spare = np.array([turned for box in room.boxes for turned in permutations(box)]) - size_mm
+        spare = spare[(spare >= 0.0).all(axis=1)]
+        if len(spare):
+            most = np.minimum(most, spare.max(axis=0))
+    return most

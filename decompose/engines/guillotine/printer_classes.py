@@ -1,0 +1,97 @@
+"""Unequal printers in a few classes, each of one room and about one speed, to which parts are shared out.
+
+Printers that are only a little unequal are one class: it has the room that all of them have, and the speed of
+the slowest, so that a part that ends in time on the class does so on each of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+from math import prod
+
+from decompose.printers import PrinterRoom
+
+Room = tuple[tuple[float, float, float], ...]
+
+LITTLE = 0.003  # share of what all printers can do, which is given up so that two classes become one
+ROOM_WORTH = 0.05  # what a printer's larger room is worth, as a share of what that printer can do
+
+
+@dataclass(frozen=True, slots=True)
+class PrinterClass:
+    """Printers that are taken to be equal.
+
+    Attributes
+    ----------
+    boxes, time_factor
+        The room that all of them have, and the speed of the slowest; see `PrinterRoom`.
+    """
+
+    boxes: Room
+    time_factor: float
+    printers: tuple[PrinterRoom, ...]
+
+    @property
+    def room(self) -> PrinterRoom:
+        """A printer that is no better than any of them."""
+        return PrinterRoom("", self.boxes, self.time_factor)
+
+    @property
+    def count(self) -> int:
+        """How many they are."""
+        return len(self.printers)
+
+    @property
+    def throughput(self) -> float:
+        """What all of them can do."""
+        return self.count / self.time_factor
+
+
+def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list[PrinterClass]:
+    """The classes of some printers, the largest first; one where they are about equal.
+
+    Parameters
+    ----------
+    most_sums
+        How many `sums` the search may make for each cut; at least 1.
+    """
+    alike: dict[tuple[Room, float], list[PrinterRoom]] = {}
+    for printer in printers:
+        alike.setdefault((printer.boxes, printer.time_factor), []).append(printer)
+    found = [PrinterClass(*key, tuple(alike[key])) for key in sorted(alike)]
+    limit = LITTLE * sum(each.throughput for each in found)
+    while len(found) > 1:
+        lost, a, b = min((_lost(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(found), 2))
+        if lost > limit and count_sums([each.count for each in found]) <= most_sums:
+            break
+        one = _merged(found[a], found[b])
+        found = [*(each for i, each in enumerate(found) if i not in (a, b)), one]
+    return sorted(found, key=lambda each: (-each.count, each.boxes, each.time_factor))
+
+
+def count_sums(counts: Sequence[int]) -> int:
+    """In how many ways printers of all classes but the largest are shared out between the sides of a cut."""
+    return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
+
+
+def _lost(a: PrinterClass, b: PrinterClass) -> float:
+    """What two classes can do less as one."""
+    one = _merged(a, b)
+    rooms = sum(each.throughput for each in (a, b) if each.boxes != one.boxes)
+    return a.throughput + b.throughput - one.throughput + ROOM_WORTH * rooms
+
+
+def _merged(a: PrinterClass, b: PrinterClass) -> PrinterClass:
+    factor = max(a.time_factor, b.time_factor)
+    return PrinterClass(_shared(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
+
+
+def _shared(a: Room, b: Room) -> Room:
+    """The boxes that fit two rooms, without those that lie in others."""
+    if a == b:
+        return a
+    both = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}
+    inside = {box for box in both for other in both if box != other and all(map(float.__le__, box, other))}
+    return tuple(box for box in dict.fromkeys((*a, *b, *sorted(both))) if box in both - inside)

@@ -1,0 +1,136 @@
+"""Kernels of `partitioner`: the recursion over all guillotine cuts of every box."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Ints
+from decompose.grid import interval
+from decompose.jit import jit
+
+UNREACHABLE = 16_000  # more parts than anybody has printers; twice as many are an int16
+
+
+PART = 1 << 46  # of a key: the digit of the parts
+
+
+SECOND = 1 << 20  # of the seconds, rounded; what is left counts the area of the cuts
+
+
+AREA_MM2 = 64.0  # in units of this
+
+
+MAX_S = 1e6  # so many seconds of a box count, so that the digits keep apart
+
+
+Table = npt.NDArray[np.int16] | Ints
+
+
+@jit
+def _least(value: Table, size: int, out_at: int, near_at: int, far_at: int, count: int, sums: Ints) -> None:
+    """What `count` boxes one after the other cost at least where they are cut into a near and a far side.
+
+    value (states * size,); sums (m, 3): which state is one of the near and one of the far side together.
+    """
+    for k in range(len(sums)):
+        at = sums[k, 0] * size + out_at
+        out = value[at : at + count]
+        at = sums[k, 1] * size + near_at
+        near = value[at : at + count]
+        at = sums[k, 2] * size + far_at
+        far = value[at : at + count]
+        for i in range(len(out)):
+            both = near[i] + far[i]
+            if both < out[i]:
+                out[i] = both
+
+
+@jit
+def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None:
+    """The least sum over all guillotine partitions of every box, in place; `value` is that of one part.
+
+    Boxes of one length along an axis stand side by side: those of the same sides are added at once, whatever
+    their places; along z after they were turned, so that z comes before y.
+    A box that is larger than its needed cells needs no care: what a cut takes off there is worth 0.
+    """
+    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    layer = ty * tz
+    size = nx * (nx + 1) // 2 * layer
+    states = len(value) // size
+    turned = np.empty(states * ny * tz, value.dtype)
+    for dx in range(1, nx + 1):
+        for x0 in range(nx - dx + 1):
+            first = interval(x0, x0 + dx, nx) * layer
+            for x in range(x0 + 1, x0 + dx):
+                a, b = interval(x0, x, nx) * layer, interval(x, x0 + dx, nx) * layer
+                _least(value, size, first, a, b, layer, sums)
+            for dy in range(1, ny + 1):
+                rows = ny - dy + 1
+                at = first + interval(0, dy, ny) * tz
+                for cut in range(1, dy):
+                    a, b = first + interval(0, cut, ny) * tz, first + interval(cut, dy, ny) * tz
+                    _least(value, size, at, a, b, rows * tz, sums)
+                block = rows * tz
+                for state in range(states):
+                    here = state * size + at
+                    _turn(value[here : here + block], turned[state * block : (state + 1) * block], rows, tz)
+                for dz in range(2, nz + 1):
+                    places = (nz - dz + 1) * rows
+                    up = interval(0, dz, nz) * rows
+                    for cut in range(1, dz):
+                        a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
+                        _least(turned, block, up, a, b, places, sums)
+                for state in range(states):
+                    here = state * size + at
+                    _turn(turned[state * block : (state + 1) * block], value[here : here + block], tz, rows)
+
+
+@jit
+def _turn(rows: Table, columns: Table, m: int, n: int) -> None:
+    """Transpose (m, n) into (n, m)."""
+    for i in range(m):
+        for k in range(n):
+            columns[k * m + i] = rows[i * n + k]
+
+
+@jit
+def fill_counts(
+    limit_s: float,
+    seconds: npt.NDArray[np.float32],
+    trimmed: npt.NDArray[np.int32],
+    pieces: npt.NDArray[np.int16],
+    value: npt.NDArray[np.int16],
+) -> None:
+    """The parts of each box where it is not cut."""
+    for box in range(len(value)):
+        if trimmed[box] < 0:
+            value[box] = 0
+        else:
+            value[box] = pieces[box] if seconds[box] <= limit_s else UNREACHABLE
+
+
+@jit
+def _key(seconds: float, pieces: int, cut_mm2: float) -> int:
+    """Of a box that is not cut: parts, seconds and area of cuts as digits of one number."""
+    key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND + round(cut_mm2 / AREA_MM2)
+    return key
+
+
+@jit
+def fill_keys(
+    limit_s: float,
+    seconds: npt.NDArray[np.float32],
+    trimmed: npt.NDArray[np.int32],
+    pieces: npt.NDArray[np.int16],
+    cut_mm2: npt.NDArray[np.float32],
+    value: Ints,
+) -> None:
+    """The key of each box where it is not cut."""
+    for box in range(len(value)):
+        if trimmed[box] < 0:
+            value[box] = 0
+        elif seconds[box] <= limit_s:
+            value[box] = _key(seconds[box], pieces[box], cut_mm2[box] if len(cut_mm2) else 0.0)
+        else:
+            value[box] = UNREACHABLE * PART

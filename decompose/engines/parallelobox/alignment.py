@@ -1,0 +1,113 @@
+"""The paper's orientation step: the frame in which a model is laid on the grid.
+
+Its plane of symmetry lies on an axis, where it has one; of the frames that are left, that of its oriented
+bounding box is taken where faces overhang less in it. That the centroid lies in the origin changes nothing
+here: the grid is laid from one end of the model to the other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from trimesh.bounds import oriented_bounds
+
+from decompose.arrays import Floats
+from decompose.geometry import Model, convex_outline, find_mirror, rotation_to_axis, smallest_rectangle
+from decompose.grid import CLEAR_MM, flat_coordinates
+from decompose.print_time import POSE_ROTATIONS
+
+WORTH_TURNING = 0.95  # of the overhang as it stands: with more left a model is not turned
+ON_BED_MM = 1e-3  # a face as low as this lies on the bed
+
+
+@dataclass(frozen=True, slots=True)
+class AlignedModel:
+    """A model in the frame that it is cut in.
+
+    Attributes
+    ----------
+    rotation
+        (3, 3) ``v_aligned = rotation @ v_model``.
+    mirror
+        The axis and the coordinate in mm of its plane of symmetry; None where it has none.
+    """
+
+    model: Model
+    rotation: Floats
+    mirror: tuple[int, float] | None
+
+
+def align_model(model: Model, seed: int, overhang_cos: float) -> AlignedModel:
+    """Turn a model for its symmetry and its overhangs.
+
+    A plane of symmetry next to a face would cut slivers off, and the face be taken for a cut: there is none.
+
+    Parameters
+    ----------
+    overhang_cos
+        Faces whose normal points down by more than this count as overhangs.
+    """
+    vertices, faces = model.solid.arrays()
+    mirror = find_mirror(vertices, np.random.default_rng(seed))
+    rotation, axis = (np.eye(3), -1) if mirror is None else rotation_to_axis(mirror.normal)
+    turn = _box_frame(vertices @ rotation.T, axis)
+    corners = (vertices @ rotation.T)[faces]
+    if overhang_mm2(corners @ turn.T, overhang_cos) < WORTH_TURNING * overhang_mm2(corners, overhang_cos):
+        rotation = turn @ rotation
+    if (rotation != np.eye(3)).any():
+        model = replace(model, solid=model.solid.rotate(rotation))
+    if mirror is None:
+        return AlignedModel(model, rotation, None)
+    at_mm = mirror.offset_mm * float(np.sign(mirror.normal[axis]))
+    vertices, faces = model.solid.arrays()
+    if (np.abs(flat_coordinates(vertices[faces], axis) - at_mm) < CLEAR_MM).any():
+        return AlignedModel(model, rotation, None)
+    return AlignedModel(model, rotation, (axis, at_mm))
+
+
+def overhang_mm2(triangles: Floats, overhang_cos: float) -> float:
+    """The least area of overhanging faces of a mesh (m, 3, 3) over the six axes as the way up, in mm2."""
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(cross, axis=1)
+    found = []
+    for up in POSE_ROTATIONS[:, 2]:
+        height = (triangles @ up).max(axis=1)
+        over = (-(cross @ up) > overhang_cos * area) & (height > (triangles @ up).min() + ON_BED_MM)
+        found.append(float(area[over].sum()) / 2.0)
+    return min(found)
+
+
+def _box_frame(vertices: Floats, axis: int) -> Floats:
+    """The rotation (3, 3) into the frame of the smallest box about vertices (n, 3).
+
+    With an axis from 0 to 2 only turns about it, which leave a plane of symmetry where it is.
+    """
+    if axis < 0:
+        to_box: Any = oriented_bounds  # its package has no types for it
+        return _least_turn(to_box(vertices, ordered=False)[0][:3, :3])
+    x, y = (axis + 1) % 3, (axis + 2) % 3
+    angle = smallest_rectangle(convex_outline(np.ascontiguousarray(vertices[:, [x, y]])))
+    angle = (angle + math.pi / 4.0) % (math.pi / 2.0) - math.pi / 4.0
+    turn = np.eye(3)
+    turn[x, x] = turn[y, y] = math.cos(angle)
+    turn[x, y], turn[y, x] = math.sin(angle), -math.sin(angle)
+    return turn
+
+
+def _least_turn(rotation: Floats) -> Floats:
+    """Of the frames with these axes, in any order and direction, that which is turned by least."""
+    left = np.abs(rotation)
+    rows = [-1, -1, -1]
+    for _ in range(3):
+        row, axis = np.unravel_index(int(left.argmax()), left.shape)
+        rows[axis] = int(row)
+        left[row], left[:, axis] = -1.0, -1.0
+    found: Floats = rotation[rows]
+    found = found * np.sign(np.diagonal(found))[:, None]
+    if np.linalg.det(found) < 0.0:
+        weakest = int(np.abs(np.diagonal(found)).argmin())
+        found[weakest] *= -1.0
+    return found

@@ -1,0 +1,142 @@
+"""The metaheuristic: many attempts, with fewer and fewer seeds and several draws of each, and the best one.
+
+Fewer seeds leave more printers to the void fill, so that it more often finds enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from sklearn.cluster import KMeans
+from threadpoolctl import threadpool_limits
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.engines.parallelobox.growth import fill_voids, grow_blocks
+from decompose.engines.parallelobox.terrain import Terrain
+from decompose.grid import Box, Cell, Grid, box_index
+from decompose.options import Score
+
+Seeds = list[Box]
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+class Run(Protocol):
+    """As the builtin `map`: calls a function with each, in any order, and returns the answers in theirs."""
+
+    def __call__(self, function: Callable[[T], R], each: Iterable[T], /) -> Iterable[R]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPartition:
+    """A partition: blocks that cover every needed cell once.
+
+    Attributes
+    ----------
+    longest
+        The greatest P of a block, the paper's parallel score.
+    parts
+        Pieces in all blocks, as far as the grid can tell.
+    """
+
+    blocks: tuple[Box, ...]
+    longest: float
+    parts: int
+
+
+def draw_seed_sets(
+    points: Floats, grid: Grid, barred: Bools, printers: int, tries: int, seed: int, run: Run = map
+) -> list[Seeds]:
+    """The seeds to grow blocks from: `tries` draws of each number from `printers` down to 1.
+
+    Parameters
+    ----------
+    points
+        (n, 3) vertices in mm, no two the same.
+    barred
+        (nx, ny, nz) cells that are out of bounds.
+    """
+    wanted = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
+
+    def one(draw: tuple[int, int]) -> Seeds:
+        return draw_seeds(points, grid, barred, draw[0], np.random.default_rng([seed, *draw]))
+
+    with threadpool_limits(1):  # threads of k-means would add up in any order
+        return list(run(one, wanted))
+
+
+def run_attempts(
+    drawn: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
+) -> list[BlockPartition]:
+    """All attempts that cover the model, the best first: least parallel score, then fewest parts.
+
+    Parameters
+    ----------
+    drawn
+        From `draws`.
+    score
+        A reading of it, low or high.
+    """
+
+    def one(seeds: Seeds) -> BlockPartition | None:
+        return _attempt(seeds, terrain, printers, score)
+
+    found = [result for result in run(one, drawn) if result is not None]
+    return sorted(found, key=lambda a: (a.longest, a.parts))
+
+
+def _attempt(seeds: Seeds, terrain: Terrain, printers: int, score: Score) -> BlockPartition | None:
+    """One attempt; None where it needs more parts than there are printers."""
+    blocks, owner = grow_blocks(seeds, terrain, score)
+    filled = fill_voids(blocks, owner, terrain, printers - _parts(blocks, terrain))
+    if filled is None or _parts(filled, terrain) > printers:
+        return None
+    boxes = [(x0, y0, z0, x1, y1, z1) for x0, y0, z0, x1, y1, z1 in filled.tolist()]
+    shape = terrain.shape
+    longest = max(float(terrain.printing[box_index(box, shape)]) for box in boxes)
+    return BlockPartition(tuple(boxes), longest, _parts(filled, terrain))
+
+
+def _parts(blocks: Ints, terrain: Terrain) -> int:
+    indices = [box_index((*block,), terrain.shape) for block in blocks.tolist()]
+    return int(terrain.pieces[indices].sum())
+
+
+def draw_seeds(points: Floats, grid: Grid, barred: Bools, count: int, rng: np.random.Generator) -> list[Box]:
+    """Cells to grow blocks from, all of them boundary cells and no two the same.
+
+    Parameters
+    ----------
+    points
+        (n, 3) in mm, no two the same: the model's vertices, or the centres of its boundary cells where the
+        vertices are fewer than the seeds.
+    barred
+        (nx, ny, nz) cells that are out of bounds.
+    count
+        Wanted; never more than there are boundary cells.
+    """
+    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~barred)
+    count = min(count, len(boundary))
+    middles = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
+    centres = np.stack([middles[axis][boundary[:, axis]] for axis in range(3)], axis=1)
+    if len(points) < count:
+        points = centres
+    draw = int(rng.integers(2**31))
+    found = KMeans(count, init="k-means++", n_init=1, random_state=draw).fit(points).cluster_centers_
+    free = np.ones(len(boundary), dtype=np.bool_)
+    chosen: list[Box] = []
+    for centroid in found:
+        x, y, z = (
+            int(np.clip(np.searchsorted(grid.planes[a], centroid[a]) - 1, 0, grid.shape[a] - 1))
+            for a in range(3)
+        )
+        own = free & (boundary == (x, y, z)).all(axis=1)
+        gaps = np.where(own, -1.0, np.linalg.norm(centres - centroid, axis=1))
+        nearest = int(np.where(free, gaps, np.inf).argmin())
+        free[nearest] = False
+        x, y, z = boundary[nearest].tolist()
+        chosen.append((x, y, z, x + 1, y + 1, z + 1))
+    return chosen

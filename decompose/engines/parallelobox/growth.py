@@ -1,0 +1,209 @@
+"""Block growth: seed blocks of cells grow, a layer at a time, until they cover all that they can.
+
+The cheapest block that can grow grows next, in the direction whose score is best: ``|P + O|`` of the grown
+block and its nearness to other blocks. The paper calls higher scores better (section "Objective"), although
+P and O are costs: `Score` has both readings. What no block may do (leave the grid, not fit its printer, grow
+by nothing, take a cell that has an owner, fall into more pieces) forbids a direction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Bools, Ints
+from decompose.engines.parallelobox.terrain import Terrain
+from decompose.grid import Box, index_of
+from decompose.jit import jit
+from decompose.options import Score
+
+NOBODY, BARRED = -1, -2
+
+
+@jit
+def grown_box_index(
+    block: Ints,
+    direction: int,
+    owner: Ints,
+    needed: Bools,
+    seconds: npt.NDArray[np.float32],
+    pieces: npt.NDArray[np.int16],
+) -> int:
+    """The index of the box that a block grows to, -1 where a hard constraint forbids it.
+
+    Parameters
+    ----------
+    block
+        (6,) x0, y0, z0, x1, y1, z1 in cells, half-open.
+    direction
+        0 to 5: -x, -y, -z, +x, +y, +z.
+    owner
+        (nx, ny, nz) the block that has a cell, `NOBODY` or `BARRED`.
+    """
+    nx, ny, nz = owner.shape
+    axis = direction % 3
+    grown = block.copy()
+    layer = block.copy()
+    if direction < 3:
+        grown[axis] -= 1
+        layer[axis], layer[axis + 3] = grown[axis], block[axis]
+    else:
+        grown[direction] += 1
+        layer[axis], layer[axis + 3] = block[direction], grown[direction]
+    if grown[axis] < 0 or grown[axis + 3] > owner.shape[axis]:
+        return -1
+    worth = False
+    for x in range(layer[0], layer[3]):
+        for y in range(layer[1], layer[4]):
+            for z in range(layer[2], layer[5]):
+                if owner[x, y, z] != -1:
+                    return -1
+                worth = worth or needed[x, y, z]
+    if not worth:
+        return -1
+    box = index_of(grown[0], grown[1], grown[2], grown[3], grown[4], grown[5], nx, ny, nz)
+    now = index_of(block[0], block[1], block[2], block[3], block[4], block[5], nx, ny, nz)
+    if not np.isfinite(seconds[box]) or pieces[box] > pieces[now]:
+        return -1
+    return box
+
+
+@jit
+def claim_cells(block: Ints, number: int, owner: Ints) -> None:
+    """Make a block the owner of all its cells."""
+    owner[block[0] : block[3], block[1] : block[4], block[2] : block[5]] = number
+
+
+@jit
+def _proximity(blocks: Ints, number: int, direction: int, cells: int) -> float:
+    """S_prox: 0.5 where another block ahead touches, 1 where none is within the length of the grid.
+
+    The gap is the L1 distance of the centres less half the sizes, as in the paper; its share of the grid and
+    the half are those of the paper's program, without which a touching block would bar every growth.
+    """
+    axis = direction % 3
+    nearest = 1.0
+    for other in range(len(blocks)):
+        ahead = (
+            blocks[other, axis] + blocks[other, axis + 3] - blocks[number, axis] - blocks[number, axis + 3]
+        )
+        if other == number or (ahead <= 0 if direction >= 3 else ahead >= 0):
+            continue
+        gap = 0.0
+        for k in range(3):
+            a0, a1, b0, b1 = blocks[number, k], blocks[number, k + 3], blocks[other, k], blocks[other, k + 3]
+            gap += abs(a0 + a1 - b0 - b1) / 2.0 - (a1 - a0 + b1 - b0) / 2.0
+        nearest = min(nearest, 0.5 + 0.5 * max(0.0, gap) / cells)
+    return nearest
+
+
+@jit
+def _grow(
+    blocks: Ints,
+    owner: Ints,
+    needed: Bools,
+    seconds: npt.NDArray[np.float32],
+    pieces: npt.NDArray[np.int16],
+    printing: npt.NDArray[np.float32],
+    overhang: npt.NDArray[np.float32],
+    high: bool,
+) -> None:
+    nx, ny, nz = owner.shape
+    cost = np.zeros(len(blocks))
+    for i in range(len(blocks)):
+        b = blocks[i]
+        claim_cells(b, i, owner)
+        cost[i] = printing[index_of(b[0], b[1], b[2], b[3], b[4], b[5], nx, ny, nz)]
+    while len(blocks):
+        cheapest = int(np.argmin(cost))
+        if cost[cheapest] == np.inf:
+            return
+        chosen, best, price = -1, 0.0, 0.0
+        for direction in range(6):
+            box = grown_box_index(blocks[cheapest], direction, owner, needed, seconds, pieces)
+            if box < 0:
+                continue
+            score = abs(printing[box] + overhang[box])
+            near = _proximity(blocks, cheapest, direction, nx + ny + nz)
+            score = score * near if high else -score / near
+            if chosen < 0 or score > best:
+                chosen, best, price = direction, score, float(printing[box])
+        if chosen < 0:  # and it never will: owners only grow
+            cost[cheapest] = np.inf
+            continue
+        blocks[cheapest, chosen] += 1 if chosen >= 3 else -1
+        claim_cells(blocks[cheapest], cheapest, owner)
+        cost[cheapest] = price
+
+
+def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints, Ints]:
+    """Grow blocks from seeds, which are single cells, no two the same.
+
+    Returns
+    -------
+    blocks, owner
+        (k, 6) in cells, half-open, and (nx, ny, nz): the block that has a cell, `NOBODY` or `BARRED`.
+    """
+    blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
+    owner = np.where(terrain.barred, BARRED, NOBODY).astype(np.int64)
+    tables = (terrain.seconds, terrain.pieces, terrain.printing, terrain.overhang)
+    _grow(blocks, owner, terrain.needed, *tables, score is Score.HIGH)
+    return blocks, owner
+
+
+@jit
+def _fill(
+    owner: Ints,
+    needed: Bools,
+    seconds: npt.NDArray[np.float32],
+    pieces: npt.NDArray[np.int16],
+    number: int,
+    most: int,
+) -> tuple[bool, Ints]:
+    nx, ny, nz = owner.shape
+    blocks = np.zeros((max(most, 0), 6), np.int64)
+    found = parts = 0
+    for z in range(nz):
+        for y in range(ny):
+            for x in range(nx):
+                if owner[x, y, z] != -1 or not needed[x, y, z]:
+                    continue
+                block = np.array([x, y, z, x + 1, y + 1, z + 1])
+                at = index_of(x, y, z, x + 1, y + 1, z + 1, nx, ny, nz)
+                parts += pieces[at]
+                if parts > most or not np.isfinite(seconds[at]):
+                    return False, blocks[:found]
+                growing = True
+                while growing:
+                    growing = False
+                    for direction in (3, 0, 4, 1, 5, 2):
+                        if grown_box_index(block, direction, owner, needed, seconds, pieces) >= 0:
+                            block[direction] += 1 if direction >= 3 else -1
+                            growing = True
+                claim_cells(block, number + found, owner)
+                blocks[found] = block
+                found += 1
+    return True, blocks[:found]
+
+
+def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints | None:
+    """Cover what is needed and has no owner.
+
+    The first such cell becomes a block, which grows in every direction in turn as far as it may; then the
+    next. As in growth, no block may be too large for a printer, which the paper's program does not see to.
+
+    Parameters
+    ----------
+    blocks, owner
+        From `growth.grow`; owner is changed.
+    most
+        Parts that may be added.
+
+    Returns
+    -------
+    Ints or None
+        (n, 6) all blocks, or None where more would be needed.
+    """
+    tables = (terrain.needed, terrain.seconds, terrain.pieces)
+    covered, fillers = _fill(owner, *tables, len(blocks), most)
+    return np.concatenate([blocks, fillers]) if covered else None

@@ -1,0 +1,246 @@
+"""The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper, section by section.
+
+Orientation (`alignment`) and symmetry cut (`symmetry`), then for each half seeds (`seeds`), growth (`growth`)
+and void fill (`voids`), over many attempts (`metaheuristic`).
+
+`--faithful` takes the best attempt by the paper's score. Otherwise blocks grow from the same seeds by prices
+in seconds too, by both readings of the score, on a finer grid too, and uncut too. Of all attempts, and the
+faithful one is among them, that is taken whose pieces end soonest in the poses that they are printed in.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice, product
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.engines.parallelobox.alignment import AlignedModel, align_model
+from decompose.engines.parallelobox.attempts import BlockPartition, draw_seed_sets, run_attempts
+from decompose.engines.parallelobox.terrain import (
+    OVERHANG_TOLERANCE_DEG,
+    Terrain,
+    paper_terrain,
+    time_terrain,
+)
+from decompose.errors import NoFit
+from decompose.grid import VOLUME, Box, BoxTables, Grid
+from decompose.options import Options, ParalleloboxOptions, Score
+from decompose.pieces import Piece, cut_cells, find_faults
+from decompose.problem import Partition, Problem, Work
+
+MAX_CUT = 12  # partitions whose pieces are counted, the best first
+MAX_OF_A_HALF = 100  # attempts that are combined with those of the other half
+
+
+def paper_settings(options: Options) -> Options:
+    """The paper's table of settings; its speeds and its overhang tolerance are in `growth`.
+
+    The table has no reading of the score: that of the paper's text, where nobody has asked for another.
+    """
+    reading = Score.HIGH if options.parallelobox.score is Score.BOTH else options.parallelobox.score
+    return replace(options, granularity="vfine", parallelobox=ParalleloboxOptions(tries=3, score=reading))
+
+
+def cut_by_parallelobox(problem: Problem) -> Partition:
+    """The pieces of the best attempt that has no more of them than there are printers.
+
+    Raises
+    ------
+    NoFit
+        No attempt covers the model; not faithful also, none that was looked at is good to glue.
+    """
+    grounds = _grounds(problem)
+    tried: list[_Tried] = []
+    for ground in grounds:
+        if not tried or not problem.effort.is_spent():
+            tried += _search(ground, problem)
+    problem.on_stage("search")
+    if not tried:
+        raise NoFit(
+            f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
+            f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
+        )
+    best = min(tried, key=_Tried.rank)
+    if best.fault and not problem.options.faithful:
+        raise NoFit(
+            f"in every attempt of parallelobox that was looked at a part is bad to glue; in the best it "
+            f"{best.fault}: free more printers, take --engine guillotine, or a lower --min-glue"
+        )
+    figures = problem.grid_figures(best.ground.grid, best.ground.boxes, list(best.cut), best.pieces)
+    problem.on_stage("bound")
+    aligned = best.ground.aligned
+    return Partition(best.pieces, aligned.model, aligned.rotation, figures)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ground:
+    """A frame, the grid in it, and the terrains on it: the paper's, and not faithful one in seconds too.
+
+    `cut` are the pieces of each box that was cut already.
+    """
+
+    aligned: AlignedModel
+    grid: Grid
+    boxes: BoxTables
+    terrains: tuple[Terrain, ...]
+    cut: dict[Box, list[Piece]] = field(default_factory=dict)
+
+    def pieces(self, box: Box) -> list[Piece]:
+        if box not in self.cut:
+            self.cut[box] = cut_cells(self.aligned.model.solid, self.grid, box)
+        return self.cut[box]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """A partition that was cut, when its last piece ends, and why one of them is bad to glue, if one is."""
+
+    ground: _Ground
+    cut: dict[Box, list[Piece]]
+    ends_s: float
+    fault: str
+
+    def rank(self) -> tuple[bool, float]:
+        """Less is better."""
+        return bool(self.fault), self.ends_s
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        return tuple(piece for found in self.cut.values() for piece in found)
+
+
+def _grounds(problem: Problem) -> list[_Ground]:
+    """The paper's, and not faithful the problem's own; that alone where a person named its granularity."""
+    options = problem.options
+    steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
+    found = []
+    if options.faithful or options.granularity == "auto":
+        like_paper = replace(problem, options=paper_settings(options))
+        aligned = align_model(problem.model, options.seed, steep)
+        grid = like_paper.build_grid(aligned.model, aligned.mirror)
+        boxes = problem.price_boxes(grid)
+        paper = paper_terrain(like_paper.build_grid(aligned.model, aligned.mirror, steep), boxes)
+        terrains = (paper,) if options.faithful else (paper, time_terrain(grid, boxes))
+        found.append(_Ground(aligned, grid, boxes, terrains))
+    if not options.faithful:
+        aligned = align_model(problem.model, options.seed, problem.cost.overhang_cos)
+        grid = problem.build_grid(aligned.model, aligned.mirror)
+        if not any(_same(aligned, grid, ground) for ground in found):
+            boxes = problem.price_boxes(grid)
+            terrains = (paper_terrain(grid, boxes), time_terrain(grid, boxes))
+            found.append(_Ground(aligned, grid, boxes, terrains))
+    problem.on_stage("boxes")
+    return found
+
+
+def _same(aligned: AlignedModel, grid: Grid, ground: _Ground) -> bool:
+    return (aligned.rotation == ground.aligned.rotation).all() and grid.shape == ground.grid.shape
+
+
+def _search(ground: _Ground, problem: Problem) -> list[_Tried]:
+    """The best partitions on one ground: the paper's choice, and not faithful those that end soonest."""
+    points = np.unique(ground.aligned.model.solid.arrays()[0], axis=0)
+    tried: list[_Tried] = []
+    for halves in _halves(ground, points, len(problem.printers)):
+        grown = [_grown(half, ground, problem) for half in halves]
+        reading = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
+        papers = [each.get((0, reading), []) for each in grown]
+        tried += _first(_ranked(papers, lambda a: a.longest), ground, problem)
+        if problem.options.faithful:
+            if tried:
+                break
+            continue
+        every = [[attempt for found in each.values() for attempt in found] for each in grown]
+        tried += _soonest(_ranked(every, lambda a: ground.boxes.longest_s(a.blocks)), ground, problem)
+    return tried
+
+
+Half = tuple[tuple[Terrain, ...], Floats, int]  # where blocks grow, the points for seeds, the printers
+Grown = dict[
+    tuple[int, Score], list[BlockPartition]
+]  # by the number of the terrain and the reading of the score
+Ranked = list[tuple[float, list[Box]]]  # what partitions promise, the least first, and their boxes
+
+
+def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Half]]:
+    """First the two halves of a symmetric model, the larger with the odd printer; then the model uncut."""
+    if ground.aligned.mirror is not None and printers > 1:
+        axis, at_mm = ground.aligned.mirror
+        for plane in np.flatnonzero(ground.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
+            sides = [
+                tuple(t.half(axis, int(plane), upper) for t in ground.terrains) for upper in (False, True)
+            ]
+            work = [float(ground.grid.sums[side[0].needed][:, VOLUME].sum()) for side in sides]
+            odd = printers % 2
+            shares = [printers // 2 + odd * (work[0] >= work[1]), printers // 2 + odd * (work[0] < work[1])]
+            on = [points[:, axis] < at_mm, points[:, axis] >= at_mm]
+            yield [(side, points[which], n) for side, which, n in zip(sides, on, shares, strict=True)]
+    yield [(ground.terrains, points, printers)]
+
+
+def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
+    """All attempts on one half, from the same seeds; none where the budget is too small to draw these."""
+    terrains, points, printers = half
+    options = problem.options
+    clustered = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
+    if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered):
+        return {}
+    run = map if problem.executor is None else problem.executor.map
+    drawn = draw_seed_sets(
+        points, ground.grid, terrains[0].barred, printers, options.parallelobox.tries, options.seed, run
+    )
+    problem.effort.book(Work.POINT_CLUSTERED, clustered)
+    grown = len(drawn) * len(terrains) * len(options.parallelobox.score.readings)
+    problem.effort.book(Work.CELL_GROWN, grown * ground.grid.needed.size)
+    return {
+        (number, reading): run_attempts(drawn, terrain, printers, reading, run)
+        for number, terrain in enumerate(terrains)
+        for reading in options.parallelobox.score.readings
+    }
+
+
+def _ranked(found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]) -> Ranked:
+    """The partitions that attempts on the halves make together, the best first."""
+    best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in found]
+    together = [
+        (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
+        for picks in product(*best)
+    ]
+    together.sort(key=lambda each: each[:2])
+    return [(longest, [box for *_, blocks in picks for box in blocks]) for longest, _, picks in together]
+
+
+def _first(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
+    """The first of these that has no more pieces than there are printers, if any."""
+    tried = (_tried(boxes, ground, problem) for _, boxes in ranked[:MAX_CUT])
+    return list(islice((each for each in tried if each is not None), 1))
+
+
+def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
+    """The one of these that ends soonest; it is looked for until no other promises more."""
+    best: list[_Tried] = []
+    for promised_s, boxes in ranked[:MAX_CUT]:
+        enough = best and not best[0].fault and promised_s >= best[0].ends_s
+        if enough or (best and problem.effort.is_spent()):
+            break
+        tried = _tried(boxes, ground, problem)
+        if tried is not None and tried.ends_s < math.inf:
+            best = sorted([*best, tried], key=_Tried.rank)[:1]
+    return best
+
+
+def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None:
+    """A partition cut and posed; None where it has more pieces than there are printers."""
+    new = sum(box not in ground.cut for box in boxes)
+    problem.effort.book(Work.FACE_CUT, new * ground.aligned.model.solid.faces)
+    cut = {box: ground.pieces(box) for box in boxes}
+    pieces = [piece for found in cut.values() for piece in found]
+    if len(pieces) > len(problem.printers):
+        return None
+    ends_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
+    found = find_faults(pieces, problem.options.min_glue_mm2)
+    return _Tried(ground, cut, ends_s, found[0].reason if found else "")

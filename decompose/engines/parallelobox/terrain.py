@@ -1,0 +1,119 @@
+"""What blocks grow on: the cells, and two prices of every box."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Bools, Floats
+from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, index_of
+from decompose.jit import jit
+
+SPEED_MM_S = 20.0  # of shell and of infill, in the paper's settings
+
+
+OVERHANG_TOLERANCE_DEG = 1.0  # likewise
+
+
+@dataclass(frozen=True, slots=True)
+class Terrain:
+    """What blocks grow on.
+
+    Attributes
+    ----------
+    needed
+        (nx, ny, nz) cells that must be covered.
+    barred
+        (nx, ny, nz) cells that no block may take: those of the other half, where the model was cut in two.
+    seconds
+        (boxes,) of `Boxes`: +inf where a box does not fit.
+    pieces
+        (boxes,) of `Boxes`.
+    printing
+        (boxes,) P, the price of printing a box that ends at needed cells on all sides.
+    overhang
+        (boxes,) O, the least overhang of its six poses, in units of P.
+    """
+
+    needed: Bools
+    barred: Bools
+    seconds: npt.NDArray[np.float32]
+    pieces: npt.NDArray[np.int16]
+    printing: npt.NDArray[np.float32]
+    overhang: npt.NDArray[np.float32]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of the grid, in cells."""
+        nx, ny, nz = self.needed.shape
+        return nx, ny, nz
+
+    def half(self, axis: int, plane: int, upper: bool) -> Terrain:
+        """Only what lies on one side of a plane of the grid."""
+        other = np.zeros(self.needed.shape, dtype=np.bool_)
+        side = slice(None, plane) if upper else slice(plane, None)
+        other[tuple(side if a == axis else slice(None) for a in range(3))] = True
+        return replace(self, needed=self.needed & ~other, barred=self.barred | other)
+
+
+def time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
+    """P is the print time in the best pose that fits, with its supports, so that O is nothing."""
+    none = np.zeros(len(boxes.seconds), np.float32)
+    return Terrain(grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, none)
+
+
+def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
+    """P is speed times volume plus speed times area, O the least overhanging area.
+
+    Parameters
+    ----------
+    grid
+        Whose overhangs count: of the paper's tolerance where it was laid with that.
+    """
+    columns = np.concatenate(
+        [grid.sums[..., [VOLUME]], grid.area[..., None], grid.sums[..., OVERHANG : OVERHANG + 6]], axis=3
+    )
+    prefix = np.zeros([n + 1 for n in grid.shape] + [columns.shape[3]])
+    prefix[1:, 1:, 1:] = columns.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    faces = []
+    for axis, cut in enumerate(grid.cuts):
+        a, b = (i for i in range(3) if i != axis)
+        table = np.zeros([n + (i != axis) for i, n in enumerate(cut.shape)])
+        table[tuple(slice(None) if i == axis else slice(1, None) for i in range(3))] = cut.cumsum(a).cumsum(b)
+        faces.append(table)
+    printing, overhang = _paper_prices(prefix, faces[0], faces[1], faces[2], len(boxes.seconds), SPEED_MM_S)
+    free = np.zeros_like(grid.needed)
+    return Terrain(grid.needed, free, boxes.seconds, boxes.pieces, printing, overhang)
+
+
+@jit
+def _paper_prices(
+    prefix: Floats, cut_x: Floats, cut_y: Floats, cut_z: Floats, total: int, speed: float
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    nx, ny, nz = prefix.shape[0] - 1, prefix.shape[1] - 1, prefix.shape[2] - 1
+    printing = np.zeros(total, np.float32)
+    overhang = np.zeros(total, np.float32)
+    for x0 in range(nx):
+        for x1 in range(x0 + 1, nx + 1):
+            for y0 in range(ny):
+                for y1 in range(y0 + 1, ny + 1):
+                    for z0 in range(nz):
+                        for z1 in range(z0 + 1, nz + 1):
+                            s = prefix[x1, y1, z1] - prefix[x0, y1, z1] - prefix[x1, y0, z1]
+                            s = s - prefix[x1, y1, z0] + prefix[x0, y0, z1] + prefix[x0, y1, z0]
+                            s = s + prefix[x1, y0, z0] - prefix[x0, y0, z0]
+                            area = s[1]
+                            for end in range(2):
+                                x, y, z = (x0, y0, z0) if end == 0 else (x1, y1, z1)
+                                area += cut_x[x, y1, z1] - cut_x[x, y0, z1] - cut_x[x, y1, z0]
+                                area += cut_x[x, y0, z0]
+                                area += cut_y[x1, y, z1] - cut_y[x0, y, z1] - cut_y[x1, y, z0]
+                                area += cut_y[x0, y, z0]
+                                area += cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z]
+                                area += cut_z[x0, y0, z]
+                            box = index_of(x0, y0, z0, x1, y1, z1, nx, ny, nz)
+                            printing[box] = speed * (s[0] + area)
+                            overhang[box] = s[2:8].min()
+    return printing, overhang

@@ -1,0 +1,13 @@
+"""A decomposition as files: STL, JSON, picture and GLB."""
+
+from __future__ import annotations
+
+from decompose.export.files import write_decomposition
+from decompose.export.glb import write_glb
+from decompose.export.picture import draw_assembly
+
+__all__ = [
+    "draw_assembly",
+    "write_decomposition",
+    "write_glb",
+]

@@ -1,0 +1,82 @@
+"""The convex outline of points in a plane, compiled: it is asked for in every pose of every part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.jit import jit
+
+FLAT_MM2 = 1e-9  # twice the area of a corner that is none
+
+
+@jit
+def convex_outline(points: Floats) -> Floats:
+    """Corners (k, 2), anticlockwise, of the convex outline about points (n, 2); none where it has no area.
+
+    By A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
+    """
+    order = np.argsort(points[:, 1], kind="mergesort")
+    order = order[np.argsort(points[order, 0], kind="mergesort")]
+    n = len(order)
+    chain = np.zeros((2 * n + 1, 2))
+    count = 0
+    for half in range(2):  # the lower side from left to right, the upper one back
+        begin = count
+        for k in range(n):
+            x, y = points[order[k if half == 0 else n - 1 - k]]
+            while count >= begin + 2:
+                ax, ay = chain[count - 2]
+                bx, by = chain[count - 1]
+                if (bx - ax) * (y - ay) - (by - ay) * (x - ax) > FLAT_MM2:
+                    break
+                count -= 1
+            chain[count, 0], chain[count, 1] = x, y
+            count += 1
+        count -= 1  # the last point begins the other half
+    return chain[:count].copy() if count >= 3 else np.zeros((0, 2))
+
+
+@jit
+def half_planes(outline: Floats) -> Floats:
+    """(k, 3) ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside an outline (k, 2)."""
+    edges = np.zeros((len(outline), 3))
+    for i in range(len(outline)):
+        a, b = outline[i], outline[(i + 1) % len(outline)]
+        length = np.hypot(b[0] - a[0], b[1] - a[1])
+        nx, ny = (b[1] - a[1]) / length, (a[0] - b[0]) / length
+        edges[i, 0], edges[i, 1], edges[i, 2] = nx, ny, -(nx * a[0] + ny * a[1])
+    return edges
+
+
+@jit
+def rectangles(outline: Floats, angles: Floats) -> Floats:
+    """(n, 2) Width and depth of an outline (k, 2) after it is turned back by each of n angles in radians."""
+    found = np.zeros((len(angles), 2))
+    for i in range(len(angles)):
+        ux, uy = np.cos(angles[i]), np.sin(angles[i])
+        least, most = np.full(2, np.inf), np.full(2, -np.inf)
+        for k in range(len(outline)):
+            u = outline[k, 0] * ux + outline[k, 1] * uy
+            v = outline[k, 1] * ux - outline[k, 0] * uy
+            least[0], most[0] = min(least[0], u), max(most[0], u)
+            least[1], most[1] = min(least[1], v), max(most[1], v)
+        found[i] = most - least
+    return found
+
+
+@jit
+def smallest_rectangle(outline: Floats) -> float:
+    """The angle in radians of the long side of the smallest rectangle about an outline (k, 2)."""
+    best, angle = np.inf, 0.0
+    for i in range(len(outline)):
+        a, b = outline[i], outline[(i + 1) % len(outline)]
+        side = np.hypot(b[0] - a[0], b[1] - a[1])
+        ux, uy = (b[0] - a[0]) / side, (b[1] - a[1]) / side
+        along = outline[:, 0] * ux + outline[:, 1] * uy
+        across = outline[:, 1] * ux - outline[:, 0] * uy
+        u, v = along.max() - along.min(), across.max() - across.min()
+        if u * v < best - 1e-6:  # of those of one size the first
+            best = u * v
+            angle = np.arctan2(uy, ux) if u >= v else np.arctan2(ux, -uy)
+    return float(angle)

@@ -1,0 +1,180 @@
+"""Reading a model: any file that claims to be a mesh -> a closed solid in mm, or a reason why not."""
+
+from __future__ import annotations
+
+import io
+import logging
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from decompose.arrays import Floats
+from decompose.errors import (
+    BadSize,
+    ModelEmpty,
+    ModelFlat,
+    ModelHuge,
+    ModelNotFinite,
+    ModelTiny,
+    ModelUnreadable,
+)
+from decompose.geometry.repair import close_surface
+from decompose.geometry.solid import Solid
+from decompose.geometry.stl import header_face_count, is_binary_stl, stored_face_count
+
+SUFFIXES = (".stl", ".obj", ".ply", ".off")
+TINY_MM = 5.0  # under this longest side the unit is doubted
+SMALLEST_MM = 0.1  # less than any nozzle draws
+LARGEST_MM = 1e6  # further from the origin double precision falls short of the tolerances that cuts need
+FLAT_RATIO = 1e-6  # of the longest side
+UNITS = {"metres": 1000.0, "inches": 25.4}
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A model ready to cut.
+
+    Attributes
+    ----------
+    solid
+        Closed, in mm, in the file's own frame times `scale`.
+    repairs
+        What was done to it, a sentence each.
+    scale
+        The factor from the file's numbers to mm.
+    """
+
+    solid: Solid
+    repairs: tuple[str, ...]
+    scale: float
+
+    @property
+    def extents_mm(self) -> Floats:
+        lo, hi = self.solid.bounds_mm
+        return np.asarray(hi - lo)
+
+    @property
+    def mesh(self) -> Any:
+        """As a `trimesh.Trimesh`, in mm."""
+        vertices, faces = self.solid.arrays()
+        return trimesh.Trimesh(vertices, faces, process=False)
+
+
+def load_model(
+    path: Path,
+    *,
+    scale: float | None = None,
+    longest_side_mm: float | None = None,
+    name: str | None = None,
+) -> Model:
+    """Read a model file, scale it, and close it where it is open.
+
+    Parameters
+    ----------
+    path
+        STL (ASCII or binary), OBJ, PLY or OFF.
+    scale
+        Factor from the file's numbers to mm; 1 by default.
+    longest_side_mm
+        Instead of `scale`: the longest side that the model shall have.
+    name
+        What a person calls the file, where that is not the path's own name. Messages use it, and its suffix
+        tells the kind of file.
+
+    Raises
+    ------
+    ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge, ModelNotSolid
+        About in the order in which they are looked for.
+    """
+    where = _one_line(str(path) if name is None else name)
+    suffix = Path(path.name if name is None else name).suffix.lower()
+    name = _one_line(path.name if name is None else name)
+    for flag, value in (("--scale", scale), ("--longest-side", longest_side_mm)):
+        if value is not None and not 0.0 < value <= sys.float_info.max:
+            raise BadSize(f"{flag} {value}: give a number above 0")
+    if scale is not None and longest_side_mm is not None:
+        raise BadSize("--scale and --longest-side exclude each other: give one of them")
+    triangles = _read(path, where, name, suffix)
+    if not np.isfinite(triangles).all():
+        bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
+        raise ModelNotFinite(
+            f"{name}: {bad} of {len(triangles)} triangles have a coordinate that is no number"
+        )
+    reach = float(np.abs(triangles).max())
+    unit = triangles / (reach or 1.0)  # its squares neither overflow nor vanish
+    cross = np.cross(unit[:, 1] - unit[:, 0], unit[:, 2] - unit[:, 0])
+    if not cross.any():
+        raise ModelEmpty(f"{name}: holds no triangle with an area; export the model again")
+    size = unit.max(axis=(0, 1)) - unit.min(axis=(0, 1))
+    if size.min() <= FLAT_RATIO * size.max():
+        axis = "xyz"[int(size.argmin())]
+        raise ModelFlat(f"{name}: is flat, without thickness along {axis}; a print needs a solid")
+    factor = _factor(name, float(size.max()) * reach, scale, longest_side_mm)
+    if float(size.max()) * reach * factor < SMALLEST_MM:
+        raise ModelTiny(f"{name}: would be less than {SMALLEST_MM:g} mm long; give a larger --longest-side")
+    if not reach * factor <= LARGEST_MM:
+        raise ModelHuge(
+            f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
+            "give a smaller --longest-side, or move the model to its origin"
+        )
+    solid, repairs = close_surface(name, triangles * factor)
+    return Model(solid, tuple(repairs), factor)
+
+
+def _one_line(text: str) -> str:
+    """Without what would break a line or cannot be printed; file names may hold anything."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
+    """The file's triangles (m, 3, 3)."""
+    try:
+        data = path.read_bytes()
+    except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError
+        why = getattr(error, "strerror", None) or error
+        raise ModelUnreadable(f"{where}: cannot be read ({why}); check the path") from error
+    if suffix not in SUFFIXES:
+        known = ", ".join(s[1:].upper() for s in SUFFIXES)
+        raise ModelUnreadable(f"{name}: not a known kind of model; export it as one of {known}")
+    if not data:
+        raise ModelEmpty(f"{name}: the file is empty; export the model again")
+    if suffix == ".stl" and is_binary_stl(data):
+        if len(data) < 84:
+            raise ModelUnreadable(f"{name}: {len(data)} bytes are no STL; export the model again")
+        promised, present = header_face_count(data), stored_face_count(data)
+        if promised > present:
+            raise ModelUnreadable(
+                f"{name}: its header promises {promised} triangles, the file holds {int(present)}: "
+                "not an STL or only a part of one; copy or export it again"
+            )
+    if suffix == ".stl" and not is_binary_stl(data) and b"endsolid" not in data[-1000:].lower():
+        raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors come back as ours
+    try:
+        loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
+        triangles = np.array(loaded.triangles, dtype=np.float64)
+    except Exception as error:  # readers of hostile bytes raise anything
+        why = _one_line(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
+        if isinstance(error, ImportError):  # the reader looks for a package that guesses encodings
+            why = "its text is not UTF-8"
+        raise ModelUnreadable(
+            f"{name}: cannot be read as {suffix[1:].upper()} ({why}); export it again"
+        ) from error
+    if triangles.size == 0:
+        raise ModelEmpty(f"{name}: holds no triangles; export the model again")
+    return triangles.reshape(-1, 3, 3)
+
+
+def _factor(name: str, longest: float, scale: float | None, longest_side_mm: float | None) -> float:
+    if longest_side_mm is not None:
+        return longest_side_mm / longest
+    if scale is not None:
+        return scale
+    if longest < TINY_MM:
+        guesses = " or ".join(f"--scale {factor:g} if it is in {unit}" for unit, factor in UNITS.items())
+        raise ModelTiny(f"{name}: longest side {longest:.3g} mm; give --longest-side MM, or {guesses}")
+    return 1.0

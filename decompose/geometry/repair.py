@@ -1,0 +1,298 @@
+"""Triangles that need not be closed -> a closed solid, with a word on each thing that was done, or a refusal.
+
+A repair is judged by what it does to the surface: nothing that was there may be lost or moved, unless it now
+lies inside, and little may be there that was not.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pymeshfix
+import trimesh
+from scipy.spatial import cKDTree
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.errors import ModelNotSolid
+from decompose.geometry.shells import (
+    cap_holes,
+    find_rims,
+    is_flat,
+    label_components,
+    orient_faces,
+    split_shells,
+)
+from decompose.geometry.solid import Solid
+from decompose.jit import jit
+
+NEAR_SHARE = 0.005  # of the longest side: the surface may move by this
+LOST_SHARE = 0.02  # of the surface may be further than that from the repaired one and not inside it
+NEW_SHARE = 0.20  # more new surface than this is invention
+EXTENT_SHARE = 0.05  # nor may the size change by more than this
+SAMPLES = 40_000  # points on a surface that distances are measured to
+PROBES = 5_000  # points that they are measured from
+WELD_SHARES = (1e-7, 1e-6, 1e-5)  # of the longest side: gaps that rounding leaves between triangles
+THIN_SHARE = 1e-9  # of area^1.5: a surface around less volume encloses nothing
+NEIGHBOURS = 6  # triangles of the nearest samples that are looked at exactly
+# Each body is closed and joined by itself. Real models have hundreds of them at most; loose triangles are one
+# body each, no solid, and a large file of them would take hours.
+MAX_BODIES = 1000
+
+
+def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
+    """A closed solid of triangles (m, 3, 3) in mm, and what it took, a sentence each.
+
+    Raises
+    ------
+    ModelNotSolid
+        They bound no solid, or closing them would lose or invent much of the surface.
+    """
+    mesh, repairs = _welded(triangles)
+    before = _bodies(name, mesh)
+    after, is_changed = _closed(before)
+    if not after:
+        raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
+    said: list[str] = []
+    solid = _join(name, after, said)
+    edges = np.sort(mesh.edges, axis=1)
+    counts = np.unique(edges, axis=0, return_counts=True)[1]
+    lone, shared = int((counts == 1).sum()), int((counts > 2).sum())
+    if is_changed:
+        new = _refuse_if_changed(name, mesh, solid)
+        repairs.append(
+            f"Closed an open mesh ({lone} open edges, {shared} shared by more than two triangles): "
+            f"{100.0 * new:.2g} % of the surface is new."
+        )
+    elif shared:
+        repairs.append(f"Took bodies apart that touch ({shared} edges shared by more than two triangles).")
+    if any(b.is_watertight and not b.is_winding_consistent for b in before):
+        repairs.append("Turned triangles that faced the wrong way.")
+    return solid, repairs + said
+
+
+def _welded(triangles: Floats) -> tuple[Any, list[str]]:
+    """The triangles with common vertices, without collapsed ones and repetitions; and what was done.
+
+    Where edges stay open, vertices that lie next to each other are taken as one if that closes most of them.
+    """
+    soup = np.arange(3 * len(triangles)).reshape(-1, 3)
+    mesh: Any = trimesh.Trimesh(triangles.reshape(-1, 3), soup, process=False)
+    mesh.merge_vertices(digits_vertex=None)
+    faces = _distinct(mesh.faces)
+    said = []
+    if len(faces) < len(triangles):
+        dropped = len(triangles) - len(faces)
+        said.append(f"Dropped {dropped} triangles that had collapsed or were given twice.")
+    open_edges = _open_edges(faces)
+    if open_edges:
+        tree = cKDTree(mesh.vertices)
+        size = float(np.ptp(mesh.vertices, axis=0).max())
+        for share in WELD_SHARES:
+            pairs = tree.query_pairs(share * size, output_type="ndarray")
+            group = label_components(len(mesh.vertices), pairs[:, 0], pairs[:, 1])
+            first = np.unique(group, return_index=True)[1][group]
+            welded = _distinct(first[mesh.faces])
+            if _open_edges(welded) < open_edges / 2:
+                faces = welded
+                said.append(f"Joined vertices within {share * size:.1g} mm of each other.")
+                break
+    return trimesh.Trimesh(mesh.vertices, faces, process=False), said
+
+
+def _distinct(faces: Any) -> Any:
+    """Faces (m, 3) with three different corners, each once; one that faces the other way is another."""
+    f = faces[(faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])]
+    least = f.argmin(axis=1)[:, None]
+    turned = np.take_along_axis(f, (least + np.arange(3)) % 3, axis=1)
+    return f[np.sort(np.unique(turned, axis=0, return_index=True)[1])]
+
+
+def _open_edges(faces: Any) -> int:
+    edges = np.sort(np.concatenate([faces[:, :2], faces[:, 1:], faces[:, ::2]]), axis=1)
+    return int((np.unique(edges, axis=0, return_counts=True)[1] == 1).sum())
+
+
+def _bodies(name: str, mesh: Any) -> list[Any]:
+    """The mesh's connected bodies."""
+    f = mesh.faces
+    rows, columns = np.concatenate([f[:, :2], f[:, 1:]]).T
+    label = label_components(len(mesh.vertices), rows, columns)[f[:, 0]]
+    order = np.argsort(label, kind="stable")
+    starts = np.flatnonzero(np.diff(label[order])) + 1
+    if len(starts) >= MAX_BODIES:
+        raise ModelNotSolid(
+            f"{name}: {len(starts) + 1} loose surfaces (limit {MAX_BODIES}): loose triangles, or a scan with "
+            "its dust, are no solid; delete what is loose and export a solid"
+        )
+    bodies = []
+    for faces in np.split(f[order], starts) if len(f) else []:
+        used, index = np.unique(faces, return_inverse=True)
+        bodies.append(trimesh.Trimesh(mesh.vertices[used], index.reshape(-1, 3), process=False))
+    return bodies
+
+
+def _closed(bodies: list[Any]) -> tuple[list[Any], bool]:
+    """Closed surfaces that enclose something, and whether any hole was filled or a surface changed.
+
+    Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all
+    but the largest), unless it takes away some of the surface: then they are capped too.
+    """
+    whole: list[Any] = []
+    rimmed: list[Any] = []
+    is_changed = False
+    for body in bodies:
+        if body.is_watertight and body.is_winding_consistent:
+            whole.append(body)
+            continue
+        parts = _shells(body)
+        if parts is None or not all(
+            is_flat(part.vertices[rim]) for part in parts for rim in find_rims(part.faces)
+        ):
+            fixed = _mesh_fix(body)
+            if fixed is not None and (parts is None or not _far(body, fixed).mean() > LOST_SHARE):
+                whole.append(fixed)
+                is_changed = True
+                continue
+            is_changed = is_changed or parts is None  # nothing closes it, and it is left out
+        for part in parts or []:
+            (whole if part.is_watertight else rimmed).append(part)
+    if rimmed:
+        joined: Any = trimesh.util.concatenate(rimmed)
+        faces = np.concatenate([joined.faces, cap_holes(joined.vertices, joined.faces)])
+        whole += [
+            trimesh.Trimesh(*shell, process=False) for shell in split_shells(joined.vertices, faces) or []
+        ]
+    thick = [b for b in whole if abs(_volume_mm3(b)) > THIN_SHARE * b.area**1.5]
+    return thick, is_changed or bool(rimmed) or len(thick) < len(whole)
+
+
+def _volume_mm3(body: Any) -> float:
+    """As `body.volume`, which divides by it."""
+    a, b, c = np.moveaxis(np.asarray(body.triangles) - body.bounds.mean(axis=0), 1, 0)
+    return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6.0)
+
+
+def _shells(body: Any) -> list[Any] | None:
+    """A body's surfaces as `shells.shells` takes them apart, None where it cannot."""
+    faces = orient_faces(np.asarray(body.faces))
+    found = None if faces is None else split_shells(np.asarray(body.vertices), faces)
+    return None if found is None else [trimesh.Trimesh(*shell, process=False) for shell in found]
+
+
+def _mesh_fix(body: Any) -> Any:
+    """The body closed and turned outward by MeshFix, or None where nothing closed is left of it."""
+    faces = np.array(body.faces)[body.unique_faces()]
+    if len(faces) < 4:
+        return None
+    fixer = pymeshfix.MeshFix(np.array(body.vertices), faces)
+    try:
+        fixer.repair(joincomp=True, remove_smallest_components=False)
+    except Exception:  # the compiled repair names no errors
+        return None
+    fixed: Any = trimesh.Trimesh(fixer.points, fixer.faces, process=False)
+    return fixed if len(fixed.faces) and fixed.is_watertight else None
+
+
+def _refuse_if_changed(name: str, before: Any, solid: Solid) -> float:
+    """Share of new surface. A repair that changes much has invented a model."""
+    after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
+    probes = _probes(before, PROBES)
+    away = probes[_far(before, after)]
+    lost = 0.0
+    if len(away):
+        lost = float((~_inside(away, np.asarray(after.triangles))).sum()) / len(probes)
+    new = float(_far(after, before).mean())
+    if new > NEW_SHARE:
+        raise ModelNotSolid(
+            f"{name}: not closed, and closing it would invent {100 * new:.0f} % of its surface (limit "
+            f"{100 * NEW_SHARE:.0f} %): half a model or loose triangles; repair it by hand"
+        )
+    shrink = float(np.abs(after.bounds - before.bounds).max() / np.ptp(before.bounds, axis=0).max())
+    if lost > LOST_SHARE or shrink > EXTENT_SHARE:
+        raise ModelNotSolid(
+            f"{name}: not closed, and closing it would lose {100 * lost:.0f} % of its surface and change its "
+            f"size by {100 * shrink:.0f} %; repair it by hand"
+        )
+    return new
+
+
+def _probes(mesh: Any, count: int) -> Floats:
+    return np.asarray(trimesh.sample.sample_surface(mesh, count, seed=0)[0])
+
+
+def _far(mesh: Any, other: Any) -> Bools:
+    """(PROBES,) Whether points on a mesh are further from another mesh than a repair may move it."""
+    geometry: Any = trimesh.triangles  # untyped
+    samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
+    probes = _probes(mesh, PROBES)
+    _, near = cKDTree(samples).query(probes, NEIGHBOURS)
+    least = np.full(len(probes), np.inf)
+    for k in range(NEIGHBOURS):
+        corners = np.asarray(other.triangles)[triangle[near[:, k]]]
+        foot = geometry.closest_point(corners, probes)
+        least = np.minimum(least, np.linalg.norm(foot - probes, axis=1))
+    return np.asarray(least > NEAR_SHARE * np.ptp(mesh.bounds, axis=0).max())
+
+
+def _inside(points: Floats, triangles: Floats) -> Bools:
+    """(n,) Whether points lie in a closed surface (m, 3, 3): a ray from each meets it an odd number of times.
+
+    The ray leans by no round number, so that it meets no edge of what is square.
+    """
+    lean = np.array([0.0123456789, 0.0345678912])
+    points = np.column_stack([points[:, :2] - points[:, 2:] * lean, points[:, 2]])
+    triangles = np.concatenate([triangles[..., :2] - triangles[..., 2:] * lean, triangles[..., 2:]], axis=2)
+    return np.asarray(_triangles_above(points, triangles) % 2 == 1)
+
+
+@jit
+def _triangles_above(points: Floats, triangles: Floats) -> Ints:
+    """(n,) How many triangles (m, 3, 3) lie straight above each point."""
+    above = np.zeros(len(points), np.int64)
+    for i in range(len(points)):
+        x, y, z = points[i]
+        for t in range(len(triangles)):
+            a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
+            whole = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            if whole == 0.0:
+                continue
+            u = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / whole
+            v = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / whole
+            if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and u * a[2] + v * b[2] + (1.0 - u - v) * c[2] > z:
+                above[i] += 1
+    return above
+
+
+def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
+    """All bodies as one solid: the large ones first, cavities taken out, bodies inside cavities put back."""
+    if sum(b.volume for b in bodies) < 0.0:
+        for body in bodies:
+            body.invert()
+        repairs.append("Turned the model inside out: its triangles faced inwards.")
+    bodies = sorted(bodies, key=lambda b: -abs(b.volume))
+    turned = 0
+    lo, hi = (np.array([b.bounds[end] for b in bodies]) for end in (0, 1))
+    for i, body in enumerate(bodies):
+        inside = ((lo[:i] <= lo[i]) & (hi[:i] >= hi[i])).all(axis=1).any()
+        if body.volume < 0.0 and not inside:  # no cavity: there is nothing around it
+            body.invert()
+            turned += 1
+    if turned:
+        repairs.append(f"Turned {turned} of {len(bodies)} bodies inside out: their triangles faced inwards.")
+    cavity = [b.volume < 0.0 for b in bodies]
+    for body, is_cavity in zip(bodies, cavity, strict=True):
+        if is_cavity:
+            body.invert()
+    solids = [Solid.from_arrays(b.vertices, b.faces) for b in bodies]
+    solid = solids[0]
+    if any(cavity):
+        for other, is_cavity in zip(solids[1:], cavity[1:], strict=True):
+            solid = solid.subtract(other) if is_cavity else Solid.union([solid, other])
+    elif len(solids) > 1:
+        solid = Solid.union(solids)
+    if solid.is_empty or solid.volume_mm3 <= 0.0:
+        raise ModelNotSolid(f"{name}: its triangles enclose no volume; export a solid")
+    if len(solids) > 1:
+        repairs.append(f"Took {len(solids)} bodies as one solid of {solid.volume_mm3 / 1000.0:.1f} cm3.")
+    return solid

@@ -1,0 +1,207 @@
+"""Triangles into oriented shells: which triangle goes on to which over an edge, and what closes a hole.
+
+Nothing here moves a vertex or drops a triangle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from decompose.arrays import Floats, Ints
+from decompose.geometry.solid import triangulate
+
+SAME_ANGLE_RAD = 1e-9
+FLAT_SHARE = 1e-2  # of its own size: a loop that is no further from its plane than this is capped flat
+ONE_PLANE_SHARE = 1e-6  # of the model: rims this near to one plane may belong to one opening
+
+
+def orient_faces(faces: Ints) -> Ints | None:
+    """The faces (m, 3) with those turned that faced against their neighbours; None for a one-sided surface.
+
+    Neighbours are the two faces of an edge. Of each surface the lesser half is turned.
+    """
+    tail, head, face = _half_edges(faces)
+    order, starts, counts = _by_edge(tail, head)
+    first = starts[counts == 2]
+    a, b = order[first], order[first + 1]
+    against = tail[a] == tail[b]
+    m = len(faces)
+    f, g = face[a], face[b]
+    rows = np.concatenate([f, f + m])
+    columns = np.concatenate([np.where(against, g + m, g), np.where(against, g, g + m)])
+    label = label_components(2 * m, rows, columns)  # face f as it is, and turned: f + m
+    if (label[:m] == label[m:]).any():
+        return None
+    kept = np.bincount(label[:m], minlength=label.max() + 1)
+    turn = kept[label[:m]] < kept[label[m:]]
+    tie = (kept[label[:m]] == kept[label[m:]]) & (label[:m] > label[m:])
+    turned = faces.copy()
+    turned[turn | tie] = turned[turn | tie][:, ::-1]
+    return turned
+
+
+def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
+    """The surfaces that triangles form, each with vertices (n, 3) of its own and faces (m, 3).
+
+    Where more than two triangles meet at an edge, each goes on to the next one around the edge on the side
+    where the solid is: bodies that only touch come apart. After it each edge of a shell has one or two faces,
+    and the rim of a hole meets itself nowhere.
+
+    Returns
+    -------
+    list or None
+        None where the triangles at an edge do not enclose solid by turns.
+    """
+    tail, head, face = _half_edges(faces)
+    order, starts, counts = _by_edge(tail, head)
+    first = starts[counts == 2]
+    a, b = order[first], order[first + 1]
+    if (tail[a] == tail[b]).any():
+        return None
+    pairs = [np.stack([a, b], axis=1)]
+    for start, count in zip(starts[counts > 2], counts[counts > 2], strict=True):
+        around = order[start : start + count]
+        matched = _around_edge(vertices, faces, tail, head, face, around)
+        if matched is None:
+            return None
+        pairs.append(matched)
+    a, b = np.concatenate(pairs).T
+    # Corner 3 f + k is vertex k of face f; a half-edge goes from its own corner to the next one of its face.
+    following = np.arange(len(tail)) // 3 * 3 + (np.arange(len(tail)) % 3 + 1) % 3
+    corner = label_components(len(tail), np.concatenate([a, following[a]]), np.concatenate([following[b], b]))
+    place = np.zeros((corner.max() + 1, 3))
+    place[corner] = vertices[tail]
+    label = label_components(len(faces), face[a], face[b])
+    split = corner.reshape(-1, 3)
+    found = []
+    for number in range(label.max() + 1):
+        used, index = np.unique(split[label == number], return_inverse=True)
+        found.append((place[used], index.reshape(-1, 3).astype(np.int64)))
+    return found
+
+
+def find_rims(faces: Ints) -> list[Ints]:
+    """The rims of the holes of a shell, as vertices in the order in which a face that fills them has them."""
+    tail, head, _ = _half_edges(faces)
+    order, starts, counts = _by_edge(tail, head)
+    lone = order[starts[counts == 1]]
+    after = dict(zip(head[lone].tolist(), tail[lone].tolist(), strict=True))
+    found = []
+    while after:
+        start, at = after.popitem()
+        loop = [start]
+        while at != start:
+            loop.append(at)
+            at = after.pop(at)
+        found.append(np.array(loop, dtype=np.int64))
+    return sorted(found, key=lambda loop: int(loop.min()))
+
+
+def is_flat(rim: Floats) -> bool:
+    """Whether a rim (k, 3) is flat, but for a small share of its size."""
+    centred = rim - rim.mean(axis=0)
+    off = np.linalg.svd(centred, full_matrices=False)[2][-1]
+    return float(np.abs(centred @ off).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
+
+
+def cap_holes(vertices: Floats, faces: Ints) -> Ints:
+    """Faces (k, 3) that close all holes of shells, without a new vertex.
+
+    A hole is filled in its plane. Two rims in one plane, one inside the other and of opposite turns, are the
+    end of a pipe: the ring between them is filled.
+    """
+    loops = find_rims(faces)
+    size = float(np.ptp(vertices, axis=0).max())
+    normals = [_newell(vertices[loop]) for loop in loops]
+    order = sorted(range(len(loops)), key=lambda i: -float(np.linalg.norm(normals[i])))
+    outers: list[tuple[list[int], shapely.Polygon, Floats]] = []
+    for i in order:
+        placed = False
+        if np.linalg.norm(normals[i]) > 1e-9 * size * size:
+            for members, polygon, frame in reversed(outers):  # the smallest first
+                placed = _is_hole_of(vertices[loops[i]], normals[i], polygon, frame, size)
+                if placed:
+                    members.append(i)
+                    break
+        if not placed:
+            frame = _frame(vertices[loops[i]], normals[i])
+            flat = (vertices[loops[i]] - frame[3]) @ frame[:2].T
+            outers.append(([i], shapely.Polygon(flat), frame))
+    found = []
+    for members, _, frame in outers:
+        polygons = [(vertices[loops[i]] - frame[3]) @ frame[:2].T for i in members]
+        index = np.concatenate([loops[i] for i in members])
+        found.append(index[triangulate(polygons)])
+    return np.concatenate(found) if found else np.zeros((0, 3), dtype=np.int64)
+
+
+def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Floats, size: float) -> bool:
+    if normal @ frame[2] > -0.99 * np.linalg.norm(normal):
+        return False
+    if np.abs((rim - frame[3]) @ frame[2]).max() > ONE_PLANE_SHARE * size:
+        return False
+    inner = shapely.Polygon((rim - frame[3]) @ frame[:2].T)
+    return bool(polygon.is_valid and inner.is_valid and polygon.contains(inner))
+
+
+def _newell(loop: Floats) -> Floats:
+    """The area vector of a closed loop (k, 3)."""
+    centred = loop - loop.mean(axis=0)
+    return np.asarray(np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0) / 2.0)
+
+
+def _frame(loop: Floats, normal: Floats) -> Floats:
+    """(4, 3) Two directions in the plane of a loop, its normal, and a point on it."""
+    centre = loop.mean(axis=0)
+    length = float(np.linalg.norm(normal))
+    on_a_line = length == 0.0
+    up = np.linalg.svd(loop - centre)[2][-1] if on_a_line else normal / length
+    side = np.cross(np.eye(3)[int(np.abs(up).argmin())], up)
+    side /= np.linalg.norm(side)
+    return np.stack([side, np.cross(up, side), up, centre])
+
+
+def _half_edges(faces: Ints) -> tuple[Ints, Ints, Ints]:
+    """Tail, head and face of each directed edge; number 3 f + k begins at corner k of face f."""
+    return faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1), np.arange(3 * len(faces)) // 3
+
+
+def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
+    """Half-edges sorted by the edge that they lie on; where each edge begins there, and how many it has."""
+    lo, hi = np.minimum(tail, head), np.maximum(tail, head)
+    order = np.lexsort((hi, lo))
+    new = np.flatnonzero(np.concatenate([[True], (np.diff(lo[order]) != 0) | (np.diff(hi[order]) != 0)]))
+    return order, new, np.diff(np.concatenate([new, [len(tail)]]))
+
+
+def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
+    """(count,) The number of the connected component of each node of a graph."""
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def _around_edge(
+    vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, around: Ints
+) -> Ints | None:
+    """(k, 2) The half-edges of one edge in pairs with solid between them; None where it is not by turns."""
+    start, end = min(tail[around[0]], head[around[0]]), max(tail[around[0]], head[around[0]])
+    along = vertices[end] - vertices[start]
+    along = along / np.linalg.norm(along)
+    third = vertices[faces[face[around]].sum(axis=1) - start - end] - vertices[start]
+    across = np.cross(np.eye(3)[int(np.abs(along).argmin())], along)
+    across /= np.linalg.norm(across)
+    angle = np.arctan2(third @ np.cross(along, across), third @ across)
+    angle = np.round(angle / SAME_ANGLE_RAD) * SAME_ANGLE_RAD
+    angle = np.where(angle <= -np.pi + SAME_ANGLE_RAD, np.pi, angle)
+    # The normal of a face that runs along the edge is where angles grow: its solid is before it.
+    begins = tail[around] != start
+    order = np.lexsort((begins, angle))
+    if not begins[order[0]]:
+        order = np.roll(order, -1)
+    turns = begins[order]
+    if len(order) % 2 or not turns[::2].all() or turns[1::2].any():
+        return None
+    return np.asarray(around[order].reshape(-1, 2))

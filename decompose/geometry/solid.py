@@ -1,0 +1,161 @@
+"""Closed solids in double precision. The only module that imports manifold3d.
+
+Manifold reports a failed operation as a status value and goes on with an empty solid; here every operation
+is checked and raises.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import manifold3d
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Floats, Ints
+from decompose.errors import ModelNotSolid
+
+_BOX_FACES = np.array(
+    [
+        [0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
+        [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5],
+    ],
+    dtype=np.uint64,
+)  # fmt: skip
+
+
+def _checked(manifold: Any, doing: str) -> Any:
+    status = manifold.status()
+    if status != manifold3d.Error.NoError:
+        raise ModelNotSolid(f"{doing}: the triangles bound no solid ({status.name}); repair the model")
+    return manifold
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """A closed, oriented 2-manifold in mm, with the operations that cutting needs."""
+
+    manifold: Any
+
+    @classmethod
+    def from_arrays(cls, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Solid:
+        """Build from vertices (n, 3) in mm and faces (m, 3).
+
+        Raises
+        ------
+        ModelNotSolid
+            An edge is not shared by exactly two triangles of opposite directions.
+        """
+        mesh = manifold3d.Mesh64(
+            vert_properties=np.ascontiguousarray(vertices, dtype=np.float64),
+            tri_verts=np.ascontiguousarray(faces, dtype=np.uint64),
+        )
+        return cls(_checked(manifold3d.Manifold(mesh), "building a solid"))
+
+    @classmethod
+    def box(cls, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
+        """An axis-aligned box with exactly these corners, in mm."""
+        ends = np.array([lo, hi], dtype=np.float64)
+        corners = np.array([[ends[i & 1, 0], ends[i >> 1 & 1, 1], ends[i >> 2, 2]] for i in range(8)])
+        return cls.from_arrays(corners, _BOX_FACES)
+
+    @classmethod
+    def union(cls, solids: list[Solid]) -> Solid:
+        """All solids as one."""
+        merged = manifold3d.Manifold.batch_boolean([s.manifold for s in solids], manifold3d.OpType.Add)
+        return cls(_checked(merged, "joining solids"))
+
+    @property
+    def is_empty(self) -> bool:
+        return bool(self.manifold.is_empty())
+
+    @property
+    def volume_mm3(self) -> float:
+        return float(self.manifold.volume())
+
+    @property
+    def area_mm2(self) -> float:
+        return float(self.manifold.surface_area())
+
+    @property
+    def faces(self) -> int:
+        """How many triangles it has."""
+        return int(self.manifold.num_tri())
+
+    @property
+    def bounds_mm(self) -> Floats:
+        """(2, 3): the least and the greatest coordinates."""
+        return np.array(self.manifold.bounding_box(), dtype=np.float64).reshape(2, 3)
+
+    def arrays(self) -> tuple[Floats, Ints]:
+        """Vertices (n, 3) in mm, and faces (m, 3)."""
+        mesh = self.manifold.to_mesh64()
+        vertices = np.array(mesh.vert_properties, dtype=np.float64)[:, :3]
+        return vertices, np.array(mesh.tri_verts, dtype=np.int64)
+
+    def intersect(self, other: Solid) -> Solid:
+        return Solid(_checked(self.manifold ^ other.manifold, "intersecting solids"))
+
+    def subtract(self, other: Solid) -> Solid:
+        return Solid(_checked(self.manifold - other.manifold, "subtracting solids"))
+
+    def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
+        """What lies inside an axis-aligned box."""
+        return self.intersect(Solid.box(lo, hi))
+
+    def rotate(self, rotation: Floats) -> Solid:
+        """The same after ``v -> rotation @ v``, a rotation (3, 3)."""
+        vertices, faces = self.arrays()
+        return Solid.from_arrays(vertices @ rotation.T, faces)
+
+    def simplify(self, tolerance_mm: float) -> Solid:
+        """The same with edges gone that are shorter than the tolerance, and what is flat to within it."""
+        return Solid(_checked(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
+
+    def gap_mm(self, other: Solid, up_to_mm: float) -> float:
+        """The least distance to another solid, exact between their triangles; 0 where they meet.
+
+        Not looked for further than `up_to_mm`, which is the answer where the two are further apart.
+        """
+        return float(self.manifold.min_gap(other.manifold, up_to_mm))
+
+    def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
+        """What lies below and above an axis plane."""
+        return self.split_by_plane(np.eye(3)[axis], at_mm)
+
+    def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
+        """What lies below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
+        above, below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
+        return Solid(_checked(below, "cutting a solid")), Solid(_checked(above, "cutting a solid"))
+
+    def pieces(self) -> list[Solid]:
+        """The connected pieces, each with the cavities inside it, in the order of their least corners."""
+        if self.is_empty:
+            return []
+        surfaces = [Solid(_checked(p, "separating pieces")) for p in self.manifold.decompose()]
+        pieces = [s for s in surfaces if s.volume_mm3 > 0.0]
+        for cavity in (s._inside_out() for s in surfaces if s.volume_mm3 < 0.0):
+            around = [i for i, p in enumerate(pieces) if p._encloses(cavity)]
+            if around:  # where pieces lie in cavities of others, the smallest is the one next to it
+                i = min(around, key=lambda i: pieces[i].volume_mm3)
+                pieces[i] = pieces[i].subtract(cavity)
+        return sorted(pieces, key=lambda p: tuple(p.bounds_mm.ravel()))
+
+    def _inside_out(self) -> Solid:
+        vertices, faces = self.arrays()
+        return Solid.from_arrays(vertices, faces[:, ::-1])
+
+    def _encloses(self, other: Solid) -> bool:
+        (lo, hi), (other_lo, other_hi) = self.bounds_mm, other.bounds_mm
+        if (lo > other_lo).any() or (hi < other_hi).any():
+            return False
+        return self.intersect(other).volume_mm3 > 0.5 * other.volume_mm3
+
+
+def triangulate(polygons: list[Floats]) -> Ints:
+    """Triangles (k, 3) that fill polygons (n, 2), holes turned the other way; numbers count all their points.
+
+    No point is added or left out, whatever the polygons look like.
+    """
+    return np.asarray(manifold3d.triangulate(polygons), dtype=np.int64)

@@ -1,0 +1,56 @@
+"""Binary STL: the format of the parts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Floats, Ints
+
+RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+HEADER = 80
+
+
+def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
+    """Triangles (m, 3, 3) in the format's precision, without those that collapse in it.
+
+    None where the surface would not stay closed: features thinner than the precision touch.
+    """
+    points, index = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
+    f = index.reshape(-1)[faces]
+    f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
+    edges = np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]).astype(np.int64)
+    forward = np.sort(edges[:, 0] * len(points) + edges[:, 1])
+    backward = np.sort(edges[:, 1] * len(points) + edges[:, 0])
+    once = len(f) > 0 and bool((np.diff(forward) > 0).all())
+    return points[f] if once and np.array_equal(forward, backward) else None
+
+
+def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
+    """Write triangles (m, 3, 3), in mm."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    records = np.zeros(len(corners), dtype=RECORD)
+    records["normal"] = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
+    records["corners"] = corners
+    with path.open("wb") as file:
+        file.write(b"part in printing pose, mm".ljust(HEADER))
+        file.write(np.array([len(corners)], dtype="<u4").tobytes())
+        file.write(records.tobytes())
+
+
+def is_binary_stl(data: bytes) -> bool:
+    """Whether an STL is of the binary kind. An ASCII one begins with `solid` and has `facet` soon after."""
+    return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
+
+
+def header_face_count(data: bytes) -> int:
+    """The number of faces that a binary STL's header promises."""
+    return int(np.frombuffer(data[HEADER : HEADER + 4], dtype="<u4")[0])
+
+
+def stored_face_count(data: bytes) -> float:
+    """How many faces the bytes of a binary STL hold."""
+    return max(0, len(data) - HEADER - 4) / RECORD.itemsize

@@ -1,0 +1,136 @@
+"""Planes of symmetry, by the search of SBD; and the paper's symmetry cut: the best one, if it is good enough.
+
+Hatton et al. 2023: planes through the mean of the vertices, normals drawn from the sphere; the score is the
+mean distance from the vertices' mirror images to the nearest vertex. Two things have no effect in their
+program by mistake, and are left out by `draw_mirrors` alone: the best normals are refined, and a plane
+counts only within a tolerance, which is here a share of the model's size. Of their three draws of normals
+the second alone has an effect: here is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from decompose.arrays import Floats
+
+SAMPLES = 100  # normals a round
+CONES_RAD = (0.3, 0.1, 0.03, 0.01)  # of the rounds after the first, about the best so far
+MAX_MIRRORED = 1000  # vertices whose mirror images are looked up
+FEW_MIRRORED = 300  # likewise, where part after part is looked at
+TOLERANCE = 0.01  # of the diagonal of the model's box
+SAME_AXIS_RAD = 0.01  # nearer to an axis than this, a normal is the axis where that is as good
+APART_RAD = 0.5  # two planes of one part differ by more than this
+
+
+@dataclass(frozen=True, slots=True)
+class Mirror:
+    """A plane of symmetry: ``normal @ x == offset_mm``; `error_mm` is the mean distance of mirror images."""
+
+    normal: Floats
+    offset_mm: float
+    error_mm: float
+
+
+class _Cloud:
+    """Vertices (n, 3) in mm, and how far from them the mirror images of some of them are."""
+
+    def __init__(self, vertices: Floats, rng: np.random.Generator, most: int = MAX_MIRRORED) -> None:
+        self.centre = vertices.mean(axis=0)
+        self.rng = rng
+        self._tree = KDTree(vertices)
+        if len(vertices) > most:
+            vertices = vertices[rng.choice(len(vertices), most, replace=False)]
+        self.mirrored = vertices - self.centre
+
+    def error_mm(self, normal: Floats) -> float:
+        images = self.mirrored - 2.0 * np.outer(self.mirrored @ normal, normal) + self.centre
+        return float(self._tree.query(images)[0].mean())
+
+    def drawn(self) -> Floats:
+        """Normals (SAMPLES, 3), each direction as likely."""
+        return _unit(self.rng.standard_normal((SAMPLES, 3)))
+
+    def refined(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
+        """The best normal near to one, and its error."""
+        least = error_mm
+        for cone in CONES_RAD:
+            near = _unit(normal + cone * self.rng.standard_normal((samples, 3)))
+            errors = [self.error_mm(each) for each in near]
+            if min(errors) < least:
+                normal, least = near[int(np.argmin(errors))], min(errors)
+        axis = np.eye(3)[int(np.abs(normal).argmax())]
+        if abs(normal @ axis) > np.cos(SAME_AXIS_RAD) and self.error_mm(axis) <= 1.05 * least + 1e-6:
+            normal, least = axis, self.error_mm(axis)
+        return normal, least
+
+    def principal(self) -> Floats:
+        """(6, 3) The axes, and the principal directions of the cloud."""
+        _, principal = np.linalg.eigh(np.cov(self.mirrored.T))
+        return np.vstack([np.eye(3), principal.T])
+
+    def mirror(self, normal: Floats, error_mm: float) -> Mirror:
+        return Mirror(normal, float(normal @ self.centre), error_mm)
+
+
+def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = TOLERANCE) -> Mirror | None:
+    """The best plane of symmetry of vertices (n, 3) in mm, None where it is not good enough."""
+    cloud = _Cloud(vertices, rng)
+    normals = np.vstack([cloud.principal(), cloud.drawn()])
+    errors = [cloud.error_mm(normal) for normal in normals]
+    best = int(np.argmin(np.round(errors, 9)))
+    normal, least = cloud.refined(normals[best], errors[best])
+    return cloud.mirror(normal, least) if least <= tolerance * _diagonal_mm(vertices) else None
+
+
+def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
+    """The best of one draw of normals, however bad, as the program of SBD answers: the best first."""
+    cloud = _Cloud(vertices, rng, FEW_MIRRORED)
+    ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.drawn())
+    return [cloud.mirror(np.array(normal), error) for error, normal in _apart(ranked, most)]
+
+
+def find_good_mirrors(
+    vertices: Floats, rng: np.random.Generator, most: int, samples: int, tolerance: float = TOLERANCE
+) -> list[Mirror]:
+    """The same refined, with `samples` normals a round, and only those that are good enough."""
+    cloud = _Cloud(vertices, rng, FEW_MIRRORED)
+    normals = np.vstack([cloud.principal(), cloud.drawn()])
+    ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
+    found = [cloud.refined(np.array(n), error, samples) for error, n in _apart(ranked, most)]
+    refined = _apart(sorted((error, tuple(normal)) for normal, error in found), most)
+    worst = tolerance * _diagonal_mm(vertices)
+    return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= worst]
+
+
+Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
+
+
+def _apart(ranked: list[Scored], most: int) -> list[Scored]:
+    """The first of these whose normals differ from each other, whichever way they point."""
+    kept: list[Scored] = []
+    for error, normal in ranked:
+        if len(kept) < most and all(abs(np.dot(normal, n)) < np.cos(APART_RAD) for _, n in kept):
+            kept.append((error, normal))
+    return kept
+
+
+def _diagonal_mm(vertices: Floats) -> float:
+    return float(np.linalg.norm(np.ptp(vertices, axis=0)))
+
+
+def rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
+    """The least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and which."""
+    axis = int(np.abs(normal).argmax())
+    target = np.eye(3)[axis] * np.sign(normal[axis])
+    cross, cosine = np.cross(normal, target), float(normal @ target)
+    skew = np.array([[0.0, -cross[2], cross[1]], [cross[2], 0.0, -cross[0]], [-cross[1], cross[0], 0.0]])
+    rotation: Floats = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    return rotation, axis
+
+
+def _unit(vectors: Floats) -> Floats:
+    unit: Floats = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit

@@ -1,0 +1,44 @@
+"""Indices of the axis-aligned boxes of a grid."""
+
+from __future__ import annotations
+
+from decompose.jit import jit
+
+Box = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
+
+
+@jit
+def interval(lo: int, hi: int, n: int) -> int:
+    """Index of the interval [lo, hi) among all n(n+1)/2 intervals of n cells, by length."""
+    length = hi - lo
+    return (length - 1) * n - (length - 1) * (length - 2) // 2 + lo
+
+
+@jit
+def index_of(x0: int, y0: int, z0: int, x1: int, y1: int, z1: int, nx: int, ny: int, nz: int) -> int:
+    """`box_index` for compiled code."""
+    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    return (interval(x0, x1, nx) * ty + interval(y0, y1, ny)) * tz + interval(z0, z1, nz)
+
+
+def box_index(box: Box, shape: tuple[int, int, int]) -> int:
+    """Index of a box in the tables of `Boxes`."""
+    return int(index_of(*box, *shape))
+
+
+def box_at(index: int, shape: tuple[int, int, int]) -> Box:
+    """The inverse of `box_index`."""
+    _, ny, nz = shape
+    index, iz = divmod(index, nz * (nz + 1) // 2)
+    ix, iy = divmod(index, ny * (ny + 1) // 2)
+    (x0, x1), (y0, y1), (z0, z1) = (interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True))
+    return x0, y0, z0, x1, y1, z1
+
+
+def interval_ends(interval: int, n: int) -> tuple[int, int]:
+    """The inverse of `interval`."""
+    length = 1
+    while interval >= n - length + 1:
+        interval -= n - length + 1
+        length += 1
+    return interval, interval + length

@@ -1,0 +1,220 @@
+"""The grid over a model: classes of its cells, and what each cell holds of everything that costs time.
+
+Each triangle is clipped to the cells that it crosses, once. All else follows exactly from the divergence
+theorem: the flux of a constant field through a cell's piece of surface gives the cut area of its far side
+from that of its near side, and the first moment of that flux gives the volume. No boolean is needed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Bools, Floats
+from decompose.grid.clipping import VOLUME, clip_into_cells
+
+GRANULARITY = {
+    "ucoarse": 2, "xcoarse": 3, "vcoarse": 8, "coarse": 9, "regular": 10, "fine": 12, "vfine": 15,
+}  # fmt: skip
+MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
+MIN_CELL_MM = 4.0
+CLEAR_MM = (
+    2.0  # a grid plane keeps this far from flat faces where it can: no slivers, no face taken for a cut
+)
+
+
+class Cell(IntEnum):
+    """The class of a cell."""
+
+    EXTERNAL = 0
+    INTERNAL = 1
+    BOUNDARY = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A rectilinear grid and its contents. Shapes in cells: (nx, ny, nz).
+
+    Attributes
+    ----------
+    planes
+        For each axis the n+1 coordinates of its planes in mm, ascending.
+    cells
+        `Cell` classes.
+    needed
+        Cells that must be printed: those with surface, and those of the wall behind it.
+    sums
+        (nx, ny, nz, SUMS), see the column constants.
+    area
+        (nx, ny, nz) of the model's surface in a cell, in mm2.
+    extents
+        (nx, ny, nz, 6): least x, y, z and greatest x, y, z of the solid in a cell; +inf, -inf where empty.
+    surface
+        The same of its surface alone.
+    cuts
+        For each axis the area in mm2 of solid on each plane, by cell: (n+1 along that axis).
+    """
+
+    planes: tuple[Floats, Floats, Floats]
+    cells: npt.NDArray[np.int8]
+    needed: Bools
+    sums: Floats
+    area: Floats
+    extents: Floats
+    surface: Floats
+    cuts: tuple[Floats, Floats, Floats]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        nx, ny, nz = self.cells.shape
+        return nx, ny, nz
+
+    def bounds_mm(self, box: tuple[int, ...]) -> tuple[Floats, Floats]:
+        """Corners in mm of a box of cells ``(x0, y0, z0, x1, y1, z1)``, half-open."""
+        lo = np.array([self.planes[a][box[a]] for a in range(3)])
+        hi = np.array([self.planes[a][box[a + 3]] for a in range(3)])
+        return lo, hi
+
+
+def flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
+    """The coordinates (k,) at which the mesh has faces square to an axis, sorted."""
+    cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    length = np.linalg.norm(cross, axis=1)
+    flat = (np.abs(cross[:, axis]) > (1.0 - 1e-9) * length) & (length > 0.0)
+    return np.unique(np.round(triangles[flat, 0, axis], 6))
+
+
+def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]) -> Floats:
+    """Coordinates of count+1 planes: the first and last outside the model, the others clear of flat faces.
+
+    A plane that would lie within CLEAR_MM of a flat face moves to the nearest place that is clear; where
+    there is none within 0.4 of a cell it goes where it is furthest from any.
+    """
+    pad = 0.01 * (hi_mm - lo_mm) / count + 1e-3
+    step = (hi_mm - lo_mm) / count
+    planes: Floats = lo_mm + step * np.arange(count + 1, dtype=np.float64)
+    planes[0], planes[-1] = lo_mm - pad, hi_mm + pad
+    if not len(flats):
+        return planes
+    clear = min(CLEAR_MM, 0.2 * step)
+    offsets = np.linspace(-0.4, 0.4, 161) * step
+    offsets = offsets[np.argsort(np.abs(offsets), kind="stable")]
+    for i in range(1, count):
+        distance = np.abs((planes[i] + offsets)[:, None] - flats[None, :]).min(axis=1)
+        enough = np.flatnonzero(distance >= clear)
+        planes[i] += offsets[enough[0]] if len(enough) else offsets[int(np.argmax(distance))]
+    return planes
+
+
+def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
+    """Cells along each axis: near-cubes, granularity cubed of them, fewer where cells get too small."""
+    edge = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
+    while True:
+        nx, ny, nz = (max(1, round(float(s) / edge)) for s in size_mm)
+        if nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2) <= MAX_BOXES:
+            return nx, ny, nz
+        edge *= 1.03
+
+
+def build_grid(
+    triangles: Floats,
+    granularity: int,
+    min_wall_mm: float,
+    keep_interior: bool,
+    overhang_cos: float,
+    skin_cos: float,
+    plane_at: tuple[int, float] | None = None,
+) -> Grid:
+    """Lay a grid over a closed mesh.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm, outward by the right-hand rule, closed.
+    granularity
+        The cube root of the number of cells wanted.
+    min_wall_mm
+        Internal cells nearer than this to the surface are needed.
+    keep_interior
+        Every internal cell is needed.
+    overhang_cos
+        Faces whose normal points down by more than this count as overhangs.
+    skin_cos
+        Faces whose normal points up or down by more than this get skin.
+    plane_at
+        An axis, and where the nearest inner plane of the grid is moved to, in mm.
+    """
+    lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    counts = cell_counts(hi - lo, granularity)
+    px, py, pz = (
+        place_planes(float(lo[a]), float(hi[a]), counts[a], flat_coordinates(triangles, a)) for a in range(3)
+    )
+    planes = (px, py, pz)
+    if plane_at is not None and counts[plane_at[0]] > 1:
+        inner_planes = planes[plane_at[0]][1:-1]
+        inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
+    return fill_grid(triangles, planes, min_wall_mm, keep_interior, overhang_cos, skin_cos)
+
+
+def fill_grid(
+    triangles: Floats,
+    planes: tuple[Floats, Floats, Floats],
+    min_wall_mm: float,
+    keep_interior: bool,
+    overhang_cos: float,
+    skin_cos: float,
+) -> Grid:
+    """The grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`."""
+    px, py, pz = planes
+    area, flux, sums, extents = clip_into_cells(triangles, px, py, pz, skin_cos, overhang_cos)
+    surface = extents.copy()  # the solid's extents follow from it
+    steps = [np.diff(p) for p in planes]
+    cuts = []
+    for axis in range(3):
+        through = np.zeros([n + (a == axis) for a, n in enumerate(area.shape)])
+        inner = [slice(None)] * 3
+        inner[axis] = slice(1, None)
+        through[tuple(inner)] = -np.cumsum(flux[..., axis], axis=axis)
+        face = np.multiply.outer(steps[(axis + 1) % 3], steps[(axis + 2) % 3]).min()
+        through[np.abs(through) < 1e-9 * face] = 0.0
+        cuts.append(np.maximum(through, 0.0))
+    sums[..., VOLUME] = np.maximum(0.0, flux[..., 3] + cuts[0][1:] * steps[0][:, None, None])
+    # What lies behind a cut face reaches the cell's side; without surface the cell is full or empty.
+    for axis in range(3):
+        near = np.take(cuts[axis], range(area.shape[axis]), axis=axis) > 0.0
+        far = np.take(cuts[axis], range(1, area.shape[axis] + 1), axis=axis) > 0.0
+        shape = [1, 1, 1]
+        shape[axis] = -1
+        low, high = planes[axis][:-1].reshape(shape), planes[axis][1:].reshape(shape)
+        extents[..., axis] = np.where(near, low, extents[..., axis])
+        extents[..., axis + 3] = np.where(far, high, extents[..., axis + 3])
+    cells = np.full(area.shape, Cell.EXTERNAL, dtype=np.int8)
+    cells[(area == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
+    cells[area > 0.0] = Cell.BOUNDARY
+    needed = cells != Cell.EXTERNAL
+    if not keep_interior:
+        needed = (cells == Cell.BOUNDARY) | _wall(cells, surface, planes, min_wall_mm)
+    return Grid(planes, cells, needed, sums, area, extents, surface, (cuts[0], cuts[1], cuts[2]))
+
+
+def _wall(
+    cells: npt.NDArray[np.int8], surface: Floats, planes: tuple[Floats, ...], min_wall_mm: float
+) -> Bools:
+    """Internal cells that the surface may come nearer to than min_wall_mm.
+
+    The distance is that between the cell and the box about the surface in each boundary cell, never more
+    than the true one.
+    """
+    boundary = np.argwhere(cells == Cell.BOUNDARY)
+    wall = np.zeros(cells.shape, dtype=np.bool_)
+    boxes = surface[tuple(boundary.T)]
+    for x, y, z in np.argwhere(cells == Cell.INTERNAL):
+        lo = np.array([planes[0][x], planes[1][y], planes[2][z]])
+        hi = np.array([planes[0][x + 1], planes[1][y + 1], planes[2][z + 1]])
+        gap = np.maximum(0.0, np.maximum(boxes[:, :3] - hi, lo - boxes[:, 3:]))
+        wall[x, y, z] = bool((np.einsum("ij,ij->i", gap, gap) < min_wall_mm * min_wall_mm).any())
+    return wall

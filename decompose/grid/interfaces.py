@@ -1,0 +1,156 @@
+"""Where the boxes of a partition meet, and how their faces may move while they stay a partition.
+
+Two faces that lie on each other move together. Where four boxes meet along an edge (or two do, crosswise),
+one of the two planes there has to go through: the faces on both sides of the edge move together too, or a
+corner would be left open or be taken twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.grid.box_index import Box
+from decompose.grid.needed_cells import SAME_MM, NeededCells
+
+
+def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
+    """Boxes of cells, grown over cells without solid (nx, ny, nz) so that they face more of their neighbours.
+
+    A face can only give way to a box that covers all of it. Nothing is printed of what is added here.
+    """
+    boxes = np.array(chosen)
+    free = empty.copy()
+    for box in boxes:
+        free[_cells(box)] = False
+    touching = [
+        (int(i), int(j), axis)
+        for axis in range(3)
+        for i, j in np.argwhere(boxes[:, None, axis + 3] == boxes[None, :, axis])
+    ]
+    for _ in range(2):
+        for i, j, axis in touching:
+            across = [a for a in range(3) if a != axis]
+            lo = np.maximum(boxes[i, across], boxes[j, across])
+            if (np.minimum(boxes[i, [a + 3 for a in across]], boxes[j, [a + 3 for a in across]]) <= lo).any():
+                continue
+            for mine, other in ((i, j), (j, i)):
+                for side in (*across, *(a + 3 for a in across)):
+                    better = min if side < 3 else max
+                    grown = boxes[mine].copy()
+                    grown[side] = better(boxes[mine, side], boxes[other, side])
+                    more = np.prod(grown[3:] - grown[:3]) - np.prod(boxes[mine, 3:] - boxes[mine, :3])
+                    if more > 0 and free[_cells(grown)].sum() == more:
+                        boxes[mine] = grown
+                        free[_cells(grown)] = False
+    return [(a, b, c, d, e, f) for a, b, c, d, e, f in boxes.tolist()]
+
+
+def _cells(box: Ints) -> tuple[slice, ...]:
+    return tuple(slice(box[axis], box[axis + 3]) for axis in range(3))
+
+
+def group_faces(boxes_mm: Floats) -> Ints:
+    """(n, 2, 3) The number of the group that each face of boxes (n, 2, 3) moves with; -1 where it is fixed.
+
+    A face is fixed whose group has no two faces on each other: there is nobody to give to or to take from.
+    All faces of a group have one axis and one coordinate.
+    """
+    count = len(boxes_mm)
+    groups = _Groups(count * 6)
+    lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
+    overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])  # (n, n, 3)
+    shared = np.zeros(count * 6, dtype=np.bool_)
+    for axis in range(3):
+        across = [i for i in range(3) if i != axis]
+        on = np.abs(hi[:, None, axis] - lo[None, :, axis]) < SAME_MM
+        for i, j in np.argwhere(on & (overlap[:, :, across] > SAME_MM).all(axis=2)):
+            groups.join(_face(i, 1, axis), _face(j, 0, axis))
+            shared[[_face(i, 1, axis), _face(j, 0, axis)]] = True
+    for i, j, along in _crossings(boxes_mm, overlap):
+        pairs = [(_facing(boxes_mm, i, j, axis), _facing(boxes_mm, j, i, axis)) for axis in along]
+        if all(groups.of(a) != groups.of(b) for a, b in pairs):
+            groups.join(*min(pairs, key=lambda pair: groups.size(*pair)))
+    found = np.array([groups.of(face) for face in range(count * 6)])
+    moves = np.isin(found, found[shared])
+    _, number = np.unique(found[moves], return_inverse=True)
+    found[:] = np.where(moves, 0, -1)
+    found[moves] = number.reshape(-1)
+    return np.asarray(found.reshape(count, 2, 3), dtype=np.int64)
+
+
+def _crossings(boxes_mm: Floats, overlap: Floats) -> list[tuple[int, int, tuple[int, int]]]:
+    """Boxes i < j that meet at an edge only, and the two axes across that edge."""
+    touches = np.abs(overlap) < SAME_MM
+    found = []
+    for along in range(3):
+        a, b = (i for i in range(3) if i != along)
+        meet = touches[:, :, a] & touches[:, :, b] & (overlap[:, :, along] > SAME_MM)
+        found += [(int(i), int(j), (a, b)) for i, j in np.argwhere(meet) if i < j]
+    return found
+
+
+def _face(box: int, side: int, axis: int) -> int:
+    return int(box * 6 + side * 3 + axis)
+
+
+def _facing(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
+    """The face of a box that lies on the plane at which another box begins."""
+    return _face(box, int(boxes_mm[box, 0, axis] < boxes_mm[other, 0, axis]), axis)
+
+
+class _Groups:
+    """Sets that are joined (union-find), with their sizes."""
+
+    def __init__(self, count: int) -> None:
+        self._parent = list(range(count))
+        self._size = [1] * count
+
+    def of(self, member: int) -> int:
+        while self._parent[member] != member:
+            self._parent[member] = self._parent[self._parent[member]]
+            member = self._parent[member]
+        return member
+
+    def join(self, a: int, b: int) -> None:
+        a, b = sorted((self.of(a), self.of(b)))
+        if a != b:
+            self._parent[b] = a
+            self._size[a] += self._size[b]
+
+    def size(self, *members: int) -> int:
+        """Of the set that would be, were these joined."""
+        return sum(self._size[root] for root in {self.of(member) for member in members})
+
+
+def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
+    """Boxes with each group (of `moving_together`) moved along its axis by so much (groups,)."""
+    by = np.append(by_mm, 0.0)  # the last is for the faces that are fixed: group -1
+    return np.asarray(boxes_mm + by[groups])
+
+
+def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
+    """(groups, 2) Whether each group can move down, and up, by a step while all others stay."""
+    count = int(groups.max(initial=-1)) + 1
+    free = np.zeros((count, 2), dtype=np.bool_)
+    for group in range(count):
+        for side, sign in enumerate((-1.0, 1.0)):
+            by = np.zeros(count)
+            by[group] = sign * step_mm
+            free[group, side] = cells.is_partition(move_groups(boxes_mm, groups, by))
+    return free
+
+
+def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
+    """Where a plane comes to lie that was to move: short of the new place where that is near a flat face.
+
+    Between the old and the new place, as far from all flats (k,) as asked; the old place where there is none.
+    """
+    low, high = sorted((old_mm, new_mm))
+    places = [new_mm, *(flats_mm - clear_mm), *(flats_mm + clear_mm)]
+    for place in sorted((p for p in places if low <= p <= high), key=lambda p: abs(p - new_mm)):
+        if np.abs(flats_mm - place).min(initial=np.inf) >= clear_mm - SAME_MM:
+            return float(place)
+    return old_mm

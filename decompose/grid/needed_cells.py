@@ -1,0 +1,100 @@
+"""What of a grid's cells has to be printed, on finer cells than those that the model is cut along.
+
+A cell counts as needed whole, however little of it is. Where planes leave the grid that matters: a part that
+borders on the hollow may give way by what is neither surface nor the wall behind it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from decompose.arrays import Bools, Floats
+from decompose.grid.grid import Cell, Grid, fill_grid
+
+SAME_MM = 1e-9  # coordinates closer than this are the same plane
+MAX_FINER = 4
+
+
+def refine_cells(
+    grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, most_cells: int
+) -> NeededCells:
+    """The needed part of a grid's needed cells, each of them in several.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm, that the grid is laid over.
+    min_wall_mm
+        What is nearer to the surface is needed.
+    keep_interior
+        All of the inside is needed.
+    most_cells
+        That there may be in all, where the grid itself has not more.
+    """
+    times = max(1, min(MAX_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
+    px, py, pz = (_finer(planes, times) for planes in grid.planes)
+    fine = fill_grid(triangles, (px, py, pz), min_wall_mm, True, 1.0, 1.0)
+    needed = fine.cells != Cell.EXTERNAL
+    if not keep_interior:
+        boundary = fine.cells == Cell.BOUNDARY
+        needed = boundary | needed & _near(fine.surface[boundary], fine.planes, min_wall_mm)
+    coarse = grid.needed
+    for axis in range(3):
+        coarse = coarse.repeat(times, axis=axis)
+    return NeededCells(fine.planes, needed & coarse)
+
+
+def _finer(planes: Floats, times: int) -> Floats:
+    """Each interval of planes (n + 1,) in so many equal ones."""
+    shares = np.arange(times) / times
+    return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
+
+
+def _near(extents: Floats, planes: tuple[Floats, Floats, Floats], distance_mm: float) -> Bools:
+    """(nx, ny, nz) Whether a cell is nearer to any of the boxes (b, 6) than a distance, along the axes."""
+    ends = np.zeros([len(p) for p in planes], dtype=np.int64)
+    first = [np.searchsorted(p, extents[:, a] - distance_mm, side="right") - 1 for a, p in enumerate(planes)]
+    last = [np.searchsorted(p, extents[:, a + 3] + distance_mm, side="left") for a, p in enumerate(planes)]
+    spans = [
+        (np.clip(lo, 0, len(p) - 1), np.clip(hi, 0, len(p) - 1))
+        for lo, hi, p in zip(first, last, planes, strict=True)
+    ]
+    for corner in np.ndindex(2, 2, 2):
+        at = tuple(span[side] for span, side in zip(spans, corner, strict=True))
+        np.add.at(ends, at, 1 - 2 * (sum(corner) % 2))
+    counts = ends.cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+    return np.asarray(counts[:-1, :-1, :-1] > 0)
+
+
+COVERED = 1e-9  # share of a cell that rounding may leave open
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NeededCells:
+    """What boxes have to cover: the needed cells of a grid.
+
+    Attributes
+    ----------
+    planes
+        For each axis the coordinates of the grid's planes in mm.
+    needed
+        (nx, ny, nz).
+    """
+
+    planes: tuple[Floats, Floats, Floats]
+    needed: Bools
+
+    def is_partition(self, boxes_mm: Floats) -> bool:
+        """Whether boxes (n, 2, 3) do not overlap and leave nothing of a needed cell open."""
+        lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
+        overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
+        if (np.triu((overlap > SAME_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_MM).any():
+            return False
+        lengths = []
+        for axis, planes in enumerate(self.planes):
+            inside = np.minimum(hi[:, axis, None], planes[1:]) - np.maximum(lo[:, axis, None], planes[:-1])
+            lengths.append(np.maximum(0.0, inside) / np.diff(planes))
+        share = np.einsum("nx,ny,nz->xyz", *lengths, optimize=True)
+        return bool((share[self.needed] > 1.0 - COVERED).all())

@@ -1,0 +1,125 @@
+"""What a decomposition is asked for: the engine, and the options of all engines and of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+MIN_GLUE_MM2 = 25.0
+"""5 x 5 mm of glue holds a part of the size of a hand."""
+BUDGET_S = 20.0
+
+
+class Engine(StrEnum):
+    """The engine that cuts a model."""
+
+    BEST = "best"  # `decompose.best`: several engines and grids, within a budget
+    GUILLOTINE = "guillotine"
+    PARALLELOBOX = "parallelobox"
+    SYMMETRY = "symmetry"
+    CUBE_SKELETON = "cube-skeleton"
+
+
+class Interior(StrEnum):
+    """Treatment of whole cells deep inside the model."""
+
+    LEAVE = "leave"  # not printed
+    KEEP = "keep"
+
+
+class Score(StrEnum):
+    """Reading of the score of a growth direction in the engine `parallelobox`."""
+
+    LOW = "low"  # the least cost is best
+    HIGH = "high"  # the highest score is best, as the paper's text says
+    BOTH = "both"  # attempts with each
+
+    @property
+    def readings(self) -> tuple[Score, ...]:
+        """The readings to try, each `LOW` or `HIGH`."""
+        return (Score.LOW, Score.HIGH) if self is Score.BOTH else (self,)
+
+
+@dataclass(frozen=True, slots=True)
+class BestOptions:
+    """Options of the engine `best`.
+
+    Attributes
+    ----------
+    budget_s
+        Work that may be done, counted in seconds of one core of a usual machine (`problem.Effort`): once it
+        is spent, no engine is started and no search continued.
+    """
+
+    budget_s: float = BUDGET_S
+
+
+@dataclass(frozen=True, slots=True)
+class ParalleloboxOptions:
+    """Options of the engine `parallelobox`.
+
+    Attributes
+    ----------
+    tries
+        Draws of seeds for each number of seeds.
+    score
+        Reading of the paper's score.
+    """
+
+    tries: int = 3
+    score: Score = Score.BOTH
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to decompose a model.
+
+    Attributes
+    ----------
+    granularity
+        Cube root of the number of grid cells: a name of `grid.GRANULARITY`, a number, or ``auto``.
+    min_wall_mm
+        Least thickness of the wall that is left where the inside is not printed.
+    min_glue_mm2
+        A joint of less area, or narrower than two walls, does not count as holding.
+    seed
+        Of the random numbers of the engines that draw; the guillotine engine does not.
+    faithful
+        Run a rival as its authors published it, with their prices and settings.
+    fit_first_layer
+        Choose the brim and the first-layer expansion of each part.
+    prove
+        Prove the lower bound by linear programming, which takes some seconds; without it the gap is wide.
+    best, parallelobox
+        Options of these engines.
+    """
+
+    engine: Engine = Engine.BEST
+    granularity: str | int = "auto"
+    interior: Interior = Interior.LEAVE
+    min_wall_mm: float = 10.0
+    min_glue_mm2: float = MIN_GLUE_MM2
+    seed: int = 0
+    faithful: bool = False
+    fit_first_layer: bool = True
+    prove: bool = True
+    best: BestOptions = BestOptions()
+    parallelobox: ParalleloboxOptions = ParalleloboxOptions()
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object that decomposition.json holds: one level, whatever engine an option is of."""
+        return {
+            "engine": self.engine,
+            "granularity": self.granularity,
+            "interior": self.interior,
+            "min_wall_mm": self.min_wall_mm,
+            "min_glue_mm2": self.min_glue_mm2,
+            "seed": self.seed,
+            "tries": self.parallelobox.tries,
+            "score": self.parallelobox.score,
+            "faithful": self.faithful,
+            "fit_first_layer": self.fit_first_layer,
+            "budget_s": self.best.budget_s,
+            "prove": self.prove,
+        }

@@ -1,0 +1,34 @@
+"""What a model is cut into: pieces, the joints between them, and the printer of each."""
+
+from __future__ import annotations
+
+from decompose.pieces.assignment import assign_bottleneck, assign_printers
+from decompose.pieces.joints import SLIVER_MM, Fault, Joint, find_faults, find_joints
+from decompose.pieces.piece import (
+    ON_PLANE_MM,
+    Piece,
+    box_planes,
+    cut_box,
+    cut_cells,
+    find_cut_faces,
+    rotate_planes,
+    sort_pieces,
+)
+
+__all__ = [
+    "ON_PLANE_MM",
+    "SLIVER_MM",
+    "Fault",
+    "Joint",
+    "Piece",
+    "assign_bottleneck",
+    "assign_printers",
+    "box_planes",
+    "cut_box",
+    "cut_cells",
+    "find_cut_faces",
+    "find_faults",
+    "find_joints",
+    "rotate_planes",
+    "sort_pieces",
+]

@@ -1,0 +1,63 @@
+"""Which part is printed where: the parts are cut, and every printer has its room and its speed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
+
+from decompose.arrays import Bools, Floats
+from decompose.print_time import Pose
+from decompose.printers import PrinterRoom
+
+
+def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
+    """The printer of each part, so that the last one ends soonest; None where they do not all fit.
+
+    A part fits by its pose, whose time leaves the speeds of the printers out.
+    """
+    seconds = [
+        [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]
+        for pose in posed
+    ]
+    found = assign_bottleneck(np.array(seconds))
+    return None if found is None else [printers[i] for i in found]
+
+
+def assign_bottleneck(seconds: Floats) -> list[int] | None:
+    """The printer of each part, so that the last part ends as soon as it can, and all together soonest then.
+
+    Parameters
+    ----------
+    seconds
+        (parts, printers) of each part on each printer, finite; +inf where it does not fit.
+
+    Returns
+    -------
+    list or None
+        The column of each row, each at most once (of equal columns the first); None where there is no such
+        assignment. It is a bottleneck assignment: the least time that still leaves a matching, by bisection.
+    """
+    times = np.unique(seconds[np.isfinite(seconds)])
+    if not len(times) or not _matched(seconds <= times[-1]):
+        return None
+    low, high = 0, len(times) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if _matched(seconds <= times[middle]):
+            high = middle
+        else:
+            low = middle + 1
+    allowed = seconds <= times[high]
+    first = 1e-6 * np.arange(seconds.shape[1])
+    forbidden = 1.0 + float((times[high] + first[-1]) * len(seconds))
+    _, columns = linear_sum_assignment(np.where(allowed, np.where(allowed, seconds, 0.0) + first, forbidden))
+    return [int(column) for column in columns]
+
+
+def _matched(allowed: Bools) -> bool:
+    """Whether every row has a column of its own among those that it is allowed."""
+    return bool((maximum_bipartite_matching(csr_array(allowed), perm_type="column") >= 0).all())

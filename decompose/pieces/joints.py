@@ -1,0 +1,171 @@
+"""Where parts are glued together: area and width of each joint, and which pieces are bad to glue."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import shapely
+
+from decompose.arrays import Floats, Ints
+from decompose.geometry import Solid, label_components
+from decompose.options import MIN_GLUE_MM2
+from decompose.pieces.piece import ON_PLANE_MM, find_cut_faces
+
+SLIVER_MM = 8.0  # a piece that a cut leaves thinner than this in its box is lost, bent or glued askew
+TWO_WALLS_MM = 0.8  # of a 0.4 mm nozzle: what is thinner has no inside
+FLAKE_SHARE = 0.25  # of a flake's surface at least is cut
+SAME_DIGITS = 6  # of a plane's normal and distance: two pieces were cut at the same one
+
+
+class CutSolid(Protocol):
+    """A `piece.Piece` or a `report.Part`: a solid, and the planes (k, 4) that it was cut at, in one frame."""
+
+    @property
+    def solid(self) -> Solid: ...
+
+    @property
+    def planes(self) -> Floats: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Where two pieces touch, by their numbers, a < b.
+
+    Attributes
+    ----------
+    area_mm2
+        Of the faces that they share, which is the glue's.
+    width_mm
+        Diameter of the largest circle that has room in one of these faces: a long thin joint is as wide as it
+        is thin.
+    """
+
+    a: int
+    b: int
+    area_mm2: float
+    width_mm: float
+
+    def holds(self, min_glue_mm2: float) -> bool:
+        """Whether it is counted on: of this area at least, and two walls wide; of any width where 0 will do.
+
+        A narrower joint is a line of glue, however long: the parts fold about it.
+        """
+        return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
+
+    def weakness(self, min_glue_mm2: float) -> str:
+        """Why it is not counted on, as the end of a sentence."""
+        if self.area_mm2 < min_glue_mm2:
+            return f"is held by {self.area_mm2:.1f} mm2 of glue, of {min_glue_mm2:g} mm2 that are wanted"
+        return f"is held by a joint {self.width_mm:.1f} mm wide, of {TWO_WALLS_MM:g} mm that are wanted"
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A piece that should not be: what is wrong with it, as the end of a sentence."""
+
+    piece: int
+    reason: str
+
+
+def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
+    """All joints, by the numbers of the pieces."""
+    sides: dict[tuple[float, ...], list[tuple[int, shapely.Geometry]]] = defaultdict(list)
+    for number, piece in enumerate(pieces):
+        for plane, face in _cut_sides(piece.solid, piece.planes).items():
+            sides[plane].append((number, face))
+    found: dict[tuple[int, int], list[shapely.Geometry]] = defaultdict(list)
+    for faces in sides.values():
+        for i, (a, face) in enumerate(faces):
+            for b, other in faces[i + 1 :]:
+                if a == b or not face.intersects(other):
+                    continue
+                shared = face.intersection(other)
+                if shared.area > 0.0:
+                    found[min(a, b), max(a, b)].append(shared)
+    return [
+        Joint(a, b, sum(s.area for s in shared), max(_width_mm(s) for s in shared))
+        for (a, b), shared in sorted(found.items())
+    ]
+
+
+def find_faults(
+    pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, touching: Sequence[Joint] | None = None
+) -> list[Fault]:
+    """The pieces that a partition is better without, at most one for each reason.
+
+    Slivers: a cut left them under SLIVER_MM across it, or they are flakes thinner than two walls. Loose
+    pieces: some joints do not hold (`Joint.holds`), and the others do not hold them to the body that they are
+    of. A piece that touches no other is a body of its own. `touching` are the joints, where
+    they are known already.
+    """
+    found = [Fault(i, what) for i, piece in enumerate(pieces) if (what := _sliver(piece))]
+    touching = find_joints(pieces) if touching is None else touching
+    return found + _loose([p.solid.volume_mm3 for p in pieces], touching, min_glue_mm2)
+
+
+def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2: float) -> list[Fault]:
+    """Of each group of pieces that only weak joints hold to its body, the smallest that has such a joint."""
+    body = _groups(len(volumes_mm3), touching)
+    held = _groups(len(volumes_mm3), [j for j in touching if j.holds(min_glue_mm2)])
+    weight = np.bincount(held, weights=volumes_mm3)
+    heaviest = {int(b): max(np.unique(held[body == b]), key=lambda g: weight[g]) for b in np.unique(body)}
+    weak: dict[int, tuple[float, int, Joint]] = {}
+    for joint in touching:
+        for piece in (joint.a, joint.b):
+            group = int(held[piece])
+            if held[joint.a] != held[joint.b] and group != heaviest[int(body[piece])]:
+                mine = (volumes_mm3[piece], piece, joint)
+                weak[group] = min(weak.get(group, mine), mine, key=lambda found: found[:2])
+    return [Fault(piece, joint.weakness(min_glue_mm2)) for _, piece, joint in weak.values()]
+
+
+def _sliver(piece: CutSolid) -> str:
+    """Why a piece is a sliver; empty where it is none."""
+    vertices, faces = piece.solid.arrays()
+    for plane in piece.planes:
+        off_mm = vertices @ plane[:3] - plane[3]
+        across_mm = float(np.ptp(off_mm))
+        if across_mm < SLIVER_MM and (np.abs(off_mm) < ON_PLANE_MM).sum() >= 3:
+            return f"is {across_mm:.1f} mm thin where it was cut, of {SLIVER_MM:g} mm that are wanted"
+    thick_mm = 2.0 * piece.solid.volume_mm3 / piece.solid.area_mm2
+    if thick_mm < TWO_WALLS_MM:
+        triangles = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
+        cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        if np.linalg.norm(cross, axis=1).sum() / 2.0 > FLAKE_SHARE * piece.solid.area_mm2:
+            return f"is a flake of {thick_mm:.1f} mm"
+    return ""
+
+
+def _groups(count: int, touching: Sequence[Joint]) -> Ints:
+    pairs = np.array([(j.a, j.b) for j in touching], dtype=np.int64).reshape(-1, 2)
+    return label_components(count, pairs[:, 0], pairs[:, 1])
+
+
+def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.Geometry]:
+    """The faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
+    vertices, faces = solid.arrays()
+    found: dict[tuple[float, ...], shapely.Geometry] = {}
+    for plane in planes:
+        on = np.abs(vertices @ plane[:3] - plane[3]) < ON_PLANE_MM
+        flat = faces[on[faces].all(axis=1)]
+        if not len(flat):
+            continue
+        turn = -1.0 if plane[int(np.abs(plane[:3]).argmax())] < 0.0 else 1.0
+        name = np.round(turn * plane, SAME_DIGITS) + 0.0
+        side = np.cross(np.eye(3)[int(np.abs(name[:3]).argmin())], name[:3])
+        frame = np.stack([side, np.cross(name[:3], side)]) / np.linalg.norm(side)
+        corners = np.round((vertices @ frame.T)[flat], SAME_DIGITS)  # a hair beside 0 has no inverse
+        rings = shapely.polygons(np.concatenate([corners, corners[:, :1]], axis=1))
+        whole = shapely.union_all(rings[shapely.area(rings) > 0.0])
+        if whole.area > 0.0:
+            found[tuple(float(v) for v in name)] = whole
+    return found
+
+
+def _width_mm(face: shapely.Geometry) -> float:
+    areas = [g for g in getattr(face, "geoms", [face]) if g.geom_type == "Polygon"]
+    return max(2.0 * float(shapely.maximum_inscribed_circle(g).length) for g in areas)

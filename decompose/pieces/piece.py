@@ -1,0 +1,80 @@
+"""A piece of the model as an engine cut it, and what of its surface is cut."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.geometry import Solid
+from decompose.grid import Box, Grid
+from decompose.printers import PrinterRoom
+
+ON_PLANE_MM = 1e-7  # how far from a cut plane rounding may leave a vertex
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """One connected piece, not yet posed.
+
+    Attributes
+    ----------
+    solid
+        In the frame that the model was cut in, mm.
+    planes
+        (k, 4) rows nx, ny, nz, d with unit n: the planes n.x = d that it was cut at.
+    boxes_mm
+        (b, 2, 3) corners of the axis-aligned boxes whose content it is a part of; none where it was cut
+        otherwise. What lies in no box of any piece was left out.
+    printer
+        That it is cut for; None: any, so that it has to fit them all.
+    slower
+        How many times as long it takes as the cost says, as far as a slicer has shown it.
+    """
+
+    solid: Solid
+    planes: Floats
+    boxes_mm: Floats
+    printer: PrinterRoom | None = None
+    time_ratio: float = 1.0
+
+    @property
+    def time_factor(self) -> float:
+        """How many times as long its printer takes for it as the cost says."""
+        return self.time_ratio * (1.0 if self.printer is None else self.printer.time_factor)
+
+
+def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
+    """Pieces by position, from the bottom up: so parts are numbered."""
+    return sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
+
+
+def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:
+    """The connected pieces of a solid in an axis-aligned box, cut exactly in double precision."""
+    box = np.array([lo_mm, hi_mm], dtype=np.float64)
+    planes = box_planes(box)
+    return [Piece(piece, planes, box[None]) for piece in solid.clip(*box).pieces()]
+
+
+def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
+    """The same for a box of cells. The grid's outermost planes lie outside the model and cut no face."""
+    return cut_box(solid, *grid.bounds_mm(box))
+
+
+def box_planes(box_mm: Floats) -> Floats:
+    """(6, 4) The planes of the sides of a box (2, 3)."""
+    return np.array([[*np.eye(3)[axis], box_mm[side, axis]] for side in range(2) for axis in range(3)])
+
+
+def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
+    """(m,) Which faces lie on one of these planes (k, 4)."""
+    on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < ON_PLANE_MM
+    return np.asarray(np.any(np.all(on_plane[faces], axis=1), axis=1))
+
+
+def rotate_planes(planes: Floats, rotation: Floats) -> Floats:
+    """Planes (k, 4) after ``v -> rotation @ v``."""
+    return np.hstack([planes[:, :3] @ rotation.T, planes[:, 3:]])

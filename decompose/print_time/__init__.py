@@ -1,0 +1,31 @@
+"""What a part costs to print: its price in a pose, and the pose that it is printed in."""
+
+from __future__ import annotations
+
+from decompose.print_time.columns import measure_columns
+from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, price
+from decompose.print_time.footing import REFERENCE_SHRINKAGE
+from decompose.print_time.orientation import find_best_pose
+from decompose.print_time.pose import TOUCHED_MM2, Pose, measure_pose
+from decompose.print_time.pose_prices import POSE_ROTATIONS, axis_prices_s, pose_features
+from decompose.print_time.recipe import ADDITIVE, FACTORS, SUPPORT, Recipe, time_terms
+
+__all__ = [
+    "ADDITIVE",
+    "FACTORS",
+    "MAX_INSET_SHARE",
+    "POSE_ROTATIONS",
+    "REFERENCE_SHRINKAGE",
+    "SUPPORT",
+    "TOUCHED_MM2",
+    "CostModel",
+    "Pose",
+    "Recipe",
+    "axis_prices_s",
+    "find_best_pose",
+    "measure_columns",
+    "measure_pose",
+    "pose_features",
+    "price",
+    "time_terms",
+]

@@ -1,0 +1,139 @@
+"""What holds a part to the bed: its first layer, the brim that it needs, and how its foot is squeezed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import pdist
+
+from decompose.arrays import Floats
+from decompose.geometry import convex_outline, half_planes
+
+FIRST_LAYER_MM = 0.15  # where the first layer is cut: the middle of it
+SHARP_DEG = 120.0
+ROUNDED_MM = 1.0  # a corner that is rounded or chamfered by less is one corner
+
+# [assumed] How wide a brim has to be.
+STEADY = 3.0  # times the width of its walls' feet that a part may be high without a brim
+GOOD_CONTACT_MM2 = 400.0
+WARPS_MM = (60.0, 120.0)  # bases this long begin to lift at their corners; need all the brim there is
+REFERENCE_SHRINKAGE = (
+    0.007  # where the material shrinks by so much (ABS): what lifts is shrinkage times length squared
+)
+MIN_BRIM_MM = 2.0
+
+# [assumed] What the squeezed first layer adds to each side; thinner walls could be lost by taking it off.
+ELEPHANT_FOOT_MM = 0.2
+MIN_WALL_MM = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Footing:
+    """What of a part touches the bed.
+
+    Attributes
+    ----------
+    contact_mm2, wall_mm
+        Area of the first layer, and the width of the walls that it consists of (four areas over its outline).
+    length_mm, sharp_corners
+        Greatest extent of the convex outline around it, and how many corners of that are under `SHARP_DEG`.
+    width_mm, edges
+        Least extent of the convex outline around it and the supports that stand on the bed, and that outline
+        as half-planes (q, 3): ``edges[:, :2] @ p + edges[:, 2] <= 0`` in mm; empty without area.
+    """
+
+    contact_mm2: float
+    wall_mm: float
+    length_mm: float
+    sharp_corners: int
+    width_mm: float
+    edges: Floats
+
+    @classmethod
+    def from_mesh(cls, triangles: Floats, props_mm: Floats) -> Footing:
+        """The footing of a closed mesh (m, 3, 3) in mm on z = 0 and of its supports at (p, 2)."""
+        contact_mm2, outline_mm, points = _first_layer(triangles)
+        rim = convex_outline(points)
+        sides = np.diff(rim, axis=0, append=rim[:1])
+        sides = sides[np.linalg.norm(sides, axis=1) > ROUNDED_MM]
+        turn = np.arctan2(sides[:, 1], sides[:, 0])
+        bend = np.degrees((np.roll(turn, -1) - turn + math.pi) % (2.0 * math.pi) - math.pi)
+        held = convex_outline(np.concatenate([rim, props_mm])) if len(props_mm) else rim
+        edges = half_planes(held)
+        return cls(
+            contact_mm2=contact_mm2,
+            wall_mm=4.0 * contact_mm2 / outline_mm if outline_mm > 0.0 else 0.0,
+            length_mm=float(pdist(rim).max(initial=0.0)),
+            sharp_corners=int((bend > 180.0 - SHARP_DEG).sum()),
+            width_mm=float(np.ptp(held @ edges[:, :2].T, axis=0).min()) if len(held) else 0.0,
+            edges=edges,
+        )
+
+    def inside_mm(self, points: Floats) -> float:
+        """How far inside the outline the outermost of some points (n, 2) is; negative outside."""
+        if not len(self.edges):
+            return -math.inf
+        return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
+
+    def brim_width_mm(
+        self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
+    ) -> float:
+        """The brim that a part of this height needs; 0 for none, never more than the widest.
+
+        Where it is high for its feet, or its centre of mass is not inside them (`lean_mm`), a brim widens
+        them; a small contact sticks by its brim; a long base curls up at its corners, less where they are
+        blunt, and with a material that shrinks less (`shrinkage`, a share of its length) only when longer.
+        """
+        lever = (height_mm / STEADY - self.wall_mm) / 2.0
+        contact = widest_mm * (1.0 - self.contact_mm2 / GOOD_CONTACT_MM2)
+        longer = math.sqrt(REFERENCE_SHRINKAGE / max(shrinkage, 1e-4))
+        begins, all_of_it = (longer * length_mm for length_mm in WARPS_MM)
+        warp = widest_mm * (self.length_mm - begins) / (all_of_it - begins)
+        beside = widest_mm if lean_mm < 0.0 else 0.0
+        needed = max(lever, contact, beside, warp if self.sharp_corners else warp / 2.0)
+        return 0.0 if needed < MIN_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
+
+    def expansion_mm(self, joined: bool) -> float:
+        """The first layer's horizontal expansion: what is joined to a neighbour must not stick out."""
+        return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
+
+
+def _first_layer(triangles: Floats) -> tuple[float, float, Floats]:
+    """Area in mm2 and length of the outline in mm of the first layer, and points (n, 2) that span it."""
+    low = triangles[triangles[:, :, 2].min(axis=1) < FIRST_LAYER_MM]
+    across = np.cross(low[:, 1] - low[:, 0], low[:, 2] - low[:, 0])[:, 2] / 2.0
+    order = np.argsort(low[:, :, 2], axis=1)[:, :, None]
+    corners = np.take_along_axis(low, order, axis=1)
+    z = corners[:, :, 2]
+    one = z[:, 1] >= FIRST_LAYER_MM  # with one corner in the layer, with two
+    two = ~one & (z[:, 2] >= FIRST_LAYER_MM)
+    share = np.ones(len(low))
+    share[one] = _corner_share(z[one])
+    share[two] = 1.0 - _corner_share(z[two][:, ::-1])
+    ends = np.concatenate(
+        [
+            np.stack([_crossing(corners[one], 0, 1), _crossing(corners[one], 0, 2)], axis=1),
+            np.stack([_crossing(corners[two], 0, 2), _crossing(corners[two], 1, 2)], axis=1),
+        ]
+    )
+    # By the divergence theorem a section is what looks down below it, less what looks up.
+    area_mm2 = max(0.0, -float((across * share).sum()))
+    outline_mm = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
+    return area_mm2, outline_mm, np.concatenate([corners[z < FIRST_LAYER_MM][:, :2], ends.reshape(-1, 2)])
+
+
+def _corner_share(z: Floats) -> Floats:
+    """The share of a triangle's area on its first corner's side of the first layer, by heights (m, 3)."""
+    apex, b, c = z.T
+    share: Floats = (FIRST_LAYER_MM - apex) ** 2 / ((b - apex) * (c - apex))
+    return share
+
+
+def _crossing(corners: Floats, a: int, b: int) -> Floats:
+    """(m, 2) Where the edges between two corners cross the first layer."""
+    start, end = corners[:, a], corners[:, b]
+    share = (FIRST_LAYER_MM - start[:, 2:]) / (end[:, 2:] - start[:, 2:])
+    points: Floats = start[:, :2] + share * (end - start)[:, :2]
+    return points

@@ -1,0 +1,181 @@
+"""How a part lies on the bed: soonest printed among the poses in which it stands safely.
+
+Candidates are the six axis poses and those that lie on a facet of the convex hull or on a large flat face.
+Each is priced with its supports, and looked at for what a price cannot say: whether it stands while it grows,
+and whether support would stick to a cut face, which is to be glued.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.geometry import convex_outline, rectangles, smallest_rectangle
+from decompose.jit import jit
+from decompose.print_time.columns import measure_columns
+from decompose.print_time.cost import CostModel
+from decompose.print_time.pose import COLUMN, Pose, measure_from_features
+from decompose.print_time.pose_prices import POSE_ROTATIONS, pose_features
+from decompose.printers import PrinterRoom
+
+HULL_FACETS, FLAT_FACES = 24, 12  # candidates of each kind, the largest first
+APART_DEG = 2.0  # directions closer than this are one candidate
+MAX_MEASURED = 24  # of all candidates, in the order of their prices
+FEW = 1_500  # columns of a glance
+SURELY = 0.8  # of a support seen at a glance is there
+DEGREES: Floats = np.radians(np.arange(90.0))
+
+
+def find_best_pose(
+    vertices: Floats,
+    faces: Ints,
+    cut: Bools,
+    printers: Sequence[PrinterRoom],
+    cost: CostModel,
+    fit_first_layer: bool = True,
+) -> Pose | None:
+    """The pose that a part is printed in.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    cut
+        (m,) whether a face is a cut, which no support shall touch.
+    printers
+        All of them have to have room for the part; none for a printer without limits.
+    fit_first_layer
+        Choose the brim and the first layer's expansion too.
+
+    Returns
+    -------
+    Pose or None
+        None where no pose fits.
+    """
+    hull = _hull_points(vertices)
+    ups = candidate_directions(vertices, faces)
+    turned = [_turned(up, hull, printers) for up in ups]
+    rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
+    if not len(rotations):
+        return None
+    features, extents = pose_features(vertices, faces, rotations, cost, hull)
+    thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
+    least_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
+    most_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
+    best: Pose | None = None
+    measured = 0
+    for i in np.argsort(most_s, kind="stable"):
+        clean = best is not None and best.rank[:3] == (0, 0.0, 0.0)
+        if best is not None and clean:
+            if least_s[i] >= best.price_s or measured >= MAX_MEASURED:
+                continue
+            if least_s[i] + SURELY * _support_s(vertices, faces, hull, rotations[i], cost) >= best.price_s:
+                continue
+        pose = measure_from_features(vertices, faces, cut, rotations[i], features[i], cost, fit_first_layer)
+        measured += 1
+        if best is None or pose.rank < best.rank:
+            best = pose
+    return best
+
+
+def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
+    """The time of the support in a pose, at a glance: too few columns to tell islands apart."""
+    triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
+    seen = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW)
+    return cost.support_price_s(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
+
+
+def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
+    """Directions (k, 3) that may point up: the axes, then away from hull facets and from large flat faces."""
+    corners = vertices[faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
+    found = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
+    try:
+        hull = ConvexHull(vertices)
+        a, b, c = (vertices[hull.simplices[:, i]] for i in range(3))
+        facets = np.linalg.norm(np.cross(b - a, c - a), axis=1)[:, None] / 2.0 * hull.equations[:, :3]
+    except QhullError:
+        facets = np.zeros((0, 3))
+    for normals, most in ((facets, HULL_FACETS), (areas, FLAT_FACES)):
+        found = _apart(found, -_flats(normals), most, math.cos(math.radians(APART_DEG)))
+    return found
+
+
+@jit
+def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
+    """Directions (k, 3), and as many `more` of them that are near to none so far."""
+    all_of_them = np.zeros((len(found) + most, 3))
+    count = len(found)
+    all_of_them[:count] = found
+    for i in range(len(more)):
+        if count == len(all_of_them):
+            break
+        apart = True
+        for k in range(count):
+            cos = 0.0
+            for axis in range(3):
+                cos += all_of_them[k, axis] * more[i, axis]
+            if cos >= near_cos:
+                apart = False
+        if apart:
+            all_of_them[count] = more[i]
+            count += 1
+    return all_of_them[:count].copy()
+
+
+def _flats(areas: Floats) -> Floats:
+    """Directions (k, 3) of area vectors (m, 3), each with all that point its way; the largest first."""
+    size = np.linalg.norm(areas, axis=1)
+    areas = areas[size > 0.0]
+    if not len(areas):
+        return areas
+    _, group = np.unique(np.round(areas / size[size > 0.0, None], 3), axis=0, return_inverse=True)
+    sums = np.zeros((group.max() + 1, 3))
+    np.add.at(sums, group.reshape(-1), areas)
+    size = np.linalg.norm(sums, axis=1)
+    sums = sums[np.argsort(-np.round(size, 6), kind="stable")]
+    directions: Floats = sums / np.linalg.norm(sums, axis=1, keepdims=True)
+    return directions
+
+
+def _hull_points(points: Floats) -> Floats:
+    """Those of points (n, d) that span their convex hull; all where they span no volume."""
+    with suppress(QhullError):
+        points = points[ConvexHull(points).vertices]
+    return points
+
+
+def _turned(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
+    """The rotation (rows) with this direction up and a yaw that fits every printer; None where none does.
+
+    What stands along the axes stays so. Anything else is turned into its smallest rectangle, and further only
+    where that has no room.
+    """
+    axis = np.flatnonzero((POSE_ROTATIONS[:, 2] == up).all(axis=1))
+    if len(axis):
+        x, y = POSE_ROTATIONS[axis[0], :2]
+    else:
+        x = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+        x /= np.linalg.norm(x)
+        y = np.cross(up, x)
+    flat = hull @ np.array([x, y]).T
+    height = float(np.ptp(hull @ up))
+    rim = convex_outline(flat)
+    angles = smallest_rectangle(rim) + DEGREES
+    if len(axis):
+        angles = np.insert(angles, 0, 0.0)
+    for angle, (width, depth) in zip(angles, rectangles(rim, angles).tolist(), strict=True):
+        if all(printer.fits(width, depth, height) for printer in printers):
+            return np.vstack([_plane(angle) @ np.array([x, y]), up])
+    return None
+
+
+def _plane(angle: float) -> Floats:
+    """(2, 2) Rows: x and y turned by an angle in radians."""
+    return np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])

@@ -1,0 +1,164 @@
+"""A part in one pose: its price with the supports that it has there, and whether it stands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from decompose.arrays import Bools, Floats, Ints
+from decompose.print_time.columns import Columns, measure_columns
+from decompose.print_time.cost import CostModel
+from decompose.print_time.footing import FIRST_LAYER_MM, Footing
+from decompose.print_time.pose_prices import pose_features
+from decompose.print_time.recipe import ADDITIVE
+from decompose.print_time.short_layers import short_layers_s
+
+COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
+
+
+TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
+
+
+# [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
+# its side. What a support carries is made to be peeled off; the outer half of a brim is too thin to hold.
+MIN_CONTACT_MM2 = 4.0
+
+
+MIN_FOOT_MM = 0.8  # of `Footing.wall_mm`: an edge is narrower than a line, so that its layer is not printed
+
+
+STICKS_N_MM2 = 0.05
+
+
+PROPPED = 0.1  # share of that for the area that supports carry
+
+
+BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing
+
+
+PULL_N = 0.5
+
+
+WEIGHT_N_MM3 = 1.25e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A part on the bed.
+
+    Attributes
+    ----------
+    to_model
+        (4, 4) the rigid motion from the bed (centred, on z = 0) to the model's frame, in mm.
+    size_mm
+        Width, depth and height.
+    price_s
+        Estimated print time with the supports and the brim that it has.
+    strain
+        What pulls it over while it is printed, as a share of what holds it; up to 1 it holds.
+    lean_mm
+        How far inside its footing the centre of mass of the whole is; negative outside.
+    touched_mm2
+        Area of cut faces that support sticks to.
+    brim_share_mm
+        How far the brim widens the footing.
+    brim_width_mm, layer_0_expansion_mm
+        Chosen for it; None: as the quality has them.
+    """
+
+    to_model: Floats
+    size_mm: tuple[float, float, float]
+    price_s: float
+    footing: Footing
+    strain: float
+    lean_mm: float
+    support_mm3: float
+    touched_mm2: float
+    brim_share_mm: float
+    brim_width_mm: float | None
+    layer_0_expansion_mm: float | None
+
+    @property
+    def stands(self) -> bool:
+        """Whether it stays where it is while it is printed, and its weight is on its footing or its brim."""
+        footing = self.footing
+        touches = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
+        return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
+
+    @property
+    def rank(self) -> tuple[int, float, float, float]:
+        """Less is better: standing, then clean cut faces, then time. Where none stands, the least strain."""
+        touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
+        if self.stands:
+            return (0, 0.0, touched, self.price_s)
+        return (1 if self.lean_mm >= -self.brim_share_mm else 2, self.strain, touched, self.price_s)
+
+
+def measure_pose(
+    vertices: Floats,
+    faces: Ints,
+    cut: Bools,
+    rotation: Floats,
+    cost: CostModel,
+    fit_first_layer: bool = True,
+) -> Pose:
+    """Price a pose, a rotation in rows, with the supports that it really has, and see how the part stands."""
+    (features,), _ = pose_features(vertices, faces, rotation[None], cost)
+    return measure_from_features(vertices, faces, cut, rotation, features, cost, fit_first_layer)
+
+
+def measure_from_features(
+    vertices: Floats,
+    faces: Ints,
+    cut: Bools,
+    rotation: Floats,
+    features: Floats,
+    cost: CostModel,
+    fit_first_layer: bool,
+) -> Pose:
+    placed = vertices @ rotation.T
+    lo, hi = placed.min(axis=0), placed.max(axis=0)
+    origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
+    triangles = (placed - origin)[faces]
+    width, depth, height = (hi - lo).tolist()
+    to_model = np.eye(4)
+    to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
+    inside = measure_columns(triangles, cut, cost.overhang_cos)
+    footing = Footing.from_mesh(triangles, inside.props_mm)
+    leans = [footing.inside_mm(centre[None, :2]) for centre in inside.centres_mm]
+    brim: float | None = None
+    expansion: float | None = None
+    if fit_first_layer:
+        brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
+        joined = bool((triangles[cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
+        expansion = footing.expansion_mm(joined)
+    priced = cost if brim is None else replace(cost, brim_mm=brim)
+    return Pose(
+        to_model=to_model,
+        size_mm=(width, depth, height),
+        price_s=priced.price_s([*features[:COLUMN], 0.0], hi - lo)
+        + cost.support_price_s(
+            inside.support_mm3, inside.support_side_mm2, inside.towers_mm, inside.islands_mm
+        )
+        + short_layers_s(triangles, cost),
+        footing=footing,
+        strain=_strain(footing, inside, height, leans),
+        lean_mm=leans[-1],
+        support_mm3=inside.support_mm3,
+        touched_mm2=inside.touched_mm2,
+        brim_share_mm=BRIM_HOLDS * priced.brim_mm,
+        brim_width_mm=brim,
+        layer_0_expansion_mm=expansion,
+    )
+
+
+def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
+    """The moments that pull a growing part over, at their worst, over that of what holds it."""
+    area_mm2 = footing.contact_mm2 + PROPPED * inside.propped_mm2
+    holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
+    outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))
+    pulls = PULL_N * height_mm + WEIGHT_N_MM3 * outside
+    return float(pulls / holds) if holds > 0.0 else math.inf

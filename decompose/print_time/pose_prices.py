@@ -1,0 +1,104 @@
+"""Price of a closed mesh in a pose, from sums over its faces alone: no slicing, supports down to the bed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from decompose.arrays import Floats, Ints
+from decompose.jit import jit
+from decompose.print_time.cost import CostModel
+from decompose.print_time.recipe import ADDITIVE
+
+# A pose is the direction of the model that points up on the bed: +x, -x, +y, -y, +z, -z.
+POSES = 6
+
+
+def pose_axes(pose: int) -> tuple[int, int, int]:
+    """The model's axes that become width, depth and height in a pose."""
+    up = pose // 2
+    return ((up + 1) % 3, (up + 2) % 3, up)
+
+
+def _pose_rotation(pose: int) -> Floats:
+    """(3, 3) Rows: where the bed's x, y and z point in the model; odd poses are turned over about x."""
+    rotation = np.eye(3)[list(pose_axes(pose))]
+    if pose % 2:
+        rotation[1:] *= -1.0
+    return rotation
+
+
+POSE_ROTATIONS: Floats = np.array([_pose_rotation(pose) for pose in range(POSES)])
+"""(6, 3, 3) The axis poses, as rotations that `pose_seconds` takes."""
+
+
+@jit
+def _surface_sums(
+    normals: Floats,
+    areas: Floats,
+    centres: Floats,
+    up: Floats,
+    bed_mm: float,
+    skin_cos: float,
+    overhang_cos: float,
+) -> tuple[float, float, float, float]:
+    """The `ADDITIVE` features of faces, without the volume; the bed lies at `bed_mm` along `up`."""
+    lateral, skin, slope, column = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(areas)):
+        n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
+        upright = areas[i] * np.sqrt(max(0.0, 1.0 - n * n))
+        lateral += upright
+        if abs(n) > skin_cos:
+            skin += areas[i] * abs(n)
+            slope += upright
+        if n < -overhang_cos:
+            z = centres[i, 0] * up[0] + centres[i, 1] * up[1] + centres[i, 2] * up[2]
+            column -= areas[i] * n * (z - bed_mm)
+    return lateral, skin, slope, column
+
+
+def pose_features(
+    vertices: Floats,
+    faces: Ints,
+    rotations: Floats,
+    cost: CostModel,
+    hull: Floats | None = None,
+) -> tuple[Floats, Floats]:
+    """`ADDITIVE` features (k, 5) of a closed mesh in each of k poses, and its extents (k, 3) in mm.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3), outward by the right-hand rule, closed.
+    rotations
+        (k, 3, 3) The rows are the bed's x, y and z in the model's frame: ``v_bed = rotation @ v_model``.
+    hull
+        (h, 3) those vertices that span the convex hull, where they are known: sooner.
+    """
+    corners = vertices[faces]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubled = np.linalg.norm(cross, axis=1)
+    keep = doubled > 0.0
+    corners, cross, doubled = corners[keep], cross[keep], doubled[keep]
+    normals, areas, centres = cross / doubled[:, None], doubled / 2.0, corners.mean(axis=1)
+    features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
+    features[:, 0] = np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0
+    for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
+        placed = (vertices if hull is None else hull) @ rotation.T
+        bottom = placed.min(axis=0)
+        extents[i] = placed.max(axis=0) - bottom
+        up = rotation[2]
+        features[i, 1:] = _surface_sums(
+            normals, areas, centres, up, float(bottom[2]), cost.skin_cos, cost.overhang_cos
+        )
+    return features, extents
+
+
+def pose_prices_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostModel) -> Floats:
+    """Print time (k,) in seconds of a closed mesh in each of k poses; see `pose_features`."""
+    features, extents = pose_features(vertices, faces, rotations, cost)
+    return np.array([cost.price_s(*each) for each in zip(features, extents, strict=True)])
+
+
+def axis_prices_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
+    """Print time (6,) in seconds of a closed mesh in each axis pose."""
+    return pose_prices_s(vertices, faces, POSE_ROTATIONS, cost)

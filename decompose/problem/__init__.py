@@ -1,0 +1,19 @@
+"""What every engine is given and what it answers, and how much work it may do."""
+
+from __future__ import annotations
+
+from decompose.problem.effort import Effort, Work
+from decompose.problem.granularity import FINEST, choose_granularity
+from decompose.problem.problem import GridFigures, Partition, Problem
+from decompose.problem.validation import validate_problem
+
+__all__ = [
+    "FINEST",
+    "Effort",
+    "GridFigures",
+    "Partition",
+    "Problem",
+    "Work",
+    "choose_granularity",
+    "validate_problem",
+]

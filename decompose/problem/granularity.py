@@ -1,0 +1,43 @@
+"""How fine a grid is: the cube root of the number of its cells."""
+
+from __future__ import annotations
+
+import math
+
+from decompose.errors import DecomposeError
+from decompose.grid import GRANULARITY
+
+AUTO_GRANULARITY = 15
+
+
+FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
+
+
+FINEST = 60  # that a person may ask for
+
+
+CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
+
+
+def choose_granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
+    """The cube root of the number of cells, from a name, a number, or ``auto``.
+
+    `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
+    not much larger than half a room.
+    """
+    if wanted == "auto":
+        finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))
+        for_room = min(FINEST_FOR_ROOM, math.ceil(2.0 * rooms_long))
+        return max(AUTO_GRANULARITY, finer, for_room)
+    if wanted in GRANULARITY:
+        return GRANULARITY[str(wanted)]
+    try:
+        number = int(wanted)
+    except ValueError:
+        number = 0
+    if not 1 <= number <= FINEST:
+        known = ", ".join(GRANULARITY)
+        raise DecomposeError(
+            f"--granularity {wanted}: give auto, one of {known}, or a number from 1 to {FINEST}"
+        )
+    return number

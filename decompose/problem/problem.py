@@ -1,0 +1,214 @@
+"""What every engine is given, and what it answers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.bound import makespan_bound, surface_bound_s
+from decompose.geometry import Model, Solid
+from decompose.grid import VOLUME, Box, BoxTables, Grid, build_grid, price_boxes
+from decompose.options import Interior, Options
+from decompose.pieces import Piece, assign_printers, find_cut_faces
+from decompose.print_time import CostModel, Pose, find_best_pose
+from decompose.printers import PrinterRoom
+from decompose.problem.effort import Effort, Work
+from decompose.problem.granularity import choose_granularity
+
+Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # what, and for which rooms
+
+
+@dataclass(frozen=True, slots=True)
+class GridFigures:
+    """Of an engine that searches a grid: its own makespan there, the proven bound, and the cells."""
+
+    makespan_s: float
+    lower_bound_s: float
+    cells: tuple[int, int, int] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A model to be cut, and for whom.
+
+    Attributes
+    ----------
+    printers
+        Those that are free, one piece each at most; a printer of several rounds is there once for each.
+    executor
+        For work that may run side by side, by threads; None: one after the other.
+    effort
+        What was done and may be done: a search that can go on without end stops with what it has.
+    lap
+        Told the name of each stage when it is over.
+    best_known_s
+        The makespan of a result that there is already: of one that ends later nothing is proven.
+    thorough
+        Whether other partitions of a grid are evened besides its best, and planes that have moved are moved
+        again from there, as far as the budget goes.
+    frame
+        (3, 3) ``v_cut = frame @ v_model``: how the model was turned before.
+    """
+
+    model: Model
+    printers: tuple[PrinterRoom, ...]
+    cost: CostModel
+    options: Options
+    executor: Executor | None = None
+    effort: Effort = field(default_factory=Effort)
+    on_stage: Callable[[str], None] = lambda stage: None
+    best_known_s: float = math.inf
+    thorough: bool = False
+    frame: Floats = field(default_factory=lambda: np.eye(3))
+    _posed: dict[Posing, Pose | None] = field(default_factory=dict, init=False, repr=False)
+
+    @cached_property
+    def rooms(self) -> tuple[PrinterRoom, ...]:
+        """The distinct rooms of the printers."""
+        return tuple({printer.boxes: printer for printer in self.printers}.values())
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all printers have the same room and the same speed."""
+        return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
+
+    @property
+    def fastest_factor(self) -> float:
+        """The time factor of the quickest printer."""
+        return min(printer.time_factor for printer in self.printers)
+
+    @property
+    def room_mm(self) -> list[float]:
+        """The longest sides that a part may have on every printer."""
+        return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
+
+    def rotate(self, rotation: Floats) -> Problem:
+        """The same with the model turned by (3, 3); itself where that is not at all."""
+        if (rotation == np.eye(3)).all():
+            return self
+        model = replace(self.model, solid=self.model.solid.rotate(rotation))
+        return replace(self, model=model, frame=rotation @ self.frame)
+
+    def granularity(self, model: Model) -> int:
+        """The cube root of the number of cells that is asked for over a model in the frame of the cut."""
+        rooms_long = max(model.extents_mm) / min(self.room_mm)
+        return choose_granularity(self.options.granularity, len(self.printers), rooms_long)
+
+    def build_grid(
+        self,
+        model: Model,
+        plane_at: tuple[int, float] | None = None,
+        overhang_cos: float | None = None,
+    ) -> Grid:
+        """The grid over a model in the frame that it is cut in; see `grid.build_grid`."""
+        options, cost = self.options, self.cost
+        vertices, faces = model.solid.arrays()
+        self.effort.book(Work.FACE_GRIDDED, len(faces))
+        return build_grid(
+            vertices[faces],
+            self.granularity(model),
+            options.min_wall_mm,
+            options.interior is Interior.KEEP,
+            cost.overhang_cos if overhang_cos is None else overhang_cos,
+            cost.skin_cos,
+            plane_at,
+        )
+
+    def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
+        """Every box of a grid, priced; it fits where it fits these rooms, if none are named every printer."""
+        boxes = price_boxes(grid, list(rooms or self.rooms), self.cost)
+        self.effort.book(Work.BOX_PRICED, len(boxes.seconds))
+        return boxes
+
+    def grid_figures(
+        self, grid: Grid, boxes: BoxTables, chosen: list[Box], pieces: Sequence[Piece]
+    ) -> GridFigures:
+        """How good these boxes of a grid are: their makespan by the tables, and what none can undercut.
+
+        `pieces` are what came of them, or of others like them, in the end. The boxes fit every printer: the
+        longest is for the quickest one. The bound is proven as if all printers were as quick as that one.
+        """
+        printers = len(self.printers)
+        times_s = sorted((boxes.longest_s([box]) for box in chosen), reverse=True)
+        needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+        bound_s = surface_bound_s(self.model.solid.area_mm2, needed_mm3, printers, self.cost)
+        if self.needs_proof(pieces):
+            self.effort.book(Work.BOX_PROVEN, len(boxes.seconds))
+            bound_s = max(bound_s, makespan_bound(boxes, grid.needed, printers, times_s[0]).seconds)
+        factors = sorted(printer.time_factor for printer in self.printers)
+        ends_s = max(time_s * factor for time_s, factor in zip(times_s, factors, strict=False))
+        return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
+
+    def needs_proof(self, pieces: Sequence[Piece]) -> bool:
+        """Whether the bound is proven for a result of these pieces: where it may be the best there is."""
+        if not self.options.prove:
+            return False
+        ends_s = self.makespan_s(pieces)
+        return math.isfinite(ends_s) and ends_s <= self.best_known_s  # of two that end together one is chosen
+
+    def makespan_s(self, pieces: Sequence[Piece]) -> float:
+        """When the last piece ends, each truly posed and on its printer of `takers`; inf where there is none.
+
+        Whatever printers they are cut for: it is the makespan of the result.
+        """
+        takers = self.assign_printers(pieces)
+        if takers is None:
+            return math.inf
+        each = zip(self.find_poses(pieces), takers, strict=True)
+        return max(pose.price_s * taker.time_factor for pose, taker in each if pose is not None)
+
+    def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
+        """The printer of each piece, so that the last one ends soonest; None where they do not all fit."""
+        if len(pieces) > len(self.printers):
+            return None
+        posed = [pose for pose in self.find_poses(pieces) if pose is not None]
+        return assign_printers(posed, self.printers) if len(posed) == len(pieces) else None
+
+    def rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
+        """The rooms that a piece has to fit: its printer's, or those of all."""
+        return self.rooms if piece.printer is None else (piece.printer,)
+
+    def find_pose(self, piece: Piece) -> Pose | None:
+        """The best pose that fits `rooms_for` a piece; None where there is none."""
+        vertices, faces = piece.solid.arrays()
+        cut = find_cut_faces(vertices, faces, piece.planes)
+        rooms = self.rooms_for(piece)
+        return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
+
+    def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
+        """`pose` of each, once for a solid and its rooms, side by side where there is an executor."""
+        run = map if self.executor is None else self.executor.map
+        new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
+        self.effort.book(Work.PIECE_POSED, len(new))
+        self.effort.book(Work.FACE_POSED, sum(piece.solid.faces for piece in new.values()))
+        self._posed.update(zip(new, run(self.find_pose, new.values()), strict=True))
+        return [self._posed[self._posing(piece)] for piece in pieces]
+
+    def _posing(self, piece: Piece) -> Posing:
+        return piece.solid, tuple(room.boxes for room in self.rooms_for(piece))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Partition:
+    """What an engine answers: at most as many pieces as there are printers.
+
+    Each fits the printer that it is cut for; where it is cut for none, all of them.
+
+    Attributes
+    ----------
+    rotation
+        (3, 3) ``v_cut = rotation @ v_model``: the frame that the pieces are in.
+    model
+        The model in that frame.
+    """
+
+    pieces: tuple[Piece, ...]
+    model: Model
+    rotation: Floats
+    grid: GridFigures | None = None

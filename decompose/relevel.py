@@ -1,0 +1,134 @@
+"""Cut planes moved once more, now that a slicer has told what each part takes.
+
+The price of a part is a per cent or two off, and the job waits for the part whose price is furthest off. How
+far each part's is hardly changes while its faces move by some millimetres: each keeps its own factor, and the
+planes are levelled by price times factor, as they were by the price alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+
+from decompose.engines.guillotine import shift_box_planes
+from decompose.geometry import Model
+from decompose.options import Engine
+from decompose.pieces import Piece, assign_printers, cut_box, sort_pieces
+from decompose.print_time import CostModel
+from decompose.problem import Effort, GridFigures, Partition, Problem
+from decompose.results import Cutting, Decomposition, apply_time_ratios, finish_result
+
+WORTH = 0.005  # share of the makespan that has to be promised: the parts are sliced again for it
+
+
+def relevel_planes(
+    model: Model,
+    was: Decomposition,
+    took_s: Sequence[float],
+    cost: CostModel,
+    executor: Executor | None = None,
+) -> Decomposition | None:
+    """The same parts with other borders, so that the slowest of them, as it is sliced, ends sooner.
+
+    Parameters
+    ----------
+    model
+        That was decomposed.
+    was
+        How; of its parts nothing is read, so that it may have come from another process without them.
+    took_s
+        The slicer's time of each of its parts, in seconds.
+    cost
+        It was decomposed with.
+
+    Returns
+    -------
+    Decomposition | None
+        Its times are the cost's, as ever. None where no gain is promised that is worth slicing again, or
+        where the engine was another one.
+
+    Raises
+    ------
+    NoFit, GeometryError
+        The result fits no longer, or breaks a geometry rule.
+    """
+    if (cutting := was.cutting) is None:
+        return None
+    began_s = perf_counter()
+    options = replace(was.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
+    effort = Effort(was.options.best.budget_s)
+    asked = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
+    problem = asked.rotate(cutting.frame)
+    before = _cut_previous_boxes(problem, cutting, took_s)
+    if before is None:
+        return None
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
+    after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
+    if _makespan_s(problem, after) > (1.0 - WORTH) * _makespan_s(
+        problem, [p for pieces in before for p in pieces]
+    ):
+        return None
+    grid = GridFigures(was.grid_makespan_s, was.lower_bound_s, was.cells)
+    found = Partition(tuple(after), problem.model, np.eye(3), grid)
+    result = finish_result(problem, found, (was.serial_s, was.serial_as_is_s))
+    took = perf_counter() - began_s
+    return replace(
+        result,
+        engine=was.engine,
+        options=was.options,
+        yaw_deg=was.yaw_deg,
+        attempts=was.attempts,
+        curve=was.curve,
+        compute_s=was.compute_s | {"again": took, "total": was.compute_s["total"] + took},
+    )
+
+
+def _cut_previous_boxes(
+    problem: Problem, cutting: Cutting, took_s: Sequence[float]
+) -> list[list[Piece]] | None:
+    """What is in each box, in the order in which it is cut out, with what its slice took over its price.
+
+    `took_s` is in seconds, in the order of the parts. None where those are not the parts that there were.
+    """
+    if len(took_s) != len(cutting.cut_for):
+        return None
+    parts_of: dict[bytes, list[int]] = {}
+    for i, box in enumerate(cutting.boxes_mm):
+        parts_of.setdefault(box.tobytes(), []).append(i)
+    found = []
+    for parts in parts_of.values():
+        pieces = cut_box(problem.model.solid, *cutting.boxes_mm[parts[0]])
+        if len(pieces) != len(parts):
+            return None
+        numbers = [parts[sort_pieces(pieces).index(piece)] for piece in pieces]
+        pieces = [
+            replace(piece, printer=cutting.cut_for[number])
+            for piece, number in zip(pieces, numbers, strict=True)
+        ]
+        poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
+        if len(poses) != len(pieces):
+            return None
+        found.append(
+            [
+                replace(piece, time_ratio=took_s[number] / pose.price_s)
+                for piece, number, pose in zip(pieces, numbers, poses, strict=True)
+            ]
+        )
+    return found
+
+
+def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
+    """When the last piece ends, as sliced, in seconds, each on its best printer; inf where one fits none."""
+    poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
+    if len(poses) != len(pieces):
+        return math.inf
+    posed = apply_time_ratios(pieces, poses)
+    takers = assign_printers(posed, problem.printers)
+    if takers is None:
+        return math.inf
+    return max(pose.price_s * taker.time_factor for pose, taker in zip(posed, takers, strict=True))

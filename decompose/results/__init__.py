@@ -1,0 +1,19 @@
+"""The checked answer: parts in their poses, with figures."""
+
+from __future__ import annotations
+
+from decompose.results.check import check_result, check_stl
+from decompose.results.decomposition import Attempt, Coverage, Cutting, Decomposition, Part
+from decompose.results.finish import apply_time_ratios, finish_result
+
+__all__ = [
+    "Attempt",
+    "Coverage",
+    "Cutting",
+    "Decomposition",
+    "Part",
+    "apply_time_ratios",
+    "check_result",
+    "check_stl",
+    "finish_result",
+]

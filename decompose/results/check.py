@@ -1,0 +1,156 @@
+"""The geometry rules, checked on every result before it is written. None of them trusts the search."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from decompose.arrays import Floats
+from decompose.errors import GeometryError, Rule
+from decompose.geometry import Model, Solid
+from decompose.pieces import ON_PLANE_MM, find_cut_faces
+from decompose.printers import PrinterRoom
+from decompose.results.decomposition import Coverage, Part
+
+SURFACE_SHARE = 1e-6
+OVERLAP_MM3 = 1e-3
+CRUMB_SHARE = 1e-12  # of the model: rounding, not a hollow
+STL_VOLUME_SHARE = 1e-5
+FIT_MM = 1e-6
+LAP_MM = 1e-6  # by which boxes are larger where they are joined, or rounding leaves films between them
+
+
+def check_result(
+    parts: Sequence[Part],
+    boxes_mm: Floats,
+    model: Model,
+    printers: Sequence[PrinterRoom],
+    min_wall_mm: float,
+) -> Coverage:
+    """Check all rules but the files'.
+
+    Parameters
+    ----------
+    boxes_mm
+        (b, 2, 3) the boxes that were cut out, outside of which the inside of the model was left; none where
+        nothing may be missing.
+
+    Returns
+    -------
+    Coverage
+        The figures of surface and overlap.
+
+    Raises
+    ------
+    GeometryError
+        The first rule that is broken, and the part.
+    """
+    rooms = {p.name: p for p in printers}
+    free = Counter(p.name for p in printers)  # a printer is there once for each round that it may print
+    for part in parts:
+        check_part(part, rooms)
+        free[part.printer] -= 1
+        if free[part.printer] < 0:
+            raise GeometryError(Rule.OWN_PRINTER, part.id, f"{part.printer} has another part already")
+    overlap = check_overlap(parts)
+    error = check_surface(parts, model)
+    check_missing(parts, boxes_mm, model, min_wall_mm)
+    return Coverage(error, overlap)
+
+
+def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
+    """Closed, one piece, and inside its printer's room in its pose."""
+    vertices, faces = part.solid.arrays()
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    if not (len(faces) and mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0):
+        raise GeometryError(Rule.CLOSED, part.id, "not a closed surface around a volume")
+    pieces = len(part.solid.pieces())
+    if pieces != 1:
+        raise GeometryError(Rule.ONE_PIECE, part.id, f"{pieces} separate pieces")
+    printed, _ = part.printing_mesh()
+    width, depth, height = np.ptp(printed, axis=0) - FIT_MM
+    room = rooms.get(part.printer)
+    if room is None or not room.fits(width, depth, height):
+        raise GeometryError(
+            Rule.FITS, part.id, f"{width:.1f} x {depth:.1f} x {height:.1f} mm does not fit {part.printer}"
+        )
+
+
+def check_overlap(parts: Sequence[Part]) -> float:
+    """The volume in mm3 that two parts share, over all pairs."""
+    total = 0.0
+    for a, b in combinations(parts, 2):
+        lo = np.maximum(a.solid.bounds_mm[0], b.solid.bounds_mm[0])
+        hi = np.minimum(a.solid.bounds_mm[1], b.solid.bounds_mm[1])
+        if (hi - lo).min() <= ON_PLANE_MM:
+            continue
+        shared = a.solid.intersect(b.solid).volume_mm3
+        if shared > OVERLAP_MM3:
+            raise GeometryError(Rule.NO_OVERLAP, b.id, f"shares {shared:.3g} mm3 with {a.id}")
+        total += shared
+    return total
+
+
+def check_surface(parts: Sequence[Part], model: Model) -> float:
+    """Relative error of the original area that the parts carry: their faces that are no cuts."""
+    covered = 0.0
+    for part in parts:
+        vertices, faces = part.solid.arrays()
+        triangles = vertices[faces]
+        cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        area = np.linalg.norm(cross, axis=1) / 2.0
+        covered += float(area[~find_cut_faces(vertices, faces, part.planes)].sum())
+    whole = model.solid.area_mm2
+    error = abs(covered - whole) / whole
+    if error > SURFACE_SHARE:
+        raise GeometryError(
+            Rule.SURFACE, None, f"the parts carry {covered:.3f} of {whole:.3f} mm2 of the original surface"
+        )
+    return error
+
+
+def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
+    """What no part has is what lies in no box, and keeps its distance from the surface."""
+    whole = model.solid.volume_mm3
+    missing = whole - sum(p.solid.volume_mm3 for p in parts)
+    hollow = None
+    if len(boxes_mm):
+        boxes = np.unique(boxes_mm, axis=0)
+        hollow = model.solid.subtract(Solid.union([Solid.box(lo - LAP_MM, hi + LAP_MM) for lo, hi in boxes]))
+    left = 0.0 if hollow is None else hollow.volume_mm3
+    if abs(missing - left) > SURFACE_SHARE * whole:
+        raise GeometryError(
+            Rule.INSIDE, None, f"{missing:.1f} mm3 are missing, outside of the boxes are {left:.1f}"
+        )
+    if hollow is None or left <= CRUMB_SHARE * whole:
+        return
+    lo, hi = model.solid.bounds_mm
+    far_mm = 2.0 * min_wall_mm + 1.0  # the sides of this box are further from any hollow than the limit
+    outside = Solid.box(lo - far_mm, hi + far_mm).subtract(model.solid)
+    if outside.gap_mm(hollow, min_wall_mm) >= min_wall_mm - FIT_MM:
+        return
+    hollows = hollow.pieces()
+    distances = [outside.gap_mm(each, min_wall_mm) for each in hollows]
+    nearest = int(np.argmin(distances))
+    centre = np.round(hollows[nearest].bounds_mm.mean(axis=0))
+    raise GeometryError(
+        Rule.WALL, None, f"the hollow at {centre} is {distances[nearest]:.2f} mm from the surface"
+    )
+
+
+def check_stl(path: Path, part: Part) -> None:
+    """The written file holds the part: watertight, and of its volume."""
+    mesh: Any = trimesh.load(path, force="mesh", process=True)
+    if not mesh.is_watertight:
+        raise GeometryError(Rule.STL, part.id, f"{path.name}, read back, is not watertight")
+    volume = part.solid.volume_mm3
+    if abs(mesh.volume - volume) > STL_VOLUME_SHARE * volume:
+        raise GeometryError(
+            Rule.STL, part.id, f"{path.name}, read back, has {mesh.volume:.3f} mm3 instead of {volume:.3f}"
+        )

@@ -1,0 +1,257 @@
+"""What decomposition is asked, and what it answers: options, parts and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from decompose.arrays import Floats, Ints
+from decompose.engines.guillotine import CurvePoint
+from decompose.errors import GeometryError, Rule
+from decompose.geometry import Solid, round_triangles
+from decompose.options import Engine, Options
+from decompose.pieces import Fault, Joint
+from decompose.printers import PrinterRoom
+
+SCHEMA = 1
+STL_TOLERANCES_MM = (0.0, 1e-5, 1e-4, 1e-3)
+ON_BED_MM = 2e-5  # single precision leaves the corners of a tilted face this far from its plane
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One printable piece.
+
+    Attributes
+    ----------
+    solid
+        In the model's frame, mm.
+    to_model
+        (4, 4) row-major: coordinates of the part's file (printing pose) -> model frame, mm.
+    printer
+        The name of the printer that it is meant for.
+    brim_width_mm, layer_0_expansion_mm
+        Chosen for the part; None: as the quality has them.
+    planes
+        (k, 4) rows nx, ny, nz, d: the planes n.x = d that it was cut at, in the model's frame.
+    stands
+        Whether it stays where it is while it is printed, in the pose that it is printed in.
+    """
+
+    id: str
+    solid: Solid
+    to_model: Floats
+    price_s: float
+    printer: str
+    file: str = ""
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
+    planes: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    stands: bool = True
+
+    @property
+    def rotation(self) -> Floats:
+        """(3, 3) rows: the bed's x, y and z in the model's frame."""
+        return self.to_model[:3, :3].T
+
+    def printing_mesh(self, tolerance_mm: float = 0.0) -> tuple[Floats, Ints]:
+        """Vertices and faces in printing pose: centred on the bed's origin, standing flat on z = 0."""
+        solid = self.solid.simplify(tolerance_mm) if tolerance_mm > 0.0 else self.solid
+        vertices, faces = solid.arrays()
+        placed = (vertices - self.to_model[:3, 3]) @ self.to_model[:3, :3]
+        placed[np.abs(placed[:, 2]) < ON_BED_MM, 2] = 0.0
+        return placed, faces
+
+    def stl_triangles(self) -> npt.NDArray[np.float32]:
+        """Triangles (m, 3, 3) for an STL, simplified by as little as keeps them closed in its precision."""
+        for tolerance_mm in STL_TOLERANCES_MM:
+            corners = round_triangles(*self.printing_mesh(tolerance_mm))
+            if corners is not None:
+                return corners
+        raise GeometryError(Rule.STL, self.id, "touches itself, so that an STL of it is not closed")
+
+    def as_dict(self) -> dict[str, Any]:
+        lo, hi = self.solid.bounds_mm
+        return {
+            "id": self.id,
+            "file": self.file,
+            "to_model": self.to_model.tolist(),
+            "min_mm": lo.tolist(),
+            "max_mm": hi.tolist(),
+            "volume_mm3": self.solid.volume_mm3,
+            "area_mm2": self.solid.area_mm2,
+            "estimated_s": self.price_s,
+            "printer": self.printer,
+            "brim_width_mm": self.brim_width_mm,
+            "layer_0_expansion_mm": self.layer_0_expansion_mm,
+            "stands": self.stands,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """How well the parts cover the model: relative error of the original area, and doubly covered volume."""
+
+    surface_error: float
+    overlap_mm3: float
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """What became of one engine on one grid, of those that `best` tried.
+
+    Attributes
+    ----------
+    yaw_deg
+        By how much the model was turned about z for it.
+    makespan_s
+        None where it reached nothing, and why is in `reason`.
+    compute_s, effort_s
+        Wall time; and the work that was counted, which is the same on every machine (`decompose.effort`).
+    finished
+        Whether the budget let it do all that it does.
+    """
+
+    engine: Engine
+    granularity: str | int
+    yaw_deg: float = 0.0
+    makespan_s: float | None = None
+    compute_s: float = 0.0
+    effort_s: float = 0.0
+    finished: bool = True
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cutting:
+    """How the parts were cut, so that they can be levelled again (`decompose.again`).
+
+    Attributes
+    ----------
+    granularity
+        Of the grid.
+    frame
+        (3, 3) ``v_cut = frame @ v_model``.
+    boxes_mm
+        (parts, 2, 3) corners of the box whose content each part is of, in the frame of the cut.
+    cut_for
+        The printer that each part was cut for; None: any.
+    printers
+        Those that were free.
+    """
+
+    granularity: str | int
+    frame: Floats
+    boxes_mm: Floats
+    cut_for: tuple[PrinterRoom | None, ...]
+    printers: tuple[PrinterRoom, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Decomposition:
+    """A checked result. All times are estimates of the cost model, in seconds.
+
+    Attributes
+    ----------
+    serial_s, serial_as_is_s
+        The whole model on one imagined large printer: in its best pose, and as it stands in its file.
+    makespan_s, sum_s
+        The part that ends last, on its printer at its speed; and all parts together, without speeds.
+    grid_makespan_s
+        The longest box of the search's partition as its tables price it: in the best of the axis poses, with
+        supports down to the bed and the quality's brim, and what was posed truly at no less than that costs.
+        `makespan_s` is of the pose that a part is printed in, and may be either side.
+    lower_bound_s
+        Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
+        lower `grid_makespan_s` (`decompose.bound`). It says nothing of other grids, cuts or poses. Of an
+        engine without a grid: no partition that prints the whole surface has a lower makespan. Both are on
+        these printers at their speeds; the bound takes all of them for as quick as the quickest.
+    gap
+        (grid_makespan_s - lower_bound_s) / lower_bound_s.
+    joints
+        Where two parts touch, by their places in `parts`.
+    faults
+        Slivers, and parts that joints of enough glue do not hold. What has any is given up; of the
+        two rivals and of what is `--faithful` they are told.
+    cutting
+        Of the engine `guillotine`: what its parts can be levelled again from.
+    curve
+        Where the number of printers was chosen: the makespan of each number by the tables, in seconds.
+    yaw_deg
+        By how much `best` turned the model about z, against which it is cut askew.
+    attempts
+        What `best` tried, in its order; empty of a single engine.
+    compute_s
+        Wall time by stage of the engine whose result it is; ``total`` is of all that was done for it, with
+        what `best` tried besides.
+    """
+
+    engine: Engine
+    options: Options
+    serial_s: float
+    serial_as_is_s: float
+    makespan_s: float
+    sum_s: float
+    grid_makespan_s: float
+    lower_bound_s: float
+    gap: float
+    compute_s: dict[str, float]
+    parts: tuple[Part, ...]
+    coverage: Coverage
+    cells: tuple[int, int, int] | None
+    yaw_deg: float = 0.0
+    attempts: tuple[Attempt, ...] = ()
+    joints: tuple[Joint, ...] = ()
+    faults: tuple[Fault, ...] = ()
+    curve: tuple[CurvePoint, ...] = ()
+    cutting: Cutting | None = None
+
+    def possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
+        """About the share of the makespan that could be gained with no less work in all.
+
+        All printers would be busy to the end, each as quick as it is.
+        """
+        busy_s = self.sum_s / sum(1.0 / printer.time_factor for printer in printers)
+        return 1.0 - busy_s / self.makespan_s
+
+    def without_parts(self) -> Decomposition:
+        """The same without its parts and what is told of them: figures alone, for another process."""
+        return replace(self, parts=(), joints=(), faults=())
+
+    def as_dict(self) -> dict[str, Any]:
+        """The object that decomposition.json holds."""
+        return {
+            "schema": SCHEMA,
+            "engine": self.engine,
+            "options": self.options.as_dict(),
+            "serial_s": self.serial_s,
+            "serial_as_is_s": self.serial_as_is_s,
+            "makespan_s": self.makespan_s,
+            "sum_s": self.sum_s,
+            "grid_makespan_s": self.grid_makespan_s,
+            "lower_bound_s": self.lower_bound_s,
+            "gap": self.gap,
+            "compute_s": self.compute_s["total"],
+            "stages_s": self.compute_s,
+            "cells": None if self.cells is None else list(self.cells),
+            "yaw_deg": self.yaw_deg,
+            "attempts": [asdict(attempt) for attempt in self.attempts],
+            "parts": [p.as_dict() for p in self.parts],
+            "coverage": asdict(self.coverage),
+            "curve": [asdict(point) for point in self.curve],
+            "joints": [
+                {
+                    "a": self.parts[joint.a].id,
+                    "b": self.parts[joint.b].id,
+                    "area_mm2": joint.area_mm2,
+                    "width_mm": joint.width_mm,
+                    "glued": joint.holds(self.options.min_glue_mm2),
+                }
+                for joint in self.joints
+            ],
+            "faults": [{"part": self.parts[f.piece].id, "what": f.reason} for f in self.faults],
+        }

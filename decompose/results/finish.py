@@ -1,0 +1,135 @@
+"""What an engine found, made into an answer: pieces posed and numbered, checked, and reported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.bound import surface_bound_s
+from decompose.errors import NoFit
+from decompose.options import Engine
+from decompose.pieces import Piece, assign_printers, find_faults, find_joints, rotate_planes, sort_pieces
+from decompose.print_time import Pose
+from decompose.problem import GridFigures, Partition, Problem
+from decompose.results.check import check_result
+from decompose.results.decomposition import Coverage, Cutting, Decomposition, Part
+
+
+def finish_result(problem: Problem, found: Partition, serial: tuple[float, float]) -> Decomposition:
+    """The checked answer; its times by stage are left to whoever measures them.
+
+    Parameters
+    ----------
+    serial
+        What `partition.serial_seconds` says of the model.
+
+    Raises
+    ------
+    NoFit
+        The parts do not fit the printers, each on one of its own.
+    GeometryError
+        The result breaks a geometry rule.
+    """
+    pieces = sort_pieces(found.pieces)
+    parts = _build_parts(pieces, problem)
+    problem.on_stage("parts")
+    boxed = all(len(piece.boxes_mm) for piece in pieces)
+    boxes_mm = np.concatenate([p.boxes_mm for p in pieces]) if boxed else np.zeros((0, 2, 3))
+    coverage = check_result(parts, boxes_mm, found.model, problem.printers, problem.options.min_wall_mm)
+    problem.on_stage("check")
+    return _build_decomposition(
+        problem, found, parts, coverage, serial, _record_cutting(problem, pieces, boxes_mm)
+    )
+
+
+def _record_cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cutting | None:
+    """What the pieces can be levelled again from; only those of boxes of a grid can."""
+    if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
+        return None
+    cut_for = tuple(piece.printer for piece in pieces)
+    return Cutting(problem.options.granularity, problem.frame, boxes_mm, cut_for, problem.printers)
+
+
+def _build_decomposition(
+    problem: Problem,
+    found: Partition,
+    parts: Sequence[Part],
+    coverage: Coverage,
+    serial: tuple[float, float],
+    cutting: Cutting | None,
+) -> Decomposition:
+    factors = {printer.name: printer.time_factor for printer in problem.printers}
+    makespan_s = max(p.price_s * factors[p.printer] for p in parts)
+    touching = find_joints(parts)
+    bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
+    grid = found.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
+    return Decomposition(
+        engine=problem.options.engine,
+        options=problem.options,
+        serial_s=serial[0],
+        serial_as_is_s=serial[1],
+        makespan_s=makespan_s,
+        sum_s=sum(p.price_s for p in parts),
+        grid_makespan_s=grid.makespan_s,
+        lower_bound_s=grid.lower_bound_s,
+        gap=(grid.makespan_s - grid.lower_bound_s) / grid.lower_bound_s,
+        compute_s={},
+        parts=tuple(_restore_frame(part, found.rotation @ problem.frame) for part in parts),
+        coverage=coverage,
+        cells=grid.cells,
+        joints=tuple(touching),
+        cutting=cutting,
+        faults=tuple(find_faults(parts, problem.options.min_glue_mm2, touching)),
+    )
+
+
+def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
+    """Pieces in their best poses, numbered, each with a printer."""
+    posed = [_require_pose(pose) for pose in problem.find_poses(pieces)]
+    takers = assign_printers(apply_time_ratios(pieces, posed), problem.printers)
+    if takers is None:
+        raise NoFit(f"{len(posed)} parts do not fit these printers, each on one of its own", len(posed))
+    digits = max(2, len(str(len(pieces))))
+    return [
+        Part(
+            id=f"p{i + 1:0{digits}d}",
+            solid=piece.solid,
+            to_model=pose.to_model,
+            price_s=pose.price_s,
+            printer=takers[i].name,
+            brim_width_mm=pose.brim_width_mm,
+            layer_0_expansion_mm=pose.layer_0_expansion_mm,
+            planes=piece.planes,
+            stands=pose.stands,
+        )
+        for i, (piece, pose) in enumerate(zip(pieces, posed, strict=True))
+    ]
+
+
+def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
+    """Poses with what each piece takes there, as far as a slicer has shown it."""
+    each = zip(pieces, poses, strict=True)
+    return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in each]
+
+
+def _require_pose(pose: Pose | None) -> Pose:
+    if pose is None:
+        raise NoFit("a part fits no printer in any pose: take another engine, or a finer --granularity")
+    return pose
+
+
+def _restore_frame(part: Part, rotation: Floats) -> Part:
+    """A part in the frame of the model as it was; `rotation` (3, 3) led to the frame of the cut."""
+    if (rotation == np.eye(3)).all():
+        return part
+    back = np.eye(4)
+    back[:3, :3] = rotation.T
+    return replace(
+        part,
+        solid=part.solid.rotate(rotation.T),
+        to_model=back @ part.to_model,
+        planes=rotate_planes(part.planes, rotation.T),
+    )

@@ -1,0 +1,37 @@
+"""The fewest boxes that cover cells, against the rules of the programme and of its dual."""
+
+from __future__ import annotations
+
+import numpy as np
+from box_tables import Shape, tables
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.bound.covering import cover_cells
+from decompose.grid import box_index
+
+shapes = st.tuples(st.integers(1, 5), st.integers(1, 4), st.integers(1, 4))
+
+
+@settings(max_examples=30, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), limit_s=st.floats(100.0, 1500.0))
+def test_shares_cover_and_weights_overrun_no_box(shape: Shape, seed: int, limit_s: float) -> None:
+    boxes, needed = tables(shape, seed)
+    needed[0, 0, 0] = True
+    boxes.trimmed[box_index((0, 0, 0, 1, 1, 1), shape)] = box_index((0, 0, 0, 1, 1, 1), shape)
+    found = cover_cells(boxes, needed, limit_s, 3, needed / needed.sum())
+    assert not found.weights[~needed].any()
+    assert (found.weights >= 0.0).all()
+    covered = np.zeros(shape)
+    pieces = 0.0
+    for (x0, y0, z0, x1, y1, z1), share in zip(found.boxes.tolist(), found.shares.tolist(), strict=True):
+        at = box_index((x0, y0, z0, x1, y1, z1), shape)
+        assert boxes.seconds[at] <= limit_s
+        assert found.weights[x0:x1, y0:y1, z0:z1].sum() <= boxes.pieces[at] * (1.0 + 1e-9)
+        covered[x0:x1, y0:y1, z0:z1] += share
+        pieces += share * int(boxes.pieces[at])
+    if found.shares.any():
+        assert (covered[needed] >= 1.0 - 1e-9).all()
+        assert found.weights.sum() <= pieces * (1.0 + 1e-9)
+    else:
+        assert np.count_nonzero(found.weights) == 1

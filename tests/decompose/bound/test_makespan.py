@@ -1,0 +1,132 @@
+"""The bound against brute force and the whole linear programme, on tables of invented costs."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+from box_tables import Shape, every_box, tables
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from decompose.bound import makespan_bound
+from decompose.bound.makespan import CLOSE, Bound
+from decompose.engines.guillotine import Partitioner
+from decompose.grid import Box, BoxTables, box_index
+
+shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
+
+
+def printable(boxes: BoxTables) -> list[tuple[Box, float, int]]:
+    """All boxes that may be parts, with time and pieces."""
+    found = []
+    for box in every_box(boxes.shape):
+        at = box_index(box, boxes.shape)
+        if boxes.trimmed[at] == at and np.isfinite(boxes.seconds[at]):
+            found.append((box, float(boxes.seconds[at]), int(boxes.pieces[at])))
+    return found
+
+
+def solved(boxes: BoxTables, needed: np.ndarray, printers: int) -> tuple[Bound, float]:
+    """The bound, and the makespan of the best guillotine partition that it started from."""
+    solver = Partitioner(boxes)
+    assume(needed.any())
+    assume(solver.find_least_makespan(printers, 0.0, tolerance_s=1e-3) is not None)
+    return makespan_bound(boxes, needed, printers, solver.longest_s()), solver.longest_s()
+
+
+def least_makespan_by_recursion(boxes: BoxTables, needed: np.ndarray, printers: int) -> float:
+    """Over all sets of boxes that cover the needed cells: among them all partitions, guillotine or not."""
+    number = {tuple(map(int, cell)): 1 << i for i, cell in enumerate(np.argwhere(needed))}
+    choices = []
+    for box, seconds, pieces in printable(boxes):
+        inside = sum(
+            bit for cell, bit in number.items() if all(box[a] <= cell[a] < box[a + 3] for a in range(3))
+        )
+        choices.append((inside, seconds, pieces))
+
+    @cache
+    def least(left: int, free: int) -> float:
+        if not left:
+            return 0.0
+        first = left & -left
+        return min(
+            (
+                max(seconds, least(left & ~inside, free - pieces))
+                for inside, seconds, pieces in choices
+                if inside & first and pieces <= free
+            ),
+            default=math.inf,
+        )
+
+    return least(sum(number.values()), printers)
+
+
+@settings(max_examples=40, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 4))
+def test_no_partition_is_below_the_bound(shape: Shape, seed: int, printers: int) -> None:
+    boxes, needed = tables(shape, seed)
+    assume(needed.sum() <= 14)
+    bound, makespan = solved(boxes, needed, printers)
+    assert 0.0 < bound.seconds <= least_makespan_by_recursion(boxes, needed, printers) <= makespan
+
+
+@settings(max_examples=40, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 12))
+def test_the_weights_prove_the_bound(shape: Shape, seed: int, printers: int) -> None:
+    """Told again with whole numbers of any size: some part holds its share, and no quicker box does."""
+    boxes, needed = tables(shape, seed)
+    bound, _ = solved(boxes, needed, printers)
+    assert bound.weights.dtype == np.int64
+    assert (bound.weights >= 0).all()
+    assert not bound.weights[~needed].any()
+    total = sum(bound.weights.ravel().tolist())
+    for (x0, y0, z0, x1, y1, z1), seconds, pieces in printable(boxes):
+        if seconds < bound.seconds:
+            assert sum(bound.weights[x0:x1, y0:y1, z0:z1].ravel().tolist()) * printers < pieces * total
+
+
+@settings(max_examples=25, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), printers=st.integers(1, 6))
+def test_it_proves_what_the_whole_programme_proves(shape: Shape, seed: int, printers: int) -> None:
+    """All boxes at once, where weights of at most one part a cell are looked for."""
+    boxes, needed = tables(shape, seed)
+    bound, _ = solved(boxes, needed, printers)
+    every = printable(boxes)
+    inside = np.zeros((len(every), *shape))
+    for row, ((x0, y0, z0, x1, y1, z1), _, _) in zip(inside, every, strict=True):
+        row[x0:x1, y0:y1, z0:z1] = 1.0
+    inside = inside[:, needed]
+
+    def refuted(limit_s: float) -> bool:
+        rows = [i for i, (_, seconds, _) in enumerate(every) if seconds <= limit_s]
+        parts = np.array([every[i][2] for i in rows], float)
+        spread = linprog(-np.ones(inside.shape[1]), inside[rows], parts, bounds=(0.0, 1.0))
+        return bool(-spread.fun > printers + 1e-3)
+
+    limits = sorted(seconds for _, seconds, _ in every)
+    proven = next(t for t in limits if not refuted(t))
+    assert bound.seconds >= proven * (1.0 - 2.0 * CLOSE)
+
+
+def test_a_row_of_like_cells_is_bounded_by_the_longest_share() -> None:
+    """Seven cells on three printers: one prints three of them, and no fraction of boxes does better."""
+    shape = (7, 1, 1)
+    boxes, _ = tables(shape, 0)
+    needed = np.ones(shape, bool)
+    for box in every_box(shape):
+        at = box_index(box, shape)
+        boxes.trimmed[at], boxes.pieces[at] = at, 1
+        boxes.seconds[at] = 10.0 * (box[3] - box[0])
+    assert makespan_bound(boxes, needed, 3, 30.0).seconds == 30.0
+
+
+def test_it_proves_more_than_the_volume_does_where_cells_are_many() -> None:
+    """On a grid too large for a simplex method: within what fractions of boxes and the method lose."""
+    boxes, needed = tables((9, 8, 7), 3)
+    solver = Partitioner(boxes)
+    assert solver.find_least_makespan(20, 0.0) is not None
+    bound = makespan_bound(boxes, needed, 20, solver.longest_s())
+    assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()

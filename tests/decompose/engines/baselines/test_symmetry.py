@@ -1,0 +1,141 @@
+"""The engine `symmetry`: cuts at planes of symmetry, and planes in any direction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.decompose import decompose_model
+from decompose.engines.baselines.fitting import (
+    connected_pieces,
+    count_blocks,
+    count_parts,
+    place_clear_of_faces,
+)
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid, draw_mirrors, find_good_mirrors
+from decompose.geometry.symmetry import APART_RAD
+from decompose.grid import CLEAR_MM
+from decompose.options import Engine, Options
+from decompose.pieces import Piece, find_cut_faces
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+
+ROOM = PrinterRoom("plus", ((206.9, 190.9, 205.0),))
+MENDED = Options(Engine.SYMMETRY, seed=3, fit_first_layer=False)
+FAITHFUL = replace(MENDED, faithful=True)
+
+
+@pytest.fixture(scope="module")
+def rough_ball() -> Model:
+    sphere = trimesh.creation.icosphere(2, 150.0)
+    return Model(Solid.from_arrays(sphere.vertices, sphere.faces), (), 1.0)
+
+
+directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
+
+
+def printers(count: int) -> list[PrinterRoom]:
+    return [replace(ROOM, name=str(i)) for i in range(count)]
+
+
+@settings(max_examples=30, deadline=None)
+@given(direction=directions, share=st.floats(0.2, 0.8))
+def test_an_oblique_plane_parts_a_solid(
+    lump: Solid, direction: tuple[float, float, float], share: float
+) -> None:
+    normal = np.array(direction) / np.linalg.norm(direction)
+    along = lump.arrays()[0] @ normal
+    at_mm = float(along.min() + share * np.ptp(along))
+    below, above = lump.split_by_plane(normal, at_mm)
+    assert below.volume_mm3 + above.volume_mm3 == pytest.approx(lump.volume_mm3, rel=1e-9)
+    assert (below.arrays()[0] @ normal).max() < at_mm + 1e-7
+    assert (above.arrays()[0] @ normal).min() > at_mm - 1e-7
+    # The faces on the plane are known for cuts: what is left is the surface as it was.
+    uncut = 0.0
+    for side in (below, above):
+        vertices, faces = side.arrays()
+        corners = vertices[faces[~find_cut_faces(vertices, faces, np.array([[*normal, at_mm]]))]]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        uncut += float(np.linalg.norm(cross, axis=1).sum() / 2.0)
+    assert uncut == pytest.approx(lump.area_mm2, rel=1e-7)
+
+
+def test_what_the_room_asks_for() -> None:
+    size = np.array([450.0, 100.0, 300.0])
+    assert count_blocks(size, [ROOM]) == (3, 1, 2)
+    tall = PrinterRoom("tall", ((206.9, 190.9, 305.0),))
+    assert sorted(count_blocks(size, [tall])) == [1, 1, 3] or count_blocks(size, [tall]) == (2, 1, 2)
+    assert count_blocks(size, [ROOM, tall]) == (3, 1, 2)
+    assert count_parts(Solid.box((0, 0, 0), (190.9, 205.0, 206.9)), [ROOM]) == 1
+    assert count_parts(Solid.box((0, 0, 0), (191.0, 205.1, 206.9)), [ROOM]) == 2
+
+
+def test_films_on_a_cut_are_no_pieces() -> None:
+    two = [Solid.box((0, 0, 0), (10, 10, 10)), Solid.box((20, 0, 0), (20 + 1e-9, 10, 10))]
+    found = connected_pieces(Piece(Solid.union(two), np.zeros((0, 4)), np.zeros((0, 2, 3))))
+    assert [piece.solid.volume_mm3 for piece in found] == pytest.approx([1000.0])
+
+
+def test_a_plane_keeps_clear_of_faces() -> None:
+    step = Solid.union([Solid.box((0, 0, 0), (100, 40, 40)), Solid.box((0, 0, 0), (50, 40, 90))])
+    along = np.array([1.0, 0.0, 0.0])
+    assert place_clear_of_faces(step, along, 30.0) == 30.0
+    assert abs(place_clear_of_faces(step, along, 50.5) - 50.0) == pytest.approx(CLEAR_MM)
+
+
+def test_planes_of_symmetry_differ_and_the_best_is_first() -> None:
+    block = Solid.box((0, 0, 0), (50, 60, 70)).arrays()[0]
+    for found in (
+        draw_mirrors(block, np.random.default_rng(0), 5),
+        find_good_mirrors(block, np.random.default_rng(0), 3, 25),
+    ):
+        assert len(found) >= 3
+        errors = [mirror.error_mm for mirror in found]
+        assert errors == sorted(errors)
+        for i, a in enumerate(found):
+            assert all(abs(a.normal @ b.normal) <= np.cos(APART_RAD) for b in found[:i])
+    assert find_good_mirrors(block, np.random.default_rng(0), 3, 25)[0].error_mm == pytest.approx(
+        0.0, abs=1e-9
+    )
+    crooked = np.random.default_rng(1).uniform(0.0, 100.0, (60, 3))
+    assert not find_good_mirrors(crooked, np.random.default_rng(0), 3, 5)
+    assert len(draw_mirrors(crooked, np.random.default_rng(0), 5)) >= 3  # however bad
+
+
+@pytest.mark.parametrize("options", [MENDED, FAITHFUL])
+def test_parts_add_up_and_are_the_same_each_time(options: Options, cost: CostModel) -> None:
+    """Of an egg, whose halves are in one piece wherever it is cut."""
+    egg = trimesh.creation.icosphere(2, 50.0)
+    model = Model(Solid.from_arrays(egg.vertices * (1.0, 1.3, 1.7), egg.faces), (), 1.0)
+    result = decompose_model(model, printers(6), options, cost)
+    assert 2 <= len(result.parts) <= 6
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(model.solid.volume_mm3, rel=1e-9)
+    assert result.makespan_s < result.serial_s
+    again = decompose_model(model, printers(6), options, cost)
+    assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
+
+
+def test_the_room_forces_cuts(rough_ball: Model, cost: CostModel) -> None:
+    result = decompose_model(rough_ball, printers(9), MENDED, cost)
+    assert 8 <= len(result.parts) <= 9
+    for part in result.parts:
+        assert ROOM.fits(*(np.ptp(part.printing_mesh()[0], axis=0) - 1e-6))
+
+
+def test_parts_that_do_not_fit_are_counted(rough_ball: Model, cost: CostModel) -> None:
+    with pytest.raises(NoFit, match=r"4 of the 4 parts that symmetry makes for 4 printers fit none"):
+        decompose_model(rough_ball, printers(4), FAITHFUL, cost)
+    with pytest.raises(NoFit, match="asks for 8 parts at least, and there are 4") as caught:
+        decompose_model(rough_ball, printers(4), MENDED, cost)
+    assert caught.value.printers_needed == 8
+
+
+def test_one_printer_gets_the_whole_of_what_fits(lump: Solid, cost: CostModel) -> None:
+    for options in (MENDED, FAITHFUL):
+        assert len(decompose_model(Model(lump, (), 1.0), printers(1), options, cost).parts) == 1

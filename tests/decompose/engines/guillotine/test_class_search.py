@@ -1,0 +1,92 @@
+"""Printers of unequal rooms and speeds: each part is cut for the one that prints it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decompose.decompose import decompose_model
+from decompose.engines.guillotine.exact_search import cut_for_uniform_printers
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem
+from decompose.results import Decomposition
+
+LOW = ((100.0, 100.0, 100.0),)
+HIGH = ((100.0, 100.0, 160.0),)
+OPTIONS = Options(Engine.GUILLOTINE, granularity=6, prove=False, fit_first_layer=False)
+
+
+def ends_s(result: Decomposition, printers: Sequence[PrinterRoom]) -> dict[str, float]:
+    """When each part ends, by its printer."""
+    factors = {printer.name: printer.time_factor for printer in printers}
+    return {part.printer: part.price_s * factors[part.printer] for part in result.parts}
+
+
+def shared_s(model: Model, printers: Sequence[PrinterRoom], cost: CostModel) -> float:
+    """The makespan of a search that knows the room that all share alone, and takes all for equally quick."""
+    equal = tuple(replace(printer, time_factor=1.0) for printer in printers)
+    problem = Problem(model, equal, cost, OPTIONS)
+    poses = problem.find_poses(list(cut_for_uniform_printers(problem).pieces))
+    times = sorted((pose.price_s for pose in poses if pose is not None), reverse=True)
+    assert len(times) == len(poses)
+    quickest = sorted(printer.time_factor for printer in printers)
+    return max(time * factor for time, factor in zip(times, quickest[: len(times)], strict=True))
+
+
+@pytest.fixture(scope="module")
+def tower() -> Model:
+    """Higher than two low printers, but not than a low and a high one."""
+    return Model(Solid.box((0, 0, 0), (90, 90, 230)), (), 1.0)
+
+
+def test_a_part_may_be_as_high_as_the_printer_that_takes_it(tower: Model, cost: CostModel) -> None:
+    printers = [PrinterRoom("low", LOW), PrinterRoom("high", HIGH)]
+    result = decompose_model(tower, printers, OPTIONS, cost)
+    heights = {part.printer: np.ptp(part.printing_mesh()[0], axis=0)[2] for part in result.parts}
+    assert heights["low"] <= 100.0
+    assert 100.0 < heights["high"] <= 160.0
+    with pytest.raises(NoFit, match="needs 3 parts"):
+        decompose_model(tower, [replace(printers[0], name=str(i)) for i in range(2)], OPTIONS, cost)
+
+
+def test_too_few_are_told_of_which_kind_more_would_do(cost: CostModel) -> None:
+    """Two more of the higher ones, or four more of the lower ones."""
+    model = Model(Solid.box((0, 0, 0), (90, 90, 700)), (), 1.0)
+    options = replace(OPTIONS, granularity=8)
+    lows = [PrinterRoom(f"low-{i}", LOW) for i in range(3)]
+    highs = [PrinterRoom(f"high-{i}", HIGH) for i in range(3)]
+    told = r"needs 6 parts.*there are 4: free 2 more with room for 100 x 100 x 160 mm"
+    with pytest.raises(NoFit, match=told) as caught:
+        decompose_model(model, [*lows, highs[0]], options, cost)
+    assert caught.value.printers_needed == 6
+    assert len(decompose_model(model, [*lows, *highs], options, cost).parts) == 6
+    with pytest.raises(NoFit, match="there are 5: free 1 more"):
+        decompose_model(model, [*lows, *highs[:2]], options, cost)
+
+
+def test_a_printer_that_is_twice_as_quick_gets_about_twice_as_much(lump: Solid, cost: CostModel) -> None:
+    printers = [*(PrinterRoom(f"fine-{i}", HIGH) for i in range(3)), PrinterRoom("wide", HIGH, 0.45)]
+    model = Model(lump, (), 1.0)
+    result = decompose_model(model, printers, OPTIONS, cost)
+    ends = ends_s(result, printers)
+    assert result.makespan_s == max(ends.values())
+    assert result.makespan_s < 0.9 * shared_s(model, printers, cost)
+    longest = max(result.parts, key=lambda part: part.price_s)
+    assert longest.printer == "wide"
+    assert result.lower_bound_s <= result.grid_makespan_s
+
+
+def test_the_bound_holds_for_the_quickest_printer_with_the_largest_room(lump: Solid, cost: CostModel) -> None:
+    printers = [PrinterRoom("a", LOW, 1.2), PrinterRoom("b", LOW), PrinterRoom("c", HIGH, 0.7)]
+    result = decompose_model(Model(lump, (), 1.0), printers, replace(OPTIONS, prove=True), cost)
+    best = [replace(printers[2], name=name) for name in "abc"]
+    at_best = decompose_model(Model(lump, (), 1.0), best, OPTIONS, cost)
+    assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
+    assert result.lower_bound_s <= at_best.grid_makespan_s * (1.0 + 1e-6)

@@ -1,0 +1,101 @@
+"""The curve over the number of printers against a search for each number."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from box_tables import Shape, tables
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.engines.guillotine import (
+    CurvePoint,
+    Partitioner,
+    find_fewest_in_time,
+    find_knee,
+    makespan_curve,
+)
+from decompose.engines.guillotine.curve import CLOSE
+from decompose.engines.guillotine.partitioner import OtherClass
+
+MOST = 8
+
+
+def equal(most: int) -> np.ndarray:
+    """Fleets of one, two, ... printers of one class."""
+    return np.arange(1, most + 1)[:, None]
+
+
+@settings(max_examples=25, deadline=None)
+@given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 3)), seed=st.integers(0, 10**6))
+def test_each_point_is_what_a_search_of_its_own_finds(shape: Shape, seed: int) -> None:
+    boxes, needed = tables(shape, seed)
+    points = {p.printers: p.makespan_s for p in makespan_curve([boxes], equal(MOST))}
+    for printers in range(1, MOST + 1):
+        least = Partitioner(boxes).find_least_makespan(printers, 0.0, tolerance_s=1e-3)
+        if least is None or not needed.any():
+            assert printers not in points
+        else:
+            assert least - 2e-3 <= points[printers] <= least / (1.0 - CLOSE)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3)),
+    seed=st.integers(0, 10**6),
+    order=st.lists(st.integers(0, 1), min_size=1, max_size=5),
+    quicker=st.floats(0.5, 1.5),
+)
+def test_each_point_of_unequal_printers_is_what_a_search_of_its_own_finds(
+    shape: Shape, seed: int, order: list[int], quicker: float
+) -> None:
+    """The other class is as much quicker or slower, and some boxes fit one of the two alone."""
+    first, needed = tables(shape, seed)
+    rng = np.random.default_rng(seed)
+    odd = np.where(rng.random((2, len(first.seconds))) < 0.2, np.inf, 1.0).astype(np.float32)
+    own = replace(first, seconds=first.seconds * odd[0])
+    other = replace(first, seconds=first.seconds * np.float32(quicker) * odd[1])
+    fleets = np.cumsum(np.eye(2, dtype=np.int64)[order], axis=0)
+    points = {p.printers: p.makespan_s for p in makespan_curve([own, other], fleets)}
+    for mine, others in fleets.tolist():
+        least = Partitioner(own, [OtherClass(other, others)]).find_least_makespan(mine, 0.0, tolerance_s=1e-3)
+        if least is None or not needed.any():
+            assert mine + others not in points
+        else:
+            assert least - 2e-3 <= points[mine + others] <= (least + 2e-3) / (1.0 - CLOSE)
+
+
+def test_more_printers_never_take_longer_and_threads_change_nothing() -> None:
+    boxes, _ = tables((6, 5, 4), 3)
+    points = makespan_curve([boxes], equal(30))
+    assert [p.printers for p in points] == list(range(points[0].printers, 31))
+    assert all(b.makespan_s <= a.makespan_s for a, b in pairwise(points))
+    with ThreadPoolExecutor(2) as executor:
+        assert makespan_curve([boxes], equal(30), executor) == points
+
+
+def test_nothing_to_print_has_no_curve() -> None:
+    boxes, _ = tables((2, 2, 2), 1)
+    boxes.seconds[:] = np.inf
+    assert makespan_curve([boxes], equal(4)) == ()
+
+
+def test_the_knee_counts_what_a_person_does() -> None:
+    points = [CurvePoint(n, 36000.0 / n) for n in range(1, 101)]
+    assert find_knee(points, clear_s=300.0, assemble_s=60.0).printers == 10  # the root of 36000 / 360
+    assert find_knee(points, clear_s=0.0, assemble_s=0.0).printers == 100
+    assert find_knee([CurvePoint(3, 100.0), CurvePoint(4, 100.0)], 0.0, 0.0).printers == 3
+
+
+def test_as_few_printers_as_are_done_in_time_or_the_soonest() -> None:
+    points = [CurvePoint(1, 9.0), CurvePoint(2, 5.0), CurvePoint(3, 4.0), CurvePoint(4, 4.0)]
+    assert [find_fewest_in_time(points, within_s).printers for within_s in (9.0, 8.9, 5.0, 4.5, 3.0)] == [
+        1,
+        2,
+        2,
+        3,
+        3,
+    ]

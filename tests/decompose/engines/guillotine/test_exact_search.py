@@ -1,0 +1,91 @@
+"""What the exact engine evens besides the best partition: others, of less work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decompose.engines.guillotine import exact_search
+from decompose.engines.guillotine.exact_search import LOOSER, ExactSearch
+from decompose.geometry import Model
+from decompose.grid import Box, box_index
+from decompose.options import Engine, Options
+from decompose.pieces import Piece
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Effort, Problem
+
+ROOMS = tuple(PrinterRoom(str(i), ((220.0, 220.0, 200.0),)) for i in range(7))
+
+
+@pytest.fixture
+def asked(ball: Model, cost: CostModel) -> Problem:
+    options = Options(Engine.GUILLOTINE, 7, fit_first_layer=False, prove=False)
+    return Problem(ball, ROOMS, cost, options, thorough=True)
+
+
+@pytest.fixture
+def searched(asked: Problem) -> tuple[ExactSearch, list[Box]]:
+    grid = asked.build_grid(asked.model)
+    search = ExactSearch(asked, grid, asked.price_boxes(grid), 0.0)
+    return search, list(search.run())
+
+
+def work_s(search: ExactSearch, boxes: list[Box]) -> float:
+    return float(sum(search.boxes.seconds[box_index(box, search.boxes.shape)] for box in boxes))
+
+
+def test_looser_partitions_are_whole_and_of_no_more_work(searched: tuple[ExactSearch, list[Box]]) -> None:
+    search, best = searched
+    found = [list(cut) for cut in search.looser_partitions(best)]
+    assert 0 < len(found) <= len(LOOSER)
+    assert len({frozenset(chosen) for chosen in [best, *found]}) == len(found) + 1
+    limits_s = [max(search.posed_s[box] for box in chosen) for chosen in found]
+    assert min(limits_s) >= max(search.posed_s[box] for box in best)
+    for chosen in found:
+        covered = np.zeros(search.grid.shape, dtype=np.int64)
+        for a, b, c, d, e, f in chosen:
+            covered[a:d, b:e, c:f] += 1
+        assert covered.max() == 1
+        assert covered[search.grid.needed].all()
+        assert sum(len(search.cut[box]) for box in chosen) <= len(ROOMS)
+    assert min(work_s(search, chosen) for chosen in found) <= work_s(search, best)
+
+
+def test_what_ends_soonest_when_all_are_evened_is_the_answer(
+    asked: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of the looser ones."""
+    ends: dict[int, float] = {}
+    made: list[tuple[Piece, ...]] = []
+
+    def evened(problem: Problem, grid: object, cut: dict[Box, list[Piece]]) -> list[Piece]:
+        pieces = tuple(piece for inside in cut.values() for piece in inside)
+        made.append(pieces)
+        ends[id(pieces[0])] = (9.0, 8.0, 5.0, 7.0)[len(made) - 1]
+        return list(pieces)
+
+    monkeypatch.setattr(exact_search, "shift_planes", evened)
+    monkeypatch.setattr(Problem, "makespan_s", lambda _, pieces: ends[id(pieces[0])])
+    found = exact_search.cut_for_uniform_printers(asked)
+    assert len(made) > 2
+    assert found.pieces == made[2]
+
+
+@pytest.mark.parametrize(
+    ("best_known_s", "budget_s", "thorough"),
+    [(1.0, np.inf, True), (np.inf, 0.0, True), (np.inf, np.inf, False)],
+)
+def test_what_cannot_win_or_pay_is_not_looked_for(
+    best_known_s: float, budget_s: float, thorough: bool, asked: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def looser(self: ExactSearch, best: list[Box]) -> Iterator[dict[Box, list[Piece]]]:
+        raise AssertionError
+
+    monkeypatch.setattr(ExactSearch, "looser_partitions", looser)
+    exact_search.cut_for_uniform_printers(
+        replace(asked, best_known_s=best_known_s, effort=Effort(budget_s), thorough=thorough)
+    )

@@ -1,0 +1,112 @@
+"""Windows of a partition solved again: always a partition, never slower, and free of guillotine cuts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from box_tables import Shape, every_box, tables
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from decompose.engines.guillotine import Partitioner
+from decompose.engines.guillotine.neighbourhood import improve_locally, sorted_times_s
+from decompose.engines.guillotine.partitioner import UNREACHABLE
+from decompose.engines.guillotine.window import Window, pinwheel_boxes
+from decompose.grid import Box, BoxTables, box_index
+
+shapes = st.tuples(st.integers(2, 5), st.integers(1, 4), st.integers(1, 3))
+
+
+def cover(shape: Shape, chosen: list[Box]) -> np.ndarray:
+    cells = np.zeros(shape, int)
+    for x0, y0, z0, x1, y1, z1 in chosen:
+        cells[x0:x1, y0:y1, z0:z1] += 1
+    return cells
+
+
+def count(boxes: BoxTables, chosen: list[Box]) -> int:
+    return sum(int(boxes.pieces[box_index(box, boxes.shape)]) for box in chosen)
+
+
+def feasible(boxes: BoxTables, limit_s: float) -> list[Box]:
+    """A partition by guillotine cuts that is far from the best: with the fewest parts at a late limit."""
+    solver = Partitioner(boxes)
+    assume(solver.solve(limit_s) < UNREACHABLE)
+    return solver.chosen_boxes()
+
+
+@settings(max_examples=60, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), spare=st.integers(0, 3), share=st.floats(0.3, 1.2))
+def test_a_partition_stays_one_and_gets_no_slower(shape: Shape, seed: int, spare: int, share: float) -> None:
+    boxes, needed = tables(shape, seed)
+    before = feasible(boxes, share * 130.0 * float(np.prod(shape)))
+    assume(before)
+    printers = count(boxes, before) + spare
+    after = improve_locally(boxes, before, printers)
+    assert count(boxes, after) <= printers
+    cells = cover(shape, after)
+    assert cells.max() <= 1
+    assert (cells[needed] == 1).all()
+    assert all(boxes.trimmed[box_index(box, shape)] == box_index(box, shape) for box in after)
+    assert sorted_times_s(boxes, after) <= sorted_times_s(boxes, before)
+    assert improve_locally(boxes, before, printers) == after
+
+
+@settings(max_examples=60, deadline=None)
+@given(shape=shapes, seed=st.integers(0, 10**6), share=st.floats(0.1, 1.2))
+def test_a_window_of_everything_is_the_exact_search_or_better(shape: Shape, seed: int, share: float) -> None:
+    boxes, needed = tables(shape, seed)
+    assume(needed.any())
+    limit_s = share * 130.0 * float(np.prod(shape))
+    window = Window(boxes, [(0, 0, 0, *shape)], [])
+    fewest = window.fewest_parts(limit_s)
+    assert min(fewest, UNREACHABLE) <= Partitioner(boxes).solve(limit_s)
+    if fewest < UNREACHABLE:
+        chosen = window.chosen_boxes()
+        assert count(boxes, chosen) == fewest
+        assert (cover(shape, chosen)[needed] == 1).all()
+        assert max(sorted_times_s(boxes, chosen)) <= limit_s
+
+
+def even(shape: Shape) -> BoxTables:
+    """Every cell needed, and a box takes as long as it has cells."""
+    total = int(np.prod([n * (n + 1) // 2 for n in shape]))
+    seconds = np.zeros(total, np.float32)
+    for box in every_box(shape):
+        seconds[box_index(box, shape)] = np.prod(np.subtract(box[3:], box[:3]))
+    return BoxTables(shape, seconds, np.arange(total, dtype=np.int32), np.ones(total, np.int16))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("mirrored", [0, 1])
+def test_finds_a_pinwheel_that_no_guillotine_cut_makes(axis: int, mirrored: int) -> None:
+    shape: list[int] = [3, 3, 3]
+    shape[axis] = 1
+    boxes = even((shape[0], shape[1], shape[2]))
+    wheel = pinwheel_boxes(boxes.shape, (axis, mirrored, 1, 2, 1, 2))
+    allowed = [box_index(box, boxes.shape) for box in wheel]
+    boxes.seconds[[i for i in range(len(boxes.seconds)) if i not in allowed]] += 10.0
+    boxes.seconds[box_index((0, 0, 0, *boxes.shape), boxes.shape)] = 40.0
+    assert Partitioner(boxes).solve(2.0) >= UNREACHABLE
+    assert sorted(improve_locally(boxes, [(0, 0, 0, *boxes.shape)], 5)) == sorted(wheel)
+    assert improve_locally(boxes, [(0, 0, 0, *boxes.shape)], 1) == [(0, 0, 0, *boxes.shape)]
+
+
+def test_moves_a_face_and_uses_a_spare_printer() -> None:
+    boxes = even((6, 2, 1))
+    uneven: list[Box] = [(0, 0, 0, 5, 2, 1), (5, 0, 0, 6, 2, 1)]
+    assert sorted_times_s(boxes, improve_locally(boxes, uneven, 2)) == [6.0, 6.0]
+    assert sorted_times_s(boxes, improve_locally(boxes, uneven, 3)) == [4.0, 4.0, 4.0]
+
+
+def test_cuts_an_l_anew_between_the_others() -> None:
+    """The slow box and its neighbours are no box together, and what lies beside them is not touched."""
+    boxes = even((4, 4, 1))
+    other: Box = (2, 2, 0, 4, 4, 1)
+    ell: list[Box] = [(0, 0, 0, 4, 2, 1), (0, 2, 0, 2, 4, 1)]
+    boxes.seconds[box_index(other, boxes.shape)] = 0.5
+    for box in every_box(boxes.shape):  # only the other way to cut the L ends sooner
+        if box not in (other, (0, 0, 0, 2, 4, 1), (2, 0, 0, 4, 2, 1)):
+            boxes.seconds[box_index(box, boxes.shape)] += 5.0
+    boxes.seconds[box_index((0, 0, 0, 2, 4, 1), boxes.shape)] = 4.0
+    assert sorted(improve_locally(boxes, [other, *ell], 3)) == [(0, 0, 0, 2, 4, 1), (2, 0, 0, 4, 2, 1), other]

@@ -1,0 +1,38 @@
+"""A model that is mirrored, or whose axes change places, takes as long: grid, prices and search together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from decompose.engines.guillotine import Partitioner
+from decompose.grid import build_grid, price_boxes
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+
+ROOM = PrinterRoom("cube", ((60.0, 60.0, 60.0),))
+PRINTERS = 12
+
+
+def makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
+    grid = build_grid(triangles, 6, 0.0, True, cost.overhang_cos, cost.skin_cos)
+    solver = Partitioner(price_boxes(grid, [ROOM], cost))
+    found = solver.find_least_makespan(PRINTERS, 0.0, tolerance_s=0.01)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("axes", [(1, 2, 0), (1, 0, 2)])
+@pytest.mark.parametrize("mirrored", [(1.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (1.0, -1.0, -1.0)])
+def test_it_takes_as_long(
+    axes: tuple[int, int, int],
+    mirrored: tuple[float, float, float],
+    triangles: np.ndarray,
+    cost: CostModel,
+) -> None:
+    placed = (triangles * mirrored)[:, :, list(axes)]
+    odd = np.prod(mirrored) * np.linalg.det(np.eye(3)[list(axes)]) < 0.0
+    placed = placed[:, ::-1] if odd else placed  # outward faces stay outward
+    assert makespan_s(np.ascontiguousarray(placed), cost) == pytest.approx(
+        makespan_s(triangles, cost), rel=1e-4
+    )

@@ -1,0 +1,326 @@
+"""Planes off the grid: the slowest part ends sooner, and nothing that held before is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.engines.guillotine import plane_shift
+from decompose.engines.guillotine.plane_shift import _Part, _PlaneShift, shift_planes
+from decompose.geometry import Model, Solid
+from decompose.grid import CLEAR_MM, Box, NeededCells, flat_coordinates
+from decompose.options import Engine, Interior, Options
+from decompose.pieces import Piece, cut_cells
+from decompose.print_time import CostModel, Pose
+from decompose.printers import PrinterRoom
+from decompose.problem import Effort, Problem, Work
+
+ROOM = ((220.0, 220.0, 200.0),)
+
+
+def problem(
+    solid: Solid, cost: CostModel, printers: int, cells: int, interior: Interior = Interior.KEEP
+) -> Problem:
+    options = Options(Engine.GUILLOTINE, cells, interior, min_wall_mm=3.0, fit_first_layer=False)
+    rooms = tuple(PrinterRoom(f"p{i}", ROOM) for i in range(printers))
+    return Problem(Model(solid, (), 1.0), rooms, cost, options)
+
+
+def longest_s(problem: Problem, pieces: list[Piece]) -> float:
+    poses = zip(pieces, problem.find_poses(pieces), strict=True)
+    return max(np.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in poses)
+
+
+def run(problem: Problem, chosen: list[Box]) -> tuple[list[Piece], list[Piece]]:
+    """The pieces of a partition of the problem's grid, before and after."""
+    grid = problem.build_grid(problem.model)
+    cut = {box: cut_cells(problem.model.solid, grid, box) for box in chosen}
+    return [piece for pieces in cut.values() for piece in pieces], shift_planes(problem, grid, cut)
+
+
+@pytest.fixture(scope="module")
+def cone() -> Solid:
+    """240 mm long and steadily thinner: cut in the middle, one half takes far longer."""
+    corners = np.array([[x, y, z] for x in (0.0, 240.0) for y in (0.0, 80.0) for z in (0.0, 80.0)])
+    corners[4:, 1:] = corners[4:, 1:] * 0.3 + 28.0
+    faces = [
+        [0, 1, 2], [2, 1, 3], [4, 6, 5], [5, 6, 7], [0, 4, 1], [1, 4, 5],
+        [2, 3, 6], [6, 3, 7], [0, 2, 4], [4, 2, 6], [1, 5, 3], [3, 5, 7],
+    ]  # fmt: skip
+    return Solid.from_arrays(corners, faces)
+
+
+def test_a_cone_is_cut_where_both_ends_take_equally_long(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    nx, ny, nz = asked.build_grid(asked.model).shape
+    middle = nx // 2
+    before, after = run(asked, [(0, 0, 0, middle, ny, nz), (middle, 0, 0, nx, ny, nz)])
+    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+    times = [pose.price_s for pose in asked.find_poses(after) if pose is not None]
+    assert max(times) <= 1.02 * min(times)
+    assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(cone.volume_mm3)
+    assert after[0].boxes_mm[0, 1, 0] == after[1].boxes_mm[0, 0, 0] < before[0].boxes_mm[0, 1, 0]
+
+
+def test_where_one_part_would_be_posed_worse_the_others_are_evened(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The thin end, longer, would have to lie in another pose: it stays, and the other cut moves."""
+    asked = problem(cone, cost, 3, cells=4)
+    nx, ny, nz = asked.build_grid(asked.model).shape
+    thirds = [0, nx // 3, 2 * nx // 3, nx]
+    boxes = [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)]
+    end_mm = asked.build_grid(asked.model).planes[0][thirds[2]]
+    pose = Problem.find_pose
+
+    def worse(self: Problem, piece: Piece) -> Pose | None:
+        found = pose(self, piece)
+        longer = bool(piece.solid.bounds_mm[1, 0] > 239.0 and piece.solid.bounds_mm[0, 0] < end_mm - 0.1)
+        return replace(found, price_s=10.0 * found.price_s) if found and longer else found
+
+    monkeypatch.setattr(Problem, "find_pose", worse)
+    before, after = run(asked, boxes)
+    assert longest_s(asked, after) < 0.96 * longest_s(asked, before)
+    assert max(piece.solid.bounds_mm[0, 0] for piece in after) >= end_mm - 0.1
+
+
+class Rounds:
+    """How often planes are moved, from one pose of all parts to the next."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.begun = 0
+        moved = _PlaneShift._moved
+
+        def counted(evening: _PlaneShift, parts: list[_Part], slopes: np.ndarray) -> list[_Part]:
+            self.begun += 1
+            return moved(evening, parts, slopes)
+
+        monkeypatch.setattr(_PlaneShift, "_moved", counted)
+
+
+def halves(asked: Problem) -> list[Box]:
+    nx, ny, nz = asked.build_grid(asked.model).shape
+    return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
+
+
+def evening(asked: Problem) -> tuple[_PlaneShift, list[_Part]]:
+    """The search for the two halves of a model, and the halves posed."""
+    grid = asked.build_grid(asked.model)
+    cut = {box: cut_cells(asked.model.solid, grid, box) for box in halves(asked)}
+    boxes_mm = np.array([grid.bounds_mm(box) for box in cut])
+    cell_mm = np.array([np.diff(each).min() for each in grid.planes])
+    cells = NeededCells(grid.planes, grid.needed)
+    found = _PlaneShift(asked, cells, cell_mm, boxes_mm, list(cut.values()))
+    return found, found.posed()
+
+
+def test_planes_move_once_however_late_it_is(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rounds = Rounds(monkeypatch)
+    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    before, after = run(asked, halves(asked))
+    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+    assert rounds.begun == 1
+    assert asked.effort.cut_short
+
+
+def test_the_last_round_leaves_nothing_out(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plane_shift, "ROUNDS", 1)
+    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    before, after = run(asked, halves(asked))
+    assert longest_s(asked, after) < 0.95 * longest_s(asked, before)
+    assert not asked.effort.cut_short
+
+
+@pytest.mark.parametrize("faulty", [False, True])
+def test_a_round_in_vain_is_not_made_again_once_the_budget_is_spent(
+    faulty: bool, cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All that has moved is ten times slower in its true pose, or bad to glue."""
+    asked = replace(problem(cone, cost, 2, cells=2), effort=Effort(0.0))
+    grid = asked.build_grid(asked.model)
+    pose = Problem.find_pose
+
+    def worse(self: Problem, piece: Piece) -> Pose | None:
+        found = pose(self, piece)
+        return found and replace(found, price_s=10.0 * found.price_s)
+
+    cut = {box: cut_cells(cone, grid, box) for box in halves(asked)}
+    asked.find_poses([piece for pieces in cut.values() for piece in pieces])
+    if faulty:
+        monkeypatch.setattr(_PlaneShift, "_faulty", lambda *_: True)
+    else:
+        monkeypatch.setattr(Problem, "find_pose", worse)
+    rounds = Rounds(monkeypatch)
+    shift_planes(asked, grid, cut)
+    assert rounds.begun == 1
+    assert asked.effort.cut_short
+
+
+def test_a_longest_part_that_stays_where_it_is_bars_nothing(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No round is made again that would be the same."""
+    begun = []
+    monkeypatch.setattr(_PlaneShift, "_moved", lambda _, parts, slopes: begun.append(len(parts)) or [*parts])
+    asked = problem(cone, cost, 2, cells=2)
+    run(asked, halves(asked))
+    assert begun == [2]
+
+
+def test_only_what_came_to_pieces_is_cut_to_see_by_which_face(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    search, parts = evening(asked)
+    box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    slower = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
+    assert search._barred(parts, [slower, parts[1]], parts[0].seconds)
+    assert asked.effort.done[Work.FACE_CUT] == 0
+    search.free[:] = True
+    broken = replace(slower, pieces=slower.pieces * 2, seconds=np.inf)
+    assert search._barred(parts, [broken, parts[1]])
+    assert asked.effort.done[Work.FACE_CUT] == search.near[0].faces
+    assert not search._barred(parts, [broken, parts[1]])  # it is barred already
+
+
+def test_what_is_posed_anew_is_posed_once_and_booked(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No part may stay in its pose: each is posed as soon as it has moved."""
+    measured, pose, posed = _PlaneShift._measured, Problem.find_pose, []
+
+    def tall(self: _PlaneShift, piece: Piece, old: Pose) -> Pose:
+        return replace(measured(self, piece, old), size_mm=(1e4, 1e4, 1e4))
+
+    def counted(self: Problem, piece: Piece) -> Pose | None:
+        posed.append(piece.solid)
+        return pose(self, piece)
+
+    monkeypatch.setattr(_PlaneShift, "_measured", tall)
+    monkeypatch.setattr(Problem, "find_pose", counted)
+    asked = problem(cone, cost, 2, cells=2)
+    before, after = run(asked, halves(asked))
+    assert after[0].solid is not before[0].solid
+    assert len({*posed}) == len(posed) == asked.effort.done[Work.PIECE_POSED] > 4
+
+
+def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    slow, quick = PrinterRoom("slow", ROOM, 1.2), PrinterRoom("quick", ROOM, 0.9)
+    asked = replace(asked, printers=(slow, quick))
+    grid = asked.build_grid(asked.model)
+    nx, ny, nz = grid.shape
+    cut = {
+        box: [replace(piece, printer=printer) for piece in cut_cells(cone, grid, box)]
+        for box, printer in (
+            ((0, 0, 0, nx // 2, ny, nz), quick),
+            ((nx // 2, 0, 0, nx, ny, nz), slow),
+        )
+    }
+    before_s = longest_s(asked, [piece for pieces in cut.values() for piece in pieces])
+    after = shift_planes(asked, grid, cut)
+    times = {p.printer: asked.find_pose(p).seconds * p.time_factor for p in after}  # type: ignore[union-attr]
+    assert longest_s(asked, after) < before_s
+    assert times[quick] == pytest.approx(times[slow], rel=0.03)
+
+
+def test_a_lid_gives_way_to_the_hollow_behind_it(cost: CostModel) -> None:
+    """Two cells, of 45 mm, lie before the hollow, and a wall of 24 mm will do."""
+    block = Solid.box((0.0, 0.0, 0.0), (180.0, 180.0, 180.0))
+    asked = problem(block, cost, 6, cells=8, interior=Interior.LEAVE)
+    asked = replace(asked, options=replace(asked.options, min_wall_mm=24.0))
+    grid = asked.build_grid(asked.model)
+    assert grid.shape == (8, 8, 8)
+    assert not grid.needed[2:6, 2:6, 2:6].any()
+    lids = [(0, 0, 0, 8, 8, 2), (0, 0, 6, 8, 8, 8)]
+    walls = [(0, 0, 2, 2, 8, 6), (6, 0, 2, 8, 8, 6), (2, 0, 2, 6, 2, 6), (2, 6, 2, 6, 8, 6)]
+    before, after = run(asked, [*lids, *walls])
+    assert longest_s(asked, after) < 0.85 * longest_s(asked, before)
+    assert 24.0 <= after[0].boxes_mm[0, 1, 2] < 32.0
+
+
+def test_another_search_begins_where_one_has_ended(
+    cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plane that can move by little from each start gets where it has to be, where that is asked for."""
+    asked = replace(problem(cone, cost, 2, cells=2), thorough=True)
+    _, far = run(asked, halves(asked))
+    monkeypatch.setattr(plane_shift, "REACH", 0.05)
+    before, near = run(asked, halves(asked))
+    assert longest_s(asked, near) < 1.03 * longest_s(asked, far)
+    assert longest_s(asked, near) < 0.95 * longest_s(asked, before)
+    _, once = run(replace(asked, thorough=False), halves(asked))
+    assert longest_s(asked, once) > 1.05 * longest_s(asked, near)
+
+
+def test_what_a_slicer_has_shown_of_a_part_counts(cone: Solid, cost: CostModel) -> None:
+    asked = problem(cone, cost, 2, cells=2)
+    grid = asked.build_grid(asked.model)
+    cut = {
+        box: [replace(piece, time_ratio=slower) for piece in cut_cells(cone, grid, box)]
+        for box, slower in zip(halves(asked), (1.0, 1.3), strict=True)
+    }
+    a, b = shift_planes(asked, grid, cut)
+    assert (a.time_ratio, b.time_ratio) == (1.0, 1.3)
+    a_s, b_s = (pose.price_s for pose in asked.find_poses([a, b]) if pose is not None)
+    assert a_s == pytest.approx(1.3 * b_s, rel=0.02)
+
+
+def test_keeps_clear_of_a_flat_face(cost: CostModel) -> None:
+    """The thick end of a bar begins near where the planes would go: none comes close to its shoulder."""
+    bar = Solid.union(
+        [Solid.box((0.0, 0.0, 0.0), (300.0, 40.0, 40.0)), Solid.box((0.0, -20.0, -20.0), (95.0, 60.0, 60.0))]
+    )
+    asked = problem(bar, cost, 3, cells=4)
+    nx, ny, nz = asked.build_grid(asked.model).shape
+    thirds = [0, nx // 3, 2 * nx // 3, nx]
+    before, after = run(asked, [(a, 0, 0, b, ny, nz) for a, b in pairwise(thirds)])
+    vertices, faces = bar.arrays()
+    flats = flat_coordinates(vertices[faces], 0)
+    moved = {float(piece.boxes_mm[0, 0, 0]) for piece in after} - {
+        float(piece.boxes_mm[0, 0, 0]) for piece in before
+    }
+    assert moved
+    assert all(np.abs(flats - place).min() >= CLEAR_MM - 1e-6 for place in moved)
+    assert longest_s(asked, after) < longest_s(asked, before)
+
+
+def test_a_part_that_has_to_fit_stays_in_its_printer(cost: CostModel) -> None:
+    """The thin end is quicker, but is as long as a printer already."""
+    bar = Solid.union(
+        [Solid.box((0.0, 10.0, 10.0), (280.0, 50.0, 50.0)), Solid.box((215.0, 0.0, 0.0), (400.0, 60.0, 60.0))]
+    )
+    asked = problem(bar, cost, 2, cells=8)
+    grid = asked.build_grid(asked.model)
+    nx, ny, nz = grid.shape
+    at = int(np.searchsorted(grid.planes[0], 220.0)) - 1
+    _, after = run(asked, [(0, 0, 0, at, ny, nz), (at, 0, 0, nx, ny, nz)])
+    assert all(pose is not None for pose in asked.find_poses(after))
+    assert max(np.ptp(piece.solid.bounds_mm[:, 0]) for piece in after) <= 220.0
+
+
+@settings(max_examples=5, deadline=None)
+@given(at=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 5)))
+def test_never_slower_never_in_more_pieces_and_nothing_missing(
+    lump: Solid, cost: CostModel, at: tuple[int, int, int]
+) -> None:
+    asked = problem(lump, cost, 8, cells=6)
+    grid = asked.build_grid(asked.model)
+    nx, ny, nz = grid.shape
+    x, y, z = (min(a, n - 1) for a, n in zip(at, grid.shape, strict=True))
+    left: list[Box] = [(0, 0, 0, x, y, nz), (0, y, 0, x, ny, z), (0, y, z, x, ny, nz)]
+    chosen: list[Box] = [*left, (x, 0, 0, nx, ny, z), (x, 0, z, nx, ny, nz)]
+    chosen = [box for box in chosen if cut_cells(lump, grid, box)]
+    before, after = run(asked, chosen)
+    assert len(after) <= len(before)
+    assert longest_s(asked, after) <= longest_s(asked, before)
+    assert sum(piece.solid.volume_mm3 for piece in after) == pytest.approx(lump.volume_mm3)
+    again = run(asked, chosen)[1]
+    assert [p.boxes_mm.tolist() for p in again] == [p.boxes_mm.tolist() for p in after]

@@ -1,0 +1,63 @@
+"""Which printers are taken to be equal."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decompose.engines.guillotine import classify_printers
+from decompose.engines.guillotine.partitioner import class_states
+from decompose.engines.guillotine.printer_classes import count_sums
+from decompose.printers import PrinterRoom
+
+PLUS = ((206.9, 190.9, 205.0), (164.9, 206.9, 205.0))
+EXTENDED = tuple((x, y, 305.0) for x, y, _ in PLUS)
+FLAT = ((250.0, 150.0, 100.0),)
+
+
+def printers(*each: tuple[tuple[tuple[float, float, float], ...], float]) -> list[PrinterRoom]:
+    return [PrinterRoom(str(i), *one) for i, one in enumerate(each)]
+
+
+def test_equal_printers_are_one_class() -> None:
+    (only,) = classify_printers(printers(*[(PLUS, 1.1)] * 5), 100.0)
+    assert (only.boxes, only.time_factor, only.count) == (PLUS, 1.1, 5)
+
+
+def test_rooms_are_classes_and_small_differences_of_speed_are_none() -> None:
+    fleet = printers(*[(PLUS, 1.0 + 0.002 * i) for i in range(8)], *[(EXTENDED, 1.0)] * 3)
+    found = classify_printers(fleet, 100.0)
+    assert [(each.boxes, each.count) for each in found] == [(PLUS, 8), (EXTENDED, 3)]
+    assert found[0].time_factor == 1.014
+
+
+def test_a_wide_nozzle_is_a_class_of_its_own_before_a_room() -> None:
+    fleet = printers(*[(PLUS, 1.0)] * 12, *[(PLUS, 0.4)] * 3, *[(EXTENDED, 1.0)] * 4)
+    three = classify_printers(fleet, 1000.0)
+    assert [each.count for each in three] == [12, 4, 3]
+    two = classify_printers(fleet, 20.0)
+    assert [(each.count, each.time_factor) for each in two] == [(16, 1.0), (3, 0.4)]
+    assert two[0].boxes == PLUS
+
+
+factors = st.floats(0.3, 2.0)
+rooms = st.sampled_from([PLUS, EXTENDED, FLAT])
+
+
+@given(fleet=st.lists(st.tuples(rooms, factors), min_size=1, max_size=20), most=st.integers(1, 200))
+def test_what_a_class_can_print_each_of_its_printers_can(
+    fleet: list[tuple[tuple[tuple[float, float, float], ...], float]], most: int
+) -> None:
+    found = classify_printers(printers(*fleet), most)
+    members = [printer.name for each in found for printer in each.printers]
+    assert sorted(members) == sorted(str(i) for i in range(len(fleet)))
+    assert len(found) == 1 or count_sums([each.count for each in found]) <= most
+    for each in found:
+        for printer in each.printers:
+            assert printer.time_factor <= each.time_factor
+            assert all(printer.fits(*box) for box in each.boxes)
+
+
+@given(counts=st.lists(st.integers(1, 4), min_size=1, max_size=3))
+def test_as_many_sums_as_the_search_makes(counts: list[int]) -> None:
+    assert count_sums(counts) == len(class_states(sorted(counts)[:-1])[1])

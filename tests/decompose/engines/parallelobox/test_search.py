@@ -1,0 +1,351 @@
+"""The paper's engine: blocks on invented tables and on a real grid."""
+
+from __future__ import annotations
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.decompose import decompose_model
+from decompose.engines.parallelobox import search
+from decompose.engines.parallelobox.alignment import align_model, overhang_mm2
+from decompose.engines.parallelobox.attempts import draw_seed_sets, draw_seeds, run_attempts
+from decompose.engines.parallelobox.growth import NOBODY, fill_voids, grow_blocks
+from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, paper_terrain, time_terrain
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid, find_mirror, rotation_to_axis
+from decompose.grid import BoxTables, Cell, Grid, box_index, build_grid, price_boxes
+from decompose.grid.box_index import interval_ends
+from decompose.options import Engine, Options, ParalleloboxOptions, Score
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import problem as problem_module
+
+Shape = tuple[int, int, int]
+
+
+def invented(shape: Shape, seed: int) -> Terrain:
+    """Some cells needed, some boxes too large, some in two pieces; a single cell always fits."""
+    rng = np.random.default_rng(seed)
+    total = int(np.prod([n * (n + 1) // 2 for n in shape]))
+    seconds = rng.uniform(1.0, 9.0, total).astype(np.float32)
+    seconds[rng.random(total) < 0.2] = np.inf
+    pieces = np.where(rng.random(total) < 0.2, 2, 1).astype(np.int16)
+    for cell in np.ndindex(shape):
+        at = box_index((*cell, *(c + 1 for c in cell)), shape)  # type: ignore[arg-type]
+        seconds[at], pieces[at] = 1.0, 1
+    needed = rng.random(shape) < 0.6
+    return Terrain(needed, np.zeros(shape, bool), seconds, pieces, seconds, np.zeros(total, np.float32))
+
+
+def nothing(grid: Grid) -> np.ndarray:
+    return np.zeros(grid.shape, bool)
+
+
+def cover(blocks: np.ndarray, shape: Shape) -> np.ndarray:
+    count = np.zeros(shape, int)
+    for x0, y0, z0, x1, y1, z1 in blocks:
+        count[x0:x1, y0:y1, z0:z1] += 1
+    return count
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    shape=st.tuples(st.integers(1, 5), st.integers(1, 5), st.integers(1, 4)),
+    seed=st.integers(0, 10**6),
+    share=st.floats(0.0, 1.0),
+    score=st.sampled_from(Score.BOTH.readings),
+)
+def test_blocks_never_meet_and_all_is_covered(shape: Shape, seed: int, share: float, score: Score) -> None:
+    terrain = invented(shape, seed)
+    cells = np.argwhere(terrain.needed)
+    chosen = cells[: math.ceil(share * len(cells))].tolist()
+    blocks, owner = grow_blocks([(x, y, z, x + 1, y + 1, z + 1) for x, y, z in chosen], terrain, score)
+    assert len(blocks) == len(chosen)
+    assert ((cover(blocks, shape) == 1) == (owner != NOBODY)).all()
+    assert cover(blocks, shape).max(initial=0) <= 1
+    left = int((terrain.needed & (owner == NOBODY)).sum())
+    filled = fill_voids(blocks, owner, terrain, left)
+    assert filled is not None  # a block for each cell would do
+    assert cover(filled, shape).max(initial=0) <= 1
+    assert (cover(filled, shape)[terrain.needed] == 1).all()
+    for block in filled:
+        at = box_index((*block.tolist(),), shape)
+        assert np.isfinite(terrain.seconds[at])
+        assert terrain.pieces[at] == 1
+        assert terrain.needed[tuple(slice(a, b) for a, b in zip(block[:3], block[3:], strict=True))].any()
+
+
+def simple(shape: Shape, seconds: np.ndarray, printing: np.ndarray) -> Terrain:
+    """All cells needed and free, all boxes in one piece, no overhang."""
+    pieces = np.ones(len(seconds), np.int16)
+    return Terrain(np.ones(shape, bool), np.zeros(shape, bool), seconds, pieces, printing, 0 * printing)
+
+
+def test_growth_stops_where_no_block_can_grow() -> None:
+    shape = (4, 1, 1)
+    total = 10
+    flat = np.ones(total, np.float32)
+    terrain = simple(shape, flat, flat)
+    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1), (3, 0, 0, 4, 1, 1)], terrain, Score.LOW)
+    assert owner.ravel().tolist() == [0, 0, 1, 1] or owner.ravel().tolist() == [0, 0, 0, 1]
+    too_large = flat.copy()
+    too_large[box_index((0, 0, 0, 2, 1, 1), shape)] = np.inf
+    terrain = simple(shape, too_large, flat)
+    blocks, owner = grow_blocks([(0, 0, 0, 1, 1, 1)], terrain, Score.LOW)
+    assert owner.ravel().tolist() == [0, NOBODY, NOBODY, NOBODY]
+    assert fill_voids(blocks, owner.copy(), terrain, 0) is None
+    assert fill_voids(blocks, owner.copy(), terrain, 1) is not None
+
+
+@pytest.mark.parametrize(("score", "expected"), [(Score.LOW, [0, 1]), (Score.HIGH, [1, 2])])
+def test_the_two_readings_of_the_score(score: Score, expected: list[int]) -> None:
+    """A block in the middle of three cells: to the left is cheap, to the right dear."""
+    shape = (3, 1, 1)
+    price = np.ones(6, np.float32)
+    price[box_index((0, 0, 0, 2, 1, 1), shape)] = 2.0
+    price[box_index((1, 0, 0, 3, 1, 1), shape)] = 5.0
+    seconds = np.ones(6, np.float32)
+    seconds[box_index((0, 0, 0, 3, 1, 1), shape)] = np.inf
+    terrain = simple(shape, seconds, price)
+    _, owner = grow_blocks([(1, 0, 0, 2, 1, 1)], terrain, score)
+    assert np.flatnonzero(owner.ravel() == 0).tolist() == expected
+
+
+@pytest.fixture(scope="module")
+def printers(plus_room: PrinterRoom) -> list[PrinterRoom]:
+    return [plus_room] * 14
+
+
+@pytest.fixture(scope="module")
+def plus_room() -> PrinterRoom:
+    return PrinterRoom("plus", ((206.9, 190.9, 205.0),))
+
+
+@pytest.fixture(scope="module")
+def ball_points(ball: Model) -> np.ndarray:
+    return np.unique(ball.solid.arrays()[0], axis=0)
+
+
+@pytest.fixture(scope="module")
+def ball_grid(ball: Model, cost: CostModel) -> Grid:
+    vertices, faces = ball.solid.arrays()
+    return build_grid(vertices[faces], 8, 10.0, False, cost.overhang_cos, cost.skin_cos)
+
+
+@pytest.fixture(scope="module")
+def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> BoxTables:
+    return price_boxes(ball_grid, printers, cost)
+
+
+@pytest.mark.parametrize("count", [1, 7, 40, 10_000])
+def test_seeds_are_boundary_cells_no_two_the_same(
+    ball_grid: Grid, ball_points: np.ndarray, count: int
+) -> None:
+    found = draw_seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
+    assert len(set(found)) == len(found) == min(count, boundary)
+    assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in found)
+    assert found == draw_seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    # Fewer vertices than seeds:
+    few = draw_seeds(ball_points[:3], ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    assert len(set(few)) == len(found)
+
+
+def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
+    cells = np.array(draw_seeds(ball_points, ball_grid, nothing(ball_grid), 8, np.random.default_rng(0)))[
+        :, :3
+    ]
+    gaps = np.abs(cells[:, None] - cells[None]).sum(axis=2) + 100 * np.eye(8, dtype=int)
+    assert gaps.min() >= 2
+
+
+@pytest.mark.parametrize("score", Score.BOTH.readings)
+def test_attempts_cover_the_model_and_are_the_same_each_time(
+    score: Score, ball_grid: Grid, ball_boxes: BoxTables, ball_points: np.ndarray
+) -> None:
+    terrain = time_terrain(ball_grid, ball_boxes)
+    drawn = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 5)
+    found = run_attempts(drawn, terrain, 14, score)
+    assert found
+    for each in found:
+        count = cover(np.array(each.blocks), ball_grid.shape)
+        assert count.max() == 1
+        assert (count[ball_grid.needed] == 1).all()
+        indices = [box_index(block, ball_grid.shape) for block in each.blocks]
+        assert (ball_boxes.trimmed[indices] == indices).all()  # no block ends in a layer of nothing
+        assert each.parts == ball_boxes.pieces[indices].sum() <= 14
+        assert each.longest == ball_boxes.seconds[indices].max() < np.inf
+    assert [a.longest for a in found] == sorted(a.longest for a in found)
+    with ThreadPoolExecutor(2) as pool:
+        threaded = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 5, pool.map)
+        assert threaded == drawn
+        assert run_attempts(threaded, terrain, 14, score, pool.map) == found
+    others = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 6)
+    assert found != run_attempts(others, terrain, 14, score)
+
+
+def test_the_papers_prices_are_those_of_the_solid_in_a_box(
+    ball: Model, ball_grid: Grid, ball_boxes: BoxTables
+) -> None:
+    terrain = paper_terrain(ball_grid, ball_boxes)
+    rng = np.random.default_rng(1)
+    shape = ball_grid.shape
+    for at in rng.choice(len(ball_boxes.seconds), 25, replace=False):
+        sizes = [n * (n + 1) // 2 for n in shape]
+        rest, iz = divmod(int(at), sizes[2])
+        ix, iy = divmod(rest, sizes[1])
+        spans = [interval_ends(i, n) for i, n in zip((ix, iy, iz), shape, strict=True)]
+        x, y, z = spans
+        box = (x[0], y[0], z[0], x[1], y[1], z[1])
+        piece: Solid = ball.solid.clip(*ball_grid.bounds_mm(box))
+        expected = SPEED_MM_S * (piece.volume_mm3 + piece.area_mm2)
+        assert terrain.printing[at] == pytest.approx(expected, rel=1e-4, abs=1.0)
+    whole = box_index((0, 0, 0, *shape), shape)
+    # What looks down from a ball more steeply than the support angle is the same disc on all sides.
+    down = math.pi * (150.0 * math.sin(math.radians(45.0))) ** 2
+    assert terrain.overhang[whole] == pytest.approx(down, rel=0.1)
+
+
+def turn(angle: float, axis: tuple[float, float, float]) -> np.ndarray:
+    return np.asarray(trimesh.transformations.rotation_matrix(angle, axis)[:3, :3])
+
+
+@settings(max_examples=15, deadline=None)
+@given(angle=st.floats(-3.0, 3.0), seed=st.integers(0, 100))
+def test_a_mirrored_cloud_has_its_mirror(angle: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    half = rng.uniform((5.0, -60.0, -20.0), (100.0, 40.0, 30.0), (150, 3))
+    rotation = turn(angle, (1.0, 2.0, 0.5))
+    cloud = np.vstack([half, half * (-1.0, 1.0, 1.0)]) @ rotation.T + (7.0, 8.0, 9.0)
+    mirror = find_mirror(cloud, np.random.default_rng(seed))
+    assert mirror is not None
+    assert abs(mirror.normal @ rotation[:, 0]) == pytest.approx(1.0, abs=1e-3)
+    assert mirror.offset_mm == pytest.approx(float(mirror.normal @ (7.0, 8.0, 9.0)), abs=0.5)
+    aligned, axis = rotation_to_axis(mirror.normal)
+    assert aligned @ aligned.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert np.linalg.det(aligned) == pytest.approx(1.0)
+    assert abs((aligned @ mirror.normal)[axis]) == pytest.approx(1.0)
+    lopsided = np.vstack([cloud, rng.uniform(-100.0, 300.0, (300, 3))])
+    assert find_mirror(lopsided, np.random.default_rng(seed)) is None
+
+
+@pytest.fixture(scope="module")
+def skewed() -> Model:
+    """A symmetric block with a step, turned off the axes."""
+    step = Solid.union([Solid.box((-150, -40, -50), (150, 40, 10)), Solid.box((-60, -40, 5), (60, 10, 90))])
+    vertices, faces = step.arrays()
+    return Model(Solid.from_arrays(vertices @ turn(0.4, (0.0, 0.0, 1.0)).T, faces), (), 1.0)
+
+
+GROWN = Options(Engine.PARALLELOBOX, granularity="vcoarse", seed=1)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        GROWN,
+        replace(GROWN, parallelobox=ParalleloboxOptions(score=Score.HIGH)),
+        replace(GROWN, faithful=True),
+    ],
+)
+def test_the_whole_engine(options: Options, skewed: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
+    printers = [replace(plus_room, name=str(i)) for i in range(9)]
+    assert align_model(skewed, 1, cost.overhang_cos).mirror is not None
+    result = decompose_model(skewed, printers, options, cost)
+    assert result.engine is Engine.PARALLELOBOX
+    assert 2 <= len(result.parts) <= 9
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(skewed.solid.volume_mm3, rel=1e-6)
+    lo, hi = skewed.solid.bounds_mm
+    assert np.min([p.solid.bounds_mm[0] for p in result.parts], axis=0) == pytest.approx(lo, abs=1e-6)
+    assert np.max([p.solid.bounds_mm[1] for p in result.parts], axis=0) == pytest.approx(hi, abs=1e-6)
+    for part in result.parts:  # the printing pose is still that in which it fits
+        width, depth, height = np.ptp(part.printing_mesh()[0], axis=0) - 1e-6
+        assert plus_room.fits(width, depth, height)
+        assert part.printing_mesh()[0][:, 2].min() == pytest.approx(0.0, abs=1e-6)
+    if options.faithful:  # no part crosses the plane of symmetry, x = 0 before the block was turned
+        across = turn(0.4, (0.0, 0.0, 1.0))[:, 0]
+        sides = [part.solid.arrays()[0] @ across for part in result.parts]
+        assert all(side.min() > -1e-6 or side.max() < 1e-6 for side in sides)
+    again = decompose_model(skewed, printers, options, cost)
+    assert [p.solid.volume_mm3 for p in again.parts] == [p.solid.volume_mm3 for p in result.parts]
+    assert again.makespan_s == result.makespan_s
+
+
+def test_faithful_is_the_papers_table(
+    skewed: Model, plus_room: PrinterRoom, cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Very fine, three tries, symmetry, an overhang tolerance of 1 degree, both speeds 20 mm/s; not infill,
+    of which neither the paper's formulas nor its program know anything."""
+    seen: list[tuple[str, int, float]] = []
+    build, drawn = problem_module.build_grid, search.draw_seed_sets
+
+    def gridded(*args: Any) -> Grid:
+        seen.append(("grid", args[1], args[4]))
+        return build(*args)
+
+    def seeded(*args: Any) -> list[Any]:
+        seen.append(("draws", args[3], args[4]))
+        return drawn(*args)
+
+    monkeypatch.setattr(problem_module, "build_grid", gridded)
+    monkeypatch.setattr(search, "draw_seed_sets", seeded)
+    printers = [replace(plus_room, name=str(i)) for i in range(9)]
+    options = replace(
+        GROWN, faithful=True, parallelobox=ParalleloboxOptions(tries=1), prove=False, fit_first_layer=False
+    )
+    result = decompose_model(skewed, printers, options, cost)
+    assert result.options.granularity == "vfine" and result.options.parallelobox.tries == 3
+    assert {size for what, size, _ in seen if what == "grid"} == {15}
+    assert math.sin(math.radians(1.0)) in {steep for what, _, steep in seen if what == "grid"}
+    assert sorted(each[1:] for each in seen if each[0] == "draws") == [(4, 3), (5, 3)]  # of the two halves
+    assert SPEED_MM_S == 20.0
+    assert result.options.parallelobox.score is Score.HIGH
+    assert (
+        search.paper_settings(
+            replace(options, parallelobox=ParalleloboxOptions(score=Score.LOW))
+        ).parallelobox.score
+        is Score.LOW
+    )
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=st.integers(0, 10**6), printers=st.integers(9, 14))
+def test_it_is_never_worse_than_faithful(
+    skewed: Model, plus_room: PrinterRoom, cost: CostModel, seed: int, printers: int
+) -> None:
+    """On a model that is cut at its plane of symmetry, turned, and large enough for a finer grid."""
+    fleet = [replace(plus_room, name=str(i)) for i in range(printers)]
+    options = Options(Engine.PARALLELOBOX, seed=seed, fit_first_layer=False, prove=False)
+    faithful = decompose_model(skewed, fleet, replace(options, faithful=True), cost)
+    own = decompose_model(skewed, fleet, options, cost)
+    assert own.makespan_s <= faithful.makespan_s or (faithful.faults and not own.faults)
+
+
+def test_a_model_is_turned_for_its_overhangs(cost: CostModel) -> None:
+    """A crooked block without symmetry, which overhangs nowhere once it stands straight."""
+    solid = Solid.union([Solid.box((0, 0, 0), (90, 60, 40)), Solid.box((0, 0, 0), (30, 20, 80))])
+    solid = Solid.union([solid, Solid.box((0, 0, 0), (50, 60, 55))])
+    vertices, faces = solid.arrays()
+    crooked = vertices @ turn(0.7, (1.0, 0.3, 0.2)).T
+    assert overhang_mm2(vertices[faces], cost.overhang_cos) == pytest.approx(0.0)
+    assert overhang_mm2(crooked[faces], cost.overhang_cos) > 1000.0
+    aligned = align_model(Model(Solid.from_arrays(crooked, faces), (), 1.0), 1, cost.overhang_cos)
+    straight, on = aligned.model.solid.arrays()
+    assert overhang_mm2(straight[on], cost.overhang_cos) == pytest.approx(0.0, abs=1.0)
+    assert aligned.rotation @ aligned.rotation.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert np.linalg.det(aligned.rotation) == pytest.approx(1.0)
+    again = align_model(Model(solid, (), 1.0), 1, cost.overhang_cos)
+    assert (again.rotation == np.eye(3)).all()  # what stands straight is left so
+
+
+def test_too_few_printers_are_told(ball: Model, plus_room: PrinterRoom, cost: CostModel) -> None:
+    with pytest.raises(NoFit, match=r"no attempt of parallelobox covers .* --engine guillotine"):
+        decompose_model(ball, [plus_room, replace(plus_room, name="b")], GROWN, cost)

@@ -1,0 +1,127 @@
+"""Files that no honest program writes, and sizes that no person means: refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.errors import DecomposeError, ModelHuge, ModelNotSolid, ModelTiny, ModelUnreadable
+from decompose.geometry import load_model, write_stl
+
+
+def ball(radius: float = 20.0) -> np.ndarray:
+    return np.array(trimesh.creation.icosphere(3, radius).triangles)
+
+
+def write_obj(path: Path, triangles: np.ndarray) -> Path:
+    """In full double precision, which no STL holds."""
+    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in triangles.reshape(-1, 3).tolist())
+    faces = "".join(f"f {i + 1} {i + 2} {i + 3}\n" for i in range(0, 3 * len(triangles), 3))
+    path.write_text(corners + faces)
+    return path
+
+
+@pytest.mark.parametrize("factor", [1e-300, 1e-160, 1e-30, 1e10, 1e30, 1e38, 1e160, 1e300])
+def test_any_unit_is_taken_with_a_longest_side(tmp_path: Path, factor: float) -> None:
+    path = write_obj(tmp_path / "unit.obj", ball() * factor)
+    model = load_model(path, longest_side_mm=100.0)
+    assert model.extents_mm.max() == pytest.approx(100.0)
+    with pytest.raises((ModelTiny, ModelHuge)) as caught:
+        load_model(path, scale=1.0)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("offset", [1e8, 1e10, 1e12])
+def test_far_from_the_origin_is_no_place_for_a_model(tmp_path: Path, offset: float) -> None:
+    with pytest.raises(ModelHuge, match="origin"):
+        load_model(write_obj(tmp_path / "far.obj", ball() + offset))
+    assert load_model(write_obj(tmp_path / "near.obj", ball() + 1e4)).repairs == ()
+
+
+@pytest.mark.parametrize(
+    ("scale", "longest_side_mm", "error"),
+    [
+        (1e-12, None, ModelTiny),
+        (1e-300, None, ModelTiny),
+        (1e300, None, ModelHuge),
+        (1e308, None, ModelHuge),
+        (10**400, None, ModelUnreadable),
+        (None, 1e-9, ModelTiny),
+        (None, 5e-324, ModelTiny),
+        (None, 1e9, ModelHuge),
+        (None, 1e300, ModelHuge),
+    ],
+)
+def test_senseless_sizes(
+    tmp_path: Path, scale: float | None, longest_side_mm: float | None, error: type[DecomposeError]
+) -> None:
+    path = tmp_path / "ball.stl"
+    write_stl(path, ball().astype(np.float32))
+    with pytest.raises(error) as caught:
+        load_model(path, scale=scale, longest_side_mm=longest_side_mm)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_speck_beside_a_point_is_no_solid(tmp_path: Path) -> None:
+    """Triangles too small to be told apart, far from one another."""
+    specks = np.concatenate([ball(1e-10), ball(1e-10) + 50.0])
+    with pytest.raises(ModelNotSolid):
+        load_model(write_obj(tmp_path / "speck.obj", specks))
+
+
+def test_a_million_vertices_in_one_place(tmp_path: Path) -> None:
+    sphere = trimesh.creation.icosphere(3, 20.0)
+    copies = 1_000_000 // len(sphere.vertices) + 1
+    which = len(sphere.vertices) * np.random.default_rng(0).integers(0, copies, sphere.faces.shape)
+    many = trimesh.Trimesh(np.tile(sphere.vertices, (copies, 1)), sphere.faces + which, process=False)
+    many.export(tmp_path / "copies.ply")
+    model = load_model(tmp_path / "copies.ply")
+    assert model.solid.volume_mm3 == pytest.approx(sphere.volume, rel=1e-4)
+
+
+LYING = {
+    "missing.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 9\n",
+    "before.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf -1 -2 -9\n",
+    "beyond.obj": b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 99999999999999999999\n",
+    "bytes.obj": b"\xff\xfe\x00" * 100 + b"v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n",
+    "count.off": b"OFF\n999999999 3 0\n0 0 0\n",
+    "index.off": b"OFF\n3 1 0\n0 0 0\n9 0 0\n0 9 0\n3 0 1 7\n",
+    "line.stl": b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0\nvertex 9 0 0\nendsolid a\n",
+}
+
+
+@pytest.mark.parametrize("name", sorted(LYING))
+def test_files_that_lie(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(LYING[name])
+    with pytest.raises(DecomposeError) as caught:
+        load_model(tmp_path / name)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith(name)
+    assert "No module" not in str(caught.value)
+
+
+@pytest.mark.parametrize("encoding", ["binary", "ascii"])
+@pytest.mark.parametrize(
+    ("true", "lie"),
+    [
+        (b"vertex 642", b"vertex 999999999999"),
+        (b"vertex 642", b"vertex -5"),
+        (b"vertex 642", b"vertex 10"),
+        (b"face 1280", b"face 3"),
+        (b"face 1280", b"face x"),
+        (b"float x", b"list uchar int x"),
+        (b"property float z\n", b""),
+    ],
+)
+def test_a_ply_with_a_lying_header(tmp_path: Path, encoding: str, true: bytes, lie: bytes) -> None:
+    path = tmp_path / "lie.ply"
+    trimesh.creation.icosphere(3, 20.0).export(path, encoding=encoding)
+    data = path.read_bytes()
+    assert true in data
+    path.write_bytes(data.replace(true, lie, 1))
+    with pytest.raises(DecomposeError, match=r"^lie\.ply: ") as caught:
+        load_model(path)
+    assert "\n" not in str(caught.value)

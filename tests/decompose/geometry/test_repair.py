@@ -1,0 +1,119 @@
+"""Open and entangled triangles: closed without moving what was there, or refused."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.errors import ModelNotSolid
+from decompose.geometry import Solid, load_model, shells
+from decompose.geometry.repair import close_surface
+
+MODELS = Path(os.environ.get("FARM_MODELS", Path(__file__).parents[3] / "shared" / "models"))
+
+
+def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> np.ndarray:
+    vertices, faces = Solid.box(lo, hi).arrays()
+    return vertices[faces]
+
+
+def without_lid(triangles: np.ndarray, axis: int, at_mm: float) -> np.ndarray:
+    """Triangles without those that lie in an axis plane."""
+    return triangles[~(np.abs(triangles[:, :, axis] - at_mm) < 1e-9).all(axis=1)]
+
+
+@pytest.mark.parametrize(
+    ("where", "pieces"),
+    [((20.0, 0.0, 0.0), 1), ((20.0, 20.0, 0.0), 2), ((20.0, 20.0, 20.0), 2), ((20.0, 10.0, 0.0), 1)],
+    ids=["face", "edge", "corner", "half a face"],
+)
+def test_bodies_that_touch(where: tuple[float, ...], pieces: int) -> None:
+    other = tuple(20.0 + w for w in where)
+    both = np.concatenate([block((0, 0, 0), (20, 20, 20)), block(where, other)])
+    solid, _ = close_surface("two", both)
+    assert solid.volume_mm3 == pytest.approx(16_000.0)
+    assert len(solid.pieces()) == pieces
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.tuples(*[st.integers(0, 3)] * 3), min_size=1, max_size=12, unique=True), st.data())
+def test_cubes_in_a_lattice_are_their_union(places: list[tuple[int, int, int]], data: st.DataObject) -> None:
+    """They share faces, edges and corners; some are turned inside out, as triangles without order are not."""
+    cubes = [block(tuple(10.0 * p for p in place), tuple(10.0 * p + 10.0 for p in place)) for place in places]
+    order = data.draw(st.permutations(range(12 * len(cubes))))
+    solid, _ = close_surface("lattice", np.concatenate(cubes)[list(order)])
+    assert solid.volume_mm3 == pytest.approx(1000.0 * len(places))
+
+
+def test_two_open_shells_through_one_another_are_closed_and_joined() -> None:
+    """A tube stuck into an open box, as modellers leave handles; MeshFix alone would drop it."""
+    box = without_lid(block((0, 0, 0), (100, 100, 100)), 0, 100.0)
+    tube = without_lid(without_lid(block((-60, 40, 40), (20, 60, 60)), 0, -60.0), 0, 20.0)
+    solid, repairs = close_surface("mug", np.concatenate([box, tube]))
+    assert solid.volume_mm3 == pytest.approx(1e6 + 60.0 * 400.0)
+    assert solid.bounds_mm[0] == pytest.approx([-60.0, 0.0, 0.0])
+    assert any("12 open edges" in r and "% of the surface is new" in r for r in repairs)
+
+
+def test_the_open_ends_of_a_pipe_are_rings() -> None:
+    pipe = trimesh.creation.annulus(r_min=20.0, r_max=25.0, height=100.0)
+    triangles = np.array(pipe.triangles)
+    ends = np.ptp(triangles[:, :, 2], axis=1) < 1e-9
+    solid, _ = close_surface("pipe", triangles[~ends])
+    assert solid.volume_mm3 == pytest.approx(pipe.volume, rel=1e-6)
+
+
+def test_gaps_that_rounding_left_are_welded() -> None:
+    ball = trimesh.creation.icosphere(3, 50.0)
+    rng = np.random.default_rng(1)
+    triangles = np.array(ball.triangles) + rng.uniform(-1e-5, 1e-5, ball.triangles.shape)
+    solid, repairs = close_surface("ball", triangles)
+    assert solid.volume_mm3 == pytest.approx(ball.volume, rel=1e-4)
+    assert repairs == ["Joined vertices within 0.0001 mm of each other."]
+
+
+def test_a_cup_of_one_layer_is_refused() -> None:
+    """Filling it would invent a lid, and a cup is no plug."""
+    with pytest.raises(ModelNotSolid, match=r"would invent 2\d %"):
+        close_surface("cup", without_lid(block((0, 0, 0), (100, 100, 50)), 2, 50.0))
+
+
+def test_a_surface_that_a_repair_would_drop_is_refused() -> None:
+    sail = np.array([[[50.0, 50.0, 100.0], [50.0, 250.0, 100.0], [50.0, 50.0, 250.0]]])
+    with pytest.raises(ModelNotSolid, match=r"would lose \d+ %"):
+        close_surface("sail", np.concatenate([block((0, 0, 0), (100, 100, 100)), sail]))
+
+
+def test_one_sided_surfaces_have_no_facing() -> None:
+    band = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 1], [5, 0, 1]])
+    assert shells.orient_faces(band) is None
+
+
+def test_rims_of_holes_that_meet_in_a_vertex_come_apart() -> None:
+    """Two opposite triangles of an octahedron's top are gone: both holes have its tip."""
+    corners = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, -1]], dtype=float)
+    whole = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 1], [5, 2, 1], [5, 3, 2], [5, 4, 3], [5, 1, 4]])
+    found = shells.split_shells(corners, np.delete(whole, [0, 2], axis=0))
+    assert found is not None
+    ((vertices, faces),) = found
+    assert len(vertices) == 7
+    assert sorted(len(rim) for rim in shells.find_rims(faces)) == [6]
+    filled = trimesh.Trimesh(
+        vertices, np.concatenate([faces, shells.cap_holes(vertices, faces)]), process=False
+    )
+    assert filled.is_watertight and filled.is_winding_consistent
+
+
+@pytest.mark.skipif(not MODELS.is_dir(), reason="the models from the wild are not here")
+def test_the_teapot_keeps_its_spout_handle_and_lid() -> None:
+    model = load_model(MODELS / "utah-teapot.obj", longest_side_mm=450.0)
+    assert model.extents_mm == pytest.approx([450.0, 220.3, 279.8], abs=0.1)
+    assert model.solid.volume_mm3 == pytest.approx(8.844e6, rel=1e-3)
+    assert len(model.solid.pieces()) == 1
+    assert "160 open edges" in model.repairs[0]

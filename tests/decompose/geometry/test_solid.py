@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.errors import ModelNotSolid
+from decompose.geometry import Solid
+
+
+def test_box_has_exactly_its_corners() -> None:
+    box = Solid.box((0.1, -0.2, 1 / 3), (1.1, 5.0, 7.7))
+    assert box.bounds_mm.tolist() == [[0.1, -0.2, 1 / 3], [1.1, 5.0, 7.7]]
+    assert box.volume_mm3 == pytest.approx(1.0 * 5.2 * (7.7 - 1 / 3))
+
+
+def test_open_surface_is_refused() -> None:
+    vertices, faces = Solid.box((0, 0, 0), (1, 1, 1)).arrays()
+    with pytest.raises(ModelNotSolid, match="bound no solid"):
+        Solid.from_arrays(vertices, faces[1:])
+
+
+@settings(max_examples=15, deadline=None)
+@given(axis=st.integers(0, 2), at=st.floats(-24.0, 39.0))
+def test_split_keeps_volume_and_adds_the_cut_twice(lump: Solid, axis: int, at: float) -> None:
+    below, above = lump.split(axis, at)
+    assert below.volume_mm3 + above.volume_mm3 == pytest.approx(lump.volume_mm3, rel=1e-9)
+    if not below.is_empty:
+        assert below.bounds_mm[1, axis] <= at + 1e-9
+    if not above.is_empty:
+        assert above.bounds_mm[0, axis] >= at - 1e-9
+
+
+def test_pieces_come_in_order_of_position() -> None:
+    two = Solid.union([Solid.box((5, 0, 0), (6, 1, 1)), Solid.box((0, 0, 0), (1, 1, 1))])
+    assert [p.bounds_mm[0, 0] for p in two.pieces()] == [0.0, 5.0]
+    assert Solid.box((0, 0, 0), (1, 1, 1)).clip((3, 3, 3), (4, 4, 4)).pieces() == []
+
+
+def test_a_cavity_belongs_to_the_piece_around_it() -> None:
+    shell = Solid.box((0, 0, 0), (10, 10, 10)).subtract(Solid.box((2, 2, 2), (8, 8, 8)))
+    inner = Solid.box((3, 3, 3), (7, 7, 7)).subtract(Solid.box((4, 4, 4), (6, 6, 6)))
+    assert [p.volume_mm3 for p in shell.pieces()] == pytest.approx([1000.0 - 216.0])
+    both = Solid.union([shell, inner, Solid.box((20, 0, 0), (21, 1, 1))])
+    assert [p.volume_mm3 for p in both.pieces()] == pytest.approx([1000.0 - 216.0, 64.0 - 8.0, 1.0])
+
+
+def test_simplify_removes_short_edges_only() -> None:
+    box = Solid.box((0, 0, 0), (10, 10, 10))
+    notched = Solid.union([box, Solid.box((4, 4, 9), (4.000001, 4.000001, 10.000001))])
+    simple = notched.simplify(1e-4)
+    assert simple.volume_mm3 == pytest.approx(1000.0, rel=1e-6)
+    assert len(simple.arrays()[1]) <= len(notched.arrays()[1])
+    assert np.isfinite(simple.arrays()[0]).all()

@@ -1,0 +1,139 @@
+"""The tables against direct booleans."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.geometry import Solid
+from decompose.grid import (
+    CLEAR_MM,
+    VOLUME,
+    BoxTables,
+    Cell,
+    Grid,
+    box_index,
+    build_grid,
+    cell_counts,
+    flat_coordinates,
+    price_boxes,
+)
+from decompose.grid.grid import place_planes
+from decompose.print_time import CostModel, Recipe, axis_prices_s
+from decompose.printers import PrinterRoom
+
+Triangles = np.ndarray
+HUGE = PrinterRoom("huge", ((1e4, 1e4, 1e4),))
+
+
+@pytest.fixture(scope="module")
+def grid(triangles: Triangles) -> Grid:
+    return build_grid(
+        triangles, granularity=7, min_wall_mm=0.0, keep_interior=True, overhang_cos=0.7, skin_cos=0.75
+    )
+
+
+@pytest.fixture(scope="module")
+def recipe_cost() -> CostModel:
+    supported_deg = math.degrees(math.asin(0.7))
+    return replace(CostModel.from_recipe(Recipe()), supported_deg=supported_deg, skin_cos=0.75)
+
+
+@pytest.fixture(scope="module")
+def boxes(grid: Grid, recipe_cost: CostModel) -> BoxTables:
+    return price_boxes(grid, [HUGE], recipe_cost)
+
+
+@st.composite
+def box_in(draw: st.DrawFn, shape: tuple[int, int, int]) -> tuple[int, ...]:
+    ends = [sorted(draw(st.lists(st.integers(0, n), min_size=2, max_size=2, unique=True))) for n in shape]
+    return (*(e[0] for e in ends), *(e[1] for e in ends))
+
+
+@settings(max_examples=40, deadline=None)
+@given(data=st.data())
+def test_sums_over_a_box_are_those_of_the_solid_cut_out(
+    data: st.DataObject, grid: Grid, boxes: BoxTables, recipe_cost: CostModel, lump: Solid
+) -> None:
+    box = data.draw(box_in(grid.shape))
+    x0, y0, z0, x1, y1, z1 = box
+    cells = (slice(x0, x1), slice(y0, y1), slice(z0, z1))
+    inside = lump.clip(*grid.bounds_mm(box))
+    assert grid.sums[cells][..., VOLUME].sum() == pytest.approx(inside.volume_mm3, rel=1e-9, abs=1e-6)
+    at = box_index(box, grid.shape)  # type: ignore[arg-type]
+    if inside.is_empty:
+        assert boxes.trimmed[at] == -1
+        return
+    extents = grid.extents[cells].reshape(-1, 6)
+    assert np.allclose(extents[:, :3].min(axis=0), inside.bounds_mm[0], atol=1e-9)
+    assert np.allclose(extents[:, 3:].max(axis=0), inside.bounds_mm[1], atol=1e-9)
+    # The table's cost is that of the solid in its best pose: every other term is checked by it.
+    if boxes.trimmed[at] == at:
+        times = axis_prices_s(*inside.arrays(), recipe_cost)
+        assert boxes.seconds[at] == pytest.approx(times.min(), rel=1e-6)
+        assert boxes.pieces[at] <= len(inside.pieces())
+
+
+@settings(max_examples=20, deadline=None)
+@given(axis=st.integers(0, 2), data=st.data())
+def test_cut_areas_are_those_of_a_cut(axis: int, data: st.DataObject, grid: Grid, lump: Solid) -> None:
+    plane = data.draw(st.integers(1, grid.shape[axis] - 1))
+    below, above = lump.split(axis, float(grid.planes[axis][plane]))
+    cut = (below.area_mm2 + above.area_mm2 - lump.area_mm2) / 2.0
+    assert np.take(grid.cuts[axis], plane, axis=axis).sum() == pytest.approx(cut, rel=1e-7, abs=1e-5)
+
+
+def test_classes_of_cells(grid: Grid, lump: Solid) -> None:
+    for cell in np.ndindex(grid.shape):
+        x, y, z = cell
+        lo, hi = grid.bounds_mm((x, y, z, x + 1, y + 1, z + 1))
+        volume = lump.clip(lo, hi).volume_mm3
+        if grid.cells[cell] == Cell.EXTERNAL:
+            assert volume == 0.0
+        elif grid.cells[cell] == Cell.INTERNAL:
+            assert volume == pytest.approx(float(np.prod(hi - lo)))
+    assert set(np.unique(grid.cells)) >= {Cell.EXTERNAL, Cell.BOUNDARY}
+
+
+@pytest.mark.parametrize("min_wall_mm", [0.0, 10.0, 25.0])
+def test_hollow_cells_keep_their_distance(min_wall_mm: float) -> None:
+    corners = Solid.box((0, 0, 0), (200, 160, 120)).arrays()
+    grid = build_grid(
+        corners[0][corners[1]], 12, min_wall_mm, keep_interior=False, overhang_cos=0.7, skin_cos=0.75
+    )
+    hollow = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
+    assert len(hollow)
+    lo = np.array([[grid.planes[a][c[a]] for a in range(3)] for c in hollow])
+    hi = np.array([[grid.planes[a][c[a] + 1] for a in range(3)] for c in hollow])
+    assert lo.min() >= min_wall_mm
+    assert (np.array([200, 160, 120]) - hi).min() >= min_wall_mm
+
+
+@given(
+    flats=st.lists(st.floats(0.0, 100.0), max_size=12),
+    count=st.integers(1, 20),
+)
+def test_planes_ascend_and_avoid_flat_faces(flats: list[float], count: int) -> None:
+    planes = place_planes(0.0, 100.0, count, np.array(flats))
+    assert (np.diff(planes) > 0.0).all()
+    assert planes[0] < 0.0
+    assert planes[-1] > 100.0
+    if len(flats) == 1 and count > 1:
+        assert np.abs(planes[1:-1] - flats[0]).min() >= min(CLEAR_MM, 0.2 * 100.0 / count) - 1e-9
+
+
+def test_flat_faces_of_a_box_are_found() -> None:
+    vertices, faces = Solid.box((1, 2, 3), (4, 5, 6)).arrays()
+    assert [flat_coordinates(vertices[faces], a).tolist() for a in range(3)] == [[1, 4], [2, 5], [3, 6]]
+
+
+def test_counts_follow_the_shape() -> None:
+    assert cell_counts(np.array([300.0, 300.0, 300.0]), 15) == (15, 15, 15)
+    nx, ny, nz = cell_counts(np.array([355.0, 3.0, 355.0]), 15)
+    assert (ny, nx) == (1, nz)
+    assert cell_counts(np.array([1.0, 1.0, 1.0]), 15) == (1, 1, 1)

@@ -1,0 +1,59 @@
+"""What is left out keeps its distance from the surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.geometry import Solid
+from decompose.grid import Cell, build_grid
+from decompose.print_time import CostModel
+
+
+def ball() -> Solid:
+    sphere = trimesh.creation.icosphere(4, 150.0)
+    return Solid.from_arrays(sphere.vertices, sphere.faces)
+
+
+def tube() -> Solid:
+    """Thick, off the axes."""
+    ring = trimesh.creation.annulus(r_min=40.0, r_max=170.0, height=300.0)
+    ring.apply_transform(trimesh.transformations.rotation_matrix(0.5, [1.0, 0.3, 0.1]))
+    return Solid.from_arrays(ring.vertices, ring.faces)
+
+
+def block() -> Solid:
+    return Solid.box((0, 0, 0), (300, 260, 220))
+
+
+def turned_block() -> Solid:
+    box = trimesh.creation.box((300.0, 260.0, 280.0))
+    box.apply_transform(trimesh.transformations.rotation_matrix(0.7, [0.2, 1.0, 0.4]))
+    return Solid.from_arrays(box.vertices, box.faces)
+
+
+@pytest.mark.parametrize("min_wall_mm", [3.0, 10.0, 25.0])
+@pytest.mark.parametrize("shape", [ball, tube, block, turned_block])
+def test_the_hollow_keeps_the_wall(shape: Callable[[], Solid], min_wall_mm: float, cost: CostModel) -> None:
+    solid = shape()
+    vertices, faces = solid.arrays()
+    grid = build_grid(vertices[faces], 14, min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
+    left_out = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
+    assert len(left_out) > 0
+    hollow = Solid.union([Solid.box(*grid.bounds_mm((*at, *(at + 1)))) for at in left_out])
+    lo, hi = solid.bounds_mm
+    outside = Solid.box(lo - 60.0, hi + 60.0).subtract(solid)
+    cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
+    gap_mm = outside.gap_mm(hollow, min_wall_mm + 3.0 * cell_mm)
+    assert min_wall_mm - 1e-6 <= gap_mm <= min_wall_mm + np.sqrt(3.0) * cell_mm
+
+
+def test_a_wall_of_nothing_and_the_interior_kept(cost: CostModel) -> None:
+    vertices, faces = block().arrays()
+    bare = build_grid(vertices[faces], 10, 0.0, False, cost.overhang_cos, cost.skin_cos)
+    kept = build_grid(vertices[faces], 10, 25.0, True, cost.overhang_cos, cost.skin_cos)
+    assert (bare.needed == (bare.cells == Cell.BOUNDARY)).all()
+    assert kept.needed.all()

@@ -1,0 +1,112 @@
+"""Faces that move together: however the groups move, a partition stays one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.engines.guillotine.window import pinwheel_boxes
+from decompose.grid import (
+    Box,
+    NeededCells,
+    fill_out_boxes,
+    free_directions,
+    group_faces,
+    keep_clear,
+    move_groups,
+)
+
+PLANES = tuple(np.arange(7) * 10.0 for _ in range(3))
+
+
+def in_mm(boxes: list[Box]) -> np.ndarray:
+    return 10.0 * np.array(boxes, dtype=float).reshape(-1, 2, 3)
+
+
+def guillotine(rng: np.random.Generator, box: Box, cuts: int) -> list[Box]:
+    """Random axis cuts; the planes of two cuts are often the same, so that corners meet crosswise."""
+    axis = int(rng.integers(3))
+    if cuts == 0 or box[axis + 3] - box[axis] < 2:
+        return [box]
+    near, far = list(box), list(box)
+    near[axis + 3] = far[axis] = int(rng.integers(box[axis] + 1, box[axis + 3]))
+    return [b for side in (near, far) for b in guillotine(rng, tuple(side), cuts - 1)]  # type: ignore[arg-type]
+
+
+@settings(max_examples=80, deadline=None)
+@given(seed=st.integers(0, 10**6), cuts=st.integers(1, 4))
+def test_any_move_of_all_groups_at_once_keeps_a_full_partition(seed: int, cuts: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = in_mm(guillotine(rng, (0, 0, 0, 6, 6, 6), cuts))
+    cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
+    groups = group_faces(boxes)
+    count = groups.max() + 1
+    for group in range(count):
+        faces = np.argwhere(groups == group)
+        assert len({(axis, boxes[box, side, axis]) for box, side, axis in faces}) == 1
+    assert free_directions(boxes, groups, cells, 1.0).all()
+    assert cells.is_partition(move_groups(boxes, groups, rng.uniform(-4.9, 4.9, count)))
+
+
+@pytest.mark.parametrize("mirrored", [0, 1])
+def test_the_arms_of_a_pinwheel_move_alone(mirrored: int) -> None:
+    boxes = in_mm(pinwheel_boxes((6, 6, 6), (2, mirrored, 2, 4, 2, 4)))
+    groups = group_faces(boxes)
+    assert groups.max() == 3
+    cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
+    assert cells.is_partition(move_groups(boxes, groups, np.array([7.0, -6.0, 5.0, -4.0])))
+
+
+def test_four_boxes_about_an_edge_share_one_of_their_planes() -> None:
+    quarters = [(x, y, 0, x + 3, y + 3, 6) for x in (0, 3) for y in (0, 3)]
+    groups = group_faces(in_mm(quarters))
+    assert groups.max() == 2  # one plane goes through, the other is two halves that move alone
+
+
+def test_a_face_gives_way_only_to_a_box_that_covers_it() -> None:
+    """The lower box is the narrower one: it cannot take anything that is needed of the upper one."""
+    boxes = [(0, 0, 0, 3, 6, 3), (0, 0, 3, 6, 6, 6)]
+    needed = np.ones((6, 6, 6), dtype=bool)
+    needed[3:, :, :3] = False
+    cells = NeededCells(PLANES, needed)
+    groups = group_faces(in_mm(boxes))
+    assert free_directions(in_mm(boxes), groups, cells, 1.0).tolist() == [[True, False]]
+    filled = fill_out_boxes(boxes, ~needed)
+    assert filled == [(0, 0, 0, 6, 6, 3), (0, 0, 3, 6, 6, 6)]
+    assert free_directions(in_mm(filled), group_faces(in_mm(filled)), cells, 1.0).tolist() == [[True, True]]
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), cuts=st.integers(1, 4))
+def test_boxes_grow_only_over_empty_cells_of_nobody(seed: int, cuts: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = guillotine(rng, (0, 0, 0, 6, 6, 6), cuts)
+    boxes = [box for box in boxes if rng.random() < 0.7] or boxes
+    empty = rng.random((6, 6, 6)) < 0.7
+    before, after = np.zeros((6, 6, 6), int), np.zeros((6, 6, 6), int)
+    for cells, some in ((before, boxes), (after, fill_out_boxes(boxes, empty))):
+        for x0, y0, z0, x1, y1, z1 in some:
+            cells[x0:x1, y0:y1, z0:z1] += 1
+    assert after.max() == 1
+    assert (after >= before).all()
+    assert empty[after > before].all()
+
+
+def test_what_is_no_partition() -> None:
+    cells = NeededCells(PLANES, np.ones((6, 6, 6), dtype=bool))
+    whole = np.array([[[0.0, 0.0, 0.0], [60.0, 60.0, 60.0]]])
+    assert cells.is_partition(whole)
+    assert not cells.is_partition(whole - np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 0.1]]]))
+    assert not cells.is_partition(np.concatenate([whole, whole]))
+
+
+@given(flats=st.lists(st.floats(0.0, 50.0), max_size=6), old=st.floats(0.0, 50.0), new=st.floats(0.0, 50.0))
+def test_a_plane_stops_short_of_flat_faces(flats: list[float], old: float, new: float) -> None:
+    known = np.array(sorted(flats))
+    place = keep_clear(known, old, new, 2.0)
+    assert min(old, new) <= place <= max(old, new)
+    assert place == old or np.abs(known - place).min(initial=np.inf) >= 2.0 - 1e-6
+    if np.abs(known - new).min(initial=np.inf) >= 2.0:
+        assert place == new

@@ -1,0 +1,74 @@
+"""What of a cell has to be printed: all that is near the surface, and little else."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from decompose.grid import Grid, NeededCells, build_grid, refine_cells
+from decompose.print_time import CostModel, Recipe
+
+SIDES_MM = np.array([300.0, 260.0, 280.0])
+
+
+def block(turn: Rotation) -> np.ndarray:
+    """(12, 3, 3) triangles."""
+    box = trimesh.creation.box(SIDES_MM)
+    return np.asarray(turn.apply(box.vertices)[box.faces])
+
+
+def grid_of(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keep: bool = False) -> Grid:
+    return build_grid(triangles, cells, wall_mm, keep, cost.overhang_cos, cost.skin_cos)
+
+
+def corners_mm(cells: NeededCells, which: np.ndarray) -> np.ndarray:
+    """(8, k, 3) of the cells that are set."""
+    at = np.argwhere(which)
+    ends = [[cells.planes[a][at[:, a]], cells.planes[a][at[:, a] + 1]] for a in range(3)]
+    return np.stack(
+        [np.stack([ends[a][side] for a, side in enumerate(corner)], axis=1) for corner in np.ndindex(2, 2, 2)]
+    )
+
+
+def coarse(grid: Grid, cells: NeededCells) -> np.ndarray:
+    """The needed cells of a grid, in finer ones."""
+    return np.kron(grid.needed, np.ones(np.array(cells.needed.shape) // np.array(grid.shape))).astype(bool)
+
+
+@given(
+    st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(Rotation.from_rotvec),
+    st.integers(5, 12),
+    st.floats(0.0, 40.0),
+)
+@settings(max_examples=60, deadline=None)
+def test_whatever_is_near_the_surface_is_needed(turn: Rotation, count: int, wall_mm: float) -> None:
+    """How deep a corner lies in a block is known without our code; it is convex: corners are enough."""
+    cost = CostModel.from_recipe(Recipe())
+    triangles = block(turn)
+    grid = grid_of(triangles, cost, count, wall_mm)
+    cells = refine_cells(grid, triangles, wall_mm, keep_interior=False, most_cells=200_000)
+    assert not (cells.needed & ~coarse(grid, cells)).any()
+
+    def depths_mm(which: np.ndarray) -> np.ndarray:
+        """(8, k) Of the corners of the cells that are set; outside of the block less than nothing."""
+        local = turn.inv().apply(corners_mm(cells, which).reshape(-1, 3))
+        return np.asarray((SIDES_MM / 2.0 - np.abs(local)).min(axis=1).reshape(8, -1))
+
+    open_mm = depths_mm(~cells.needed & coarse(grid, cells))
+    inside = open_mm.max(axis=0, initial=-np.inf) > 1e-9
+    assert (open_mm[:, inside] >= wall_mm - 1e-9).all()
+    cell_mm = max(float(np.diff(planes).max()) for planes in cells.planes)
+    assert (depths_mm(cells.needed).min(axis=0) <= np.sqrt(3.0) * (wall_mm + 2.0 * cell_mm)).all()
+
+
+def test_the_interior_is_needed_where_it_is_kept(cost: CostModel) -> None:
+    triangles = block(Rotation.from_rotvec([0.3, 0.2, 0.1]))
+    grid = grid_of(triangles, cost, 6, 10.0, keep=True)
+    kept, left = (refine_cells(grid, triangles, 10.0, keep, 200_000) for keep in (True, False))
+    assert (kept.needed >= left.needed).all()
+    volume_mm3 = np.prod(np.meshgrid(*map(np.diff, kept.planes), indexing="ij"), axis=0)
+    assert volume_mm3[kept.needed].sum() >= np.prod(SIDES_MM)
+    assert volume_mm3[left.needed].sum() < np.prod(SIDES_MM)

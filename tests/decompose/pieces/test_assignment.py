@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decompose.decompose import decompose_model
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.pieces import assign_bottleneck
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+
+
+@given(
+    parts=st.integers(1, 4), spare=st.integers(-1, 2), fits=st.floats(0.3, 1.0), seed=st.integers(0, 10**6)
+)
+def test_the_last_part_ends_as_soon_as_it_can(parts: int, spare: int, fits: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    printers = max(1, parts + spare)
+    seconds = np.outer(rng.integers(1, 9, parts) * 100.0, rng.choice([0.9, 1.0, 1.2], printers))
+    seconds[rng.random(seconds.shape) > fits] = np.inf
+    every = [seconds[range(parts), list(p)] for p in permutations(range(printers), parts)]
+    best = min(((t.max(), t.sum()) for t in every), default=(np.inf, np.inf))
+    found = assign_bottleneck(seconds)
+    if found is None:
+        assert np.isinf(best[0])
+        return
+    assert len(set(found)) == parts
+    times = seconds[range(parts), found]
+    assert times.max() == best[0]
+    assert abs(times.sum() - best[1]) < 1e-3
+
+
+def test_a_greedy_choice_would_leave_the_last_part_without_a_printer() -> None:
+    fits = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
+    found = assign_bottleneck(np.where(fits > 0.0, 60.0, np.inf))
+    assert found is not None
+    assert found[0] == 1
+
+
+def test_of_equal_printers_the_first_are_taken() -> None:
+    assert sorted(assign_bottleneck(np.full((3, 6), 60.0)) or []) == [0, 1, 2]
+
+
+def test_the_quickest_printer_takes_the_longest_part(
+    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    printers = [replace(fleet[0], name=str(i), time_factor=1.5 - 0.2 * i) for i in range(3)]
+    options = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
+    parts = decompose_model(Model(lump, (), 1.0), printers, options, cost).parts
+    longest_first = sorted(parts, key=lambda part: -part.price_s)
+    assert [part.printer for part in longest_first] == ["2", "1", "0"]

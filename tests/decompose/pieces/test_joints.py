@@ -1,0 +1,216 @@
+"""Where parts touch: the glue's area and width, and the pieces that are bad to glue."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from decompose.decompose import decompose_model
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.pieces import Piece, cut_box, find_cut_faces, find_faults, find_joints
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+
+FAR = 1e3
+
+
+def block(lo: tuple[float, ...], hi: tuple[float, ...]) -> Solid:
+    return Solid.box(lo, hi)
+
+
+def cut(
+    solid: Solid, x: tuple[float, ...] = (), y: tuple[float, ...] = (), z: tuple[float, ...] = ()
+) -> list[Piece]:
+    """The pieces between these planes, all of them right through."""
+    spans = [list(pairwise([-FAR, *sorted(at), FAR])) for at in (x, y, z)]
+    return [
+        piece
+        for (x0, x1), (y0, y1), (z0, z1) in product(*spans)
+        for piece in cut_box(solid, (x0, y0, z0), (x1, y1, z1))
+    ]
+
+
+def test_two_halves() -> None:
+    (joint,) = find_joints(cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,)))
+    assert (joint.a, joint.b) == (0, 1)
+    assert joint.area_mm2 == pytest.approx(1200.0)
+    assert joint.width_mm == pytest.approx(30.0, rel=0.02)
+
+
+def test_a_plane_that_is_given_twice_counts_once() -> None:
+    one, other = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,))
+    twice = Piece(one.solid, np.concatenate([one.planes, -one.planes]), one.boxes_mm)
+    (joint,) = find_joints([twice, other])
+    assert joint.area_mm2 == pytest.approx(1200.0)
+
+
+def test_a_frame_is_as_wide_as_its_rim() -> None:
+    frame = block((0, 0, 0), (60, 60, 30)).subtract(block((4, 4, -1), (56, 56, 31)))
+    pieces = cut(frame, z=(15.0,))
+    (joint,) = find_joints(pieces)
+    assert joint.area_mm2 == pytest.approx(60.0**2 - 52.0**2)
+    assert joint.width_mm == pytest.approx(4.0 * 2.0 / (1.0 + np.sqrt(0.5)), rel=0.05)  # in a corner
+
+
+def test_pieces_that_meet_in_an_edge_have_no_joint() -> None:
+    pieces = cut(block((0, 0, 0), (60, 40, 30)), x=(25.0,), y=(20.0,))
+    assert [(j.a, j.b) for j in find_joints(pieces)] == [(0, 1), (0, 2), (1, 3), (2, 3)]
+
+
+@settings(max_examples=15, deadline=None)
+@given(*[st.lists(st.floats(-35.0, 70.0).map(lambda v: round(v, 2)), max_size=2, unique=True)] * 3)
+def test_each_cut_face_is_glued_on_both_sides(
+    lump: Solid, x: list[float], y: list[float], z: list[float]
+) -> None:
+    pieces = cut(lump, tuple(x), tuple(y), tuple(z))
+    cut_mm2 = 0.0
+    for piece in pieces:
+        vertices, faces = piece.solid.arrays()
+        t = vertices[faces[find_cut_faces(vertices, faces, piece.planes)]]
+        cut_mm2 += float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2.0)
+    found = find_joints(pieces)
+    assert 2.0 * sum(j.area_mm2 for j in found) == pytest.approx(cut_mm2, rel=1e-6, abs=1e-3)
+    assert all(0.0 < j.width_mm <= 2.0 * np.sqrt(j.area_mm2 / np.pi) + 1e-6 for j in found)
+
+
+def test_oblique_planes() -> None:
+    solid = block((0, 0, 0), (40, 40, 40))
+    normal = np.array([0.6, 0.0, 0.8])
+    plane = np.array([*normal, 28.0])[None]
+    below, above = solid.manifold.split_by_plane(tuple(normal), 28.0)[::-1]
+    none = np.zeros((0, 2, 3))
+    (joint,) = find_joints([Piece(Solid(below), plane, none), Piece(Solid(above), -plane, none)])
+    assert joint.area_mm2 == pytest.approx(40.0 * 40.0 / 0.8)
+
+
+def test_a_thin_slice_is_a_sliver_and_a_thin_model_is_none() -> None:
+    slab = block((0, 0, 0), (100, 60, 4))
+    assert find_faults(cut(slab, x=(50.0,))) == []
+    (fault,) = find_faults(cut(slab, x=(94.0,)))
+    assert fault.piece == 1
+    assert fault.reason.startswith("is 6.0 mm thin")
+
+
+def test_a_film_with_a_rib_is_a_flake() -> None:
+    model = Solid.union([block((0, 0, 0), (60, 60, 30.5)), block((0, 30, 0), (60, 30.6, 40))])
+    (fault,) = find_faults(cut(model, z=(30.0,)))
+    assert fault.piece == 1
+    assert "flake" in fault.reason
+
+
+def dumbbell(bar_mm: float) -> Solid:
+    at = 20.0 - bar_mm / 2.0, 20.0 + bar_mm / 2.0
+    return Solid.union(
+        [
+            block((0, 0, 0), (40, 40, 40)),
+            block((80, 0, 0), (130, 40, 40)),
+            block((20, at[0], at[0]), (100, at[1], at[1])),
+        ]
+    )
+
+
+def test_a_piece_that_hangs_by_a_thread_is_loose() -> None:
+    pieces = cut(dumbbell(4.0), x=(60.0,))
+    (fault,) = find_faults(pieces)
+    assert fault.piece == 0  # the lighter one
+    assert "16.0 mm2 of glue, of 25 mm2" in fault.reason
+    assert find_faults(pieces, min_glue_mm2=15.0) == []
+    assert find_faults(cut(dumbbell(6.0), x=(60.0,))) == []
+
+
+def test_a_weak_joint_beside_a_strong_one_is_none_to_rely_on() -> None:
+    """Three boxes in a T: two of them touch each other by a strip, and both are held by the third."""
+    solids = [
+        block((0, 0, 0), (60, 30, 30)),
+        block((0, 30, 0), (30, 60, 30)),
+        block((30, 30, 0), (60, 60, 30)),
+    ]
+    pieces = [
+        Piece(s, np.array([[0.0, 1.0, 0.0, 30.0], [1.0, 0.0, 0.0, 30.0]]), np.zeros((0, 2, 3)))
+        for s in solids
+    ]
+    assert [round(j.area_mm2) for j in find_joints(pieces)] == [900, 900, 900]
+    assert find_faults(pieces) == []
+    thin = block((30, 30, 0), (60, 60, 0.5))
+    pieces[2] = Piece(thin, pieces[2].planes, pieces[2].boxes_mm)
+    weak = min(find_joints(pieces), key=lambda j: j.area_mm2)
+    assert weak.area_mm2 == pytest.approx(15.0)
+    assert [f.piece for f in find_faults(pieces)] == [2]
+
+
+def finned() -> Solid:
+    """Two blocks that a fin of half a millimetre joins over 400 mm."""
+    return Solid.union(
+        [
+            block((0, 0, 0), (400, 60, 60)),
+            block((0, 100, 0), (400, 170, 60)),
+            block((0, 50, 30), (400, 110, 30.5)),
+        ]
+    )
+
+
+def test_a_line_of_glue_holds_nothing_however_long() -> None:
+    pieces = cut(finned(), y=(80.0,))
+    (joint,) = find_joints(pieces)
+    assert joint.area_mm2 == pytest.approx(200.0)
+    assert joint.width_mm == pytest.approx(0.5, rel=0.02)
+    (fault,) = find_faults(pieces)
+    assert fault.reason == "is held by a joint 0.5 mm wide, of 0.8 mm that are wanted"
+    assert find_faults(pieces, min_glue_mm2=0.0) == []
+    assert not joint.holds(25.0) and joint.holds(0.0)
+
+
+def test_a_partition_that_a_line_of_glue_holds_is_given_up_for_another(cost: CostModel) -> None:
+    """Between the two blocks is the cheapest cut, and the only one of a single width."""
+    printers = [PrinterRoom(f"um-{i}", ((420.0, 420.0, 100.0),)) for i in range(2)]
+    narrow = Options(Engine.GUILLOTINE, 6, min_glue_mm2=0.0, prove=False)
+    loose = decompose_model(Model(finned(), (), 1.0), printers, narrow, cost)
+    assert min(j.width_mm for j in loose.joints) < 1.0
+    held = decompose_model(Model(finned(), (), 1.0), printers, replace(narrow, min_glue_mm2=25.0), cost)
+    assert held.faults == ()
+    assert all(j.holds(25.0) for j in held.joints)
+    assert len(held.parts) == 2
+
+
+def test_bodies_that_touch_nothing_are_not_loose() -> None:
+    assert find_faults([*cut(block((0, 0, 0), (40, 40, 40))), *cut(block((50, 0, 0), (60, 10, 10)))]) == []
+
+
+@pytest.mark.parametrize(("min_glue_mm2", "held_mm2"), [(25.0, 25.0), (0.0, 0.0)])
+def test_a_partition_with_a_weak_joint_is_given_up_for_another(
+    cost: CostModel, min_glue_mm2: float, held_mm2: float
+) -> None:
+    """The even cut goes through the thin bar between the two blocks."""
+    solid = Solid.union(
+        [
+            block((0, 0, 0), (120, 120, 120)),
+            block((200, 0, 0), (320, 120, 120)),
+            block((100, 58, 58), (220, 62, 62)),
+        ]
+    )
+    printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
+    options = Options(Engine.GUILLOTINE, "vcoarse", min_glue_mm2=min_glue_mm2, prove=False)
+    result = decompose_model(Model(solid, (), 1.0), printers, options, cost)
+    assert result.faults == ()
+    least_mm2 = min(joint.area_mm2 for joint in result.joints)
+    assert least_mm2 >= held_mm2  # of the bar, or of a block that is cut in its stead
+    assert (least_mm2 < 25.0) == (min_glue_mm2 == 0.0)
+    book = result.as_dict()["joints"]
+    assert all(j["glued"] == (j["area_mm2"] >= min_glue_mm2) for j in book)
+    assert {j["a"] for j in book} <= {p.id for p in result.parts}
+
+
+@pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.BEST])
+def test_what_only_a_thread_holds_is_refused(engine: Engine, cost: CostModel) -> None:
+    rod = Model(block((0, 0, 0), (500, 4, 4)), (), 1.0)
+    printers = [PrinterRoom(f"um-{i}", ((200.0, 200.0, 200.0),)) for i in range(4)]
+    with pytest.raises(NoFit, match=r"is held by 16.0 mm2 of glue.*--min-glue"):
+        decompose_model(rod, printers, Options(engine, prove=False), cost)
+    assert len(decompose_model(rod, printers, Options(Engine.GUILLOTINE, min_glue_mm2=15.0), cost).parts) == 4

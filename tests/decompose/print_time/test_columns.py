@@ -1,0 +1,124 @@
+"""Supports and mass, seen as columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.geometry import Solid
+from decompose.print_time import measure_columns
+from decompose.print_time.columns import LEVELS, Columns
+
+OVERHANG_COS = np.sin(np.radians(45.0))
+
+
+def seen(solid: Solid, marked_up: float | None = None) -> Columns:
+    """The columns of a solid; marked are faces whose upward normal is `marked_up`."""
+    vertices, faces = solid.arrays()
+    triangles = vertices[faces]
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    up = normals[:, 2] / np.linalg.norm(normals, axis=1)
+    marked = np.zeros(len(faces), bool) if marked_up is None else np.isclose(up, marked_up)
+    return measure_columns(triangles, marked, OVERHANG_COS)
+
+
+@pytest.fixture(scope="module")
+def bench() -> Solid:
+    """A foot of 20 x 20 x 5, a post, and a seat of 20 x 20 x 5 that hangs over foot and bed alike."""
+    return Solid.union(
+        [
+            Solid.box((0, 0, 0), (20, 20, 5)),
+            Solid.box((10, 0, 5), (20, 20, 25)),
+            Solid.box((0, 0, 25), (40, 20, 30)),
+        ]
+    )
+
+
+def test_supports_end_on_the_part(bench: Solid) -> None:
+    """10 mm of the seat stand 20 mm above the foot, 20 mm stand 25 mm above the bed."""
+    found = seen(bench)
+    assert found.support_mm3 == pytest.approx(10 * 20 * 20 + 20 * 20 * 25, rel=0.03)
+    assert found.support_side_mm2 == pytest.approx((10 + 20) * 2 * 20 + (20 + 20) * 2 * 25, rel=0.05)
+    assert found.propped_mm2 == pytest.approx(20 * 20, rel=0.05)
+    assert found.props_mm[:, 0].min() == pytest.approx(20.0, abs=0.5)
+    assert found.touched_mm2 == 0.0
+
+
+def test_marked_faces_are_touched_from_below_and_from_above(bench: Solid) -> None:
+    assert seen(bench, -1.0).touched_mm2 == pytest.approx(30 * 20, rel=0.05)  # the seat, not the foot's base
+    assert seen(bench, 1.0).touched_mm2 == pytest.approx(10 * 20, rel=0.05)  # the foot, not the seat's top
+    assert seen(bench, 0.5).touched_mm2 == 0.0
+
+
+def test_mass_grows_with_height(bench: Solid) -> None:
+    found = seen(bench)
+    assert found.volumes_mm3[-1] == pytest.approx(bench.volume_mm3, rel=0.02)
+    assert (np.diff(found.volumes_mm3) > 0.0).all()
+    whole = (
+        np.array([10, 10, 2.5]) * 2000 + np.array([15, 10, 15]) * 4000 + np.array([20, 10, 27.5]) * 4000
+    ) / 1e4
+    assert found.centres_mm[-1] == pytest.approx(whole, abs=0.3)
+    assert found.centres_mm[0] == pytest.approx([10.0, 10.0, 30.0 / LEVELS / 2.0], abs=0.3)
+
+
+def test_a_ball_needs_a_cone_of_support() -> None:
+    """What lies under a sphere's cap of 45 degrees, less the sphere: by the integral over the radius."""
+    mesh = trimesh.creation.icosphere(4, 20.0)
+    mesh.apply_translation([0, 0, 20])
+    found = seen(Solid.from_arrays(mesh.vertices, mesh.faces))
+    radii = np.linspace(0.0, 20.0 / np.sqrt(2.0), 1000)
+    heights = 20.0 - np.sqrt(400.0 - radii**2)
+    assert found.support_mm3 == pytest.approx(np.trapezoid(2 * np.pi * radii * heights, radii), rel=0.05)
+
+
+def test_a_tip_in_mid_air_gets_a_tower() -> None:
+    """An arm that begins in a point 20 mm above the bed, too steep for support, and grows into its post."""
+    corners = [(0, 0, 20), (-4, -4, 40), (4, -4, 40), (4, 4, 40), (-4, 4, 40)]
+    hull = trimesh.convex.convex_hull(np.array(corners, float))
+    tip = Solid.from_arrays(hull.vertices, hull.faces)
+    post = [Solid.box((20, -4, 0), (30, 4, 50)), Solid.box((-4, -4, 40), (30, 4, 50))]
+    assert seen(Solid.union([tip, *post])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert seen(tip.union([tip, post[0]])).towers_mm == pytest.approx(20.0, abs=3.0)
+    assert seen(Solid.union(post)).towers_mm == 0.0  # all of it is carried by support
+    cup = Solid.box((-10, -10, 0), (10, 10, 60)).subtract(tip)
+    assert seen(cup).towers_mm == 0.0  # what looks up is no tip
+
+
+def test_islands_are_what_is_apart_in_a_layer() -> None:
+    legs = [Solid.box((x, y, 0), (x + 8, y + 8, 30)) for x in (0, 32) for y in (0, 32)]
+    table = Solid.union([*legs, Solid.box((0, 0, 30), (40, 40, 40))])
+    assert seen(legs[0]).islands_mm == 0.0
+    assert seen(Solid.union(legs)).islands_mm == pytest.approx(3 * 30.0)
+    assert seen(table).islands_mm == pytest.approx(
+        4 * 30.0, abs=4 * 40.0 / 16
+    )  # and the support between them
+
+
+def test_a_slope_from_its_wall_needs_no_tower() -> None:
+    """It leans out by 40 degrees all the way, and has a level edge below: it hangs on its wall."""
+    corners = np.array([(0, y, z) for y in (0, 20) for z in (0, 40)] + [(24, y, 40) for y in (0, 20)], float)
+    hull = trimesh.convex.convex_hull(np.vstack([corners, corners - [5.0, 0.0, 0.0]]))
+    assert seen(Solid.from_arrays(hull.vertices, hull.faces)).towers_mm == 0.0
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 0.8])
+def test_a_thin_wall_that_leans_needs_no_tower(yaw: float) -> None:
+    """Its columns are further apart than it is thick, so that none seems to stand on the next."""
+    wall = trimesh.creation.box((200.0, 0.8, 120.0))
+    wall.apply_transform(trimesh.transformations.rotation_matrix(np.radians(35.0), (1.0, 0.0, 0.0)))
+    wall.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0.0, 0.0, 1.0)))
+    wall.apply_translation((0.0, 0.0, -wall.bounds[0, 2]))
+    found = seen(Solid.from_arrays(wall.vertices, wall.faces))
+    assert found.towers_mm < 10.0
+    assert found.support_side_mm2 < 1000.0
+
+
+def test_an_edge_in_mid_air_gets_a_strip() -> None:
+    """A wedge that grows out of a wall's end, 30 mm above the bed, too steep for support: its edge hangs."""
+    corners = [(x, y, z) for y in (-1, 60) for x, z in ((0, 30), (-6, 40), (0, 40))]
+    hull = trimesh.convex.convex_hull(np.array(corners, float))
+    wall = Solid.box((-20, -20, 0), (0, 0, 40))
+    found = seen(Solid.union([Solid.from_arrays(hull.vertices, hull.faces), wall]))
+    assert found.support_side_mm2 == pytest.approx(2 * 60 * 30, rel=0.1)
+    assert found.towers_mm == 0.0

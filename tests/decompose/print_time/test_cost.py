@@ -1,0 +1,202 @@
+"""The price of a part: by hand, by laws, and against CuraEngine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from decompose.geometry import Solid
+from decompose.print_time import (
+    ADDITIVE,
+    FACTORS,
+    MAX_INSET_SHARE,
+    POSE_ROTATIONS,
+    CostModel,
+    Recipe,
+    axis_prices_s,
+    pose_features,
+    time_terms,
+)
+from decompose.print_time.pose_prices import pose_axes, pose_prices_s
+from decompose.print_time.recipe import FEATURES
+from decompose.printers import PrinterRoom
+
+NOTHING = CostModel(*[0.0] * 8, brim_mm=0.0, skin_cos=0.7)
+
+
+def one(**coefficients: float) -> CostModel:
+    """A cost of nothing but this."""
+    return replace(NOTHING, **coefficients)
+
+
+def wedge(reach: float) -> Solid:
+    """A block whose upper half leans out by `reach` over 10 mm; 5 mm deep."""
+    vertices = [(x, y, z) for y in (0.0, 5.0) for x, z in ((0, 0), (10, 0), (10 + reach, 10), (0, 10))]
+    faces = [(0, 1, 2), (0, 2, 3), (4, 6, 5), (4, 7, 6)]
+    faces += [f for i in range(4) for j in [(i + 1) % 4] for f in [(i, 4 + i, 4 + j), (i, 4 + j, j)]]
+    return Solid.from_arrays(vertices, faces)
+
+
+def test_cube_by_hand() -> None:
+    cost = CostModel(7.0, 0.5, 0.25, 2.0, 50.0, 100.0, 3.0, 11.0, brim_mm=8.0)
+    ring = 8.0 * (2.0 * 20.0 + math.pi * 8.0)
+    body = max(0.5 * 1000.0 + 0.25 * 400.0, 11.0 * 10.0)
+    by_hand = 7.0 + body + 2.0 * 200.0 + 3.0 * ring
+    times = axis_prices_s(*Solid.box((5, 5, 5), (15, 15, 15)).arrays(), cost)
+    assert times == pytest.approx([by_hand] * 6)  # its underside lies on the bed: no support
+
+
+def test_a_needle_takes_the_least_time_of_its_layers() -> None:
+    cost = CostModel.from_recipe(Recipe(least_layer_s=5.0))
+    needle, block = Solid.box((0, 0, 0), (3, 3, 60)), Solid.box((0, 0, 0), (60, 60, 60))
+    faster = replace(cost, least_s_mm=0.0)
+    upright = POSE_ROTATIONS[4:5]
+    body = cost.volume_s_mm3 * 540.0 + cost.lateral_s_mm2 * 720.0 * (1.0 - MAX_INSET_SHARE)
+    slowed = pose_prices_s(*needle.arrays(), upright, cost) - pose_prices_s(*needle.arrays(), upright, faster)
+    assert slowed[0] == pytest.approx(5.0 * 60.0 / 0.25 - body)
+    assert axis_prices_s(*block.arrays(), cost) == pytest.approx(axis_prices_s(*block.arrays(), faster))
+
+
+def test_walls_inside_the_outline_are_shorter() -> None:
+    """A block of 40 mm: the loops of two walls are squares of 39.6 and 38.8 mm."""
+    recipe = Recipe(layer_height_mm=0.2, line_width_mm=0.4, outer_line_width_mm=0.4)
+    walls = time_terms(recipe)["walls"][[FEATURES.index("lateral_mm2"), FEATURES.index("height_mm")]]
+    assert walls @ (4.0 * 40.0 * 10.0, 10.0) == pytest.approx(50.0 * 4.0 * (39.6 / 40.0 + 38.8 / 50.0))
+
+
+def test_the_first_layers_of_a_skin_on_the_bed_have_their_own_speed() -> None:
+    recipe = Recipe(skin_layers=4.0, skin_mm_s=20.0, brim_mm_s=30.0, speeding_layers=2)
+    on_bed, above = 1.0 / 30.0 + 1.0 / 25.0 + 2.0 / 20.0, 4.0 / 20.0
+    assert recipe.skin_s_mm == pytest.approx((on_bed + above) / 2.0)
+
+
+def test_walls_cover_the_rim_of_a_skin() -> None:
+    cost = one(skin_s_mm2=1.0, skin_rim_s_mm=4.0)
+    large, small = Solid.box((0, 0, 0), (50, 50, 1)), Solid.box((0, 0, 0), (2, 2, 1))
+    upright = POSE_ROTATIONS[4:5]
+    assert pose_prices_s(*large.arrays(), upright, cost)[0] == pytest.approx(5000.0 - 4.0 * math.sqrt(5000.0))
+    assert pose_prices_s(*small.arrays(), upright, cost)[0] == 0.0
+
+
+def test_only_overhangs_off_the_bed_cost_support() -> None:
+    cost = one(overhang_s_mm3=1.0)
+    table = Solid.union([Solid.box((0, 0, 0), (10, 10, 30)), Solid.box((0, 0, 30), (40, 10, 35))])
+    times = axis_prices_s(*table.arrays(), cost)
+    assert times[4] == pytest.approx(30.0 * 10.0 * 30.0)  # upright: 300 mm2, 30 mm above the bed
+    assert times[5] == pytest.approx(0.0)  # on its head
+    assert times[2] == times[3] == pytest.approx(0.0)  # on its side
+
+
+def test_slopes_up_to_45_degrees_need_no_support() -> None:
+    cost = one(overhang_s_mm3=1.0)
+    assert axis_prices_s(*wedge(9.9).arrays(), cost)[4] == 0.0
+    assert axis_prices_s(*wedge(10.1).arrays(), cost)[4] == pytest.approx(5.0 * 10.1 * 5.0, rel=0.01)
+
+
+def test_a_slope_has_skin_where_the_layers_above_leave_more_bare_than_the_walls() -> None:
+    recipe = Recipe(layer_height_mm=0.2, skin_layers=4.0, wall_count=2, line_width_mm=0.35)
+    cost = replace(one(slope_s_mm2=1.0), skin_cos=recipe.skin_cos)
+    steepest = 4 * 0.2 / (2 * 0.35 + 0.35 / 2)  # height over width, where 4 layers leave just that bare
+    for reach, skinned in ((10.0 / steepest - 0.1, False), (10.0 / steepest + 0.1, True)):
+        assert (axis_prices_s(*wedge(reach).arrays(), cost)[4] > 0.0) == skinned
+
+
+@pytest.mark.parametrize(
+    ("change", "term", "times"),
+    [
+        ({"infill_line_distance_mm": 14.0}, "infill", 0.5),
+        ({"infill_line_distance_mm": 14.0}, "infill ends", 0.5),
+        ({"support_line_distance_mm": 2 * 2.333}, "columns", 0.5),
+        ({"support_line_distance_mm": 2 * 2.333}, "support", 0.5),
+        ({"support_line_distance_mm": 2 * 2.333}, "support sides", 1.0),
+        ({"layer_height_mm": 0.125}, "infill", 2.0),
+        ({"layer_height_mm": 0.125}, "walls", 2.0),
+        ({"layer_height_mm": 0.125}, "support", 2.0),
+        ({"layer_height_mm": 0.125}, "brim", 1.0),
+        ({"outer_wall_mm_s": 20.0, "inner_wall_mm_s": 25.0}, "walls", 2.0),
+        ({"skin_mm_s": 15.0, "brim_mm_s": 15.0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "speeding_layers": 0}, "skin", 2.0),
+        ({"skin_mm_s": 15.0, "speeding_layers": 0}, "skin rim", 2.0),
+        ({"infill_connected": False}, "infill ends", 2.0),
+        ({"skin_layers": 6.0}, "skin", 2.0),
+        ({"travel_mm_s": 75.0}, "travel", 2.0),
+        ({"acceleration_mm_s2": 1500.0}, "slope ends", 2.0),
+        ({"infill_connected": False}, "connections", 0.0),
+        ({"infill_line_distance_mm": 0.0}, "infill", 0.0),
+        ({"support_line_distance_mm": 0.0}, "support", 0.0),
+        ({"support_line_distance_mm": 0.0}, "support sides", 0.0),
+    ],
+)
+def test_settings_enter_by_physics(change: dict[str, float], term: str, times: float) -> None:
+    before, after = time_terms(Recipe())[term], time_terms(replace(Recipe(), **change))[term]
+    share = slice(0, 2) if term == "infill" else slice(None)  # its volume less the skin's depends on layers
+    assert after[share] == pytest.approx(before[share] * times)
+
+
+def test_every_term_has_a_factor() -> None:
+    assert set(time_terms(Recipe())) == set(FACTORS)
+    assert all(len(vector) == len(FEATURES) for vector in time_terms(Recipe()).values())
+
+
+@settings(max_examples=25, deadline=None)
+@given(turn=st.tuples(*[st.floats(-math.pi, math.pi)] * 3), cut_mm=st.floats(-30.0, 60.0))
+def test_additive_features_add_up_over_a_cut(
+    turn: tuple[float, float, float], cut_mm: float, lump: Solid, cost: CostModel
+) -> None:
+    """Two halves are the whole and twice the cut, which is wall or skin as it lies."""
+    rotations = Rotation.from_euler("xyz", [turn]).as_matrix()
+    halves = lump.split(0, cut_mm)
+    whole, _ = pose_features(*lump.arrays(), rotations, cost)
+    parts = sum(pose_features(*half.arrays(), rotations, cost)[0] for half in halves)
+    cut_mm2 = (sum(half.area_mm2 for half in halves) - lump.area_mm2) / 2.0
+    n = abs(float(rotations[0, 2, 0]))
+    upright = math.sqrt(1.0 - n * n)
+    added = np.array([0.0, upright, n * (n > cost.skin_cos), upright * (n > cost.skin_cos)]) * 2.0 * cut_mm2
+    assert parts[0, :4] == pytest.approx(whole[0, :4] + added, rel=1e-6, abs=1e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(turns=st.tuples(*[st.floats(-math.pi, math.pi)] * 6), shift=st.tuples(*[st.floats(-1e3, 1e3)] * 3))
+def test_turning_part_and_bed_together_changes_nothing(
+    turns: tuple[float, ...], shift: tuple[float, float, float], lump: Solid, cost: CostModel
+) -> None:
+    vertices, faces = lump.arrays()
+    pose, motion = Rotation.from_euler("xyz", [turns[:3], turns[3:]]).as_matrix()
+    still, extents = pose_features(vertices, faces, pose[None], cost)
+    moved, turned = pose_features(vertices @ motion.T + shift, faces, (pose @ motion.T)[None], cost)
+    # A face at the very angle where skin or support begins may fall on either side of it.
+    assert moved == pytest.approx(still, rel=2e-3)
+    assert turned == pytest.approx(extents, abs=1e-6)
+
+
+def test_the_axis_poses_are_rotations_like_others(lump: Solid, cost: CostModel) -> None:
+    vertices, faces = lump.arrays()
+    assert np.linalg.det(POSE_ROTATIONS) == pytest.approx([1.0] * 6)
+    for pose, rotation in enumerate(POSE_ROTATIONS):
+        assert rotation[2, pose_axes(pose)[2]] == (-1.0 if pose % 2 else 1.0)
+    turned = axis_prices_s(vertices @ POSE_ROTATIONS[0].T, faces, cost)
+    assert turned[4] == pytest.approx(axis_prices_s(vertices, faces, cost)[0])
+
+
+def test_features_of_many_poses_come_in_their_order(lump: Solid, cost: CostModel) -> None:
+    rotations = Rotation.random(40, random_state=3).as_matrix()
+    together, _ = pose_features(*lump.arrays(), rotations, cost)
+    assert together.shape == (40, len(ADDITIVE))
+    for i in (0, 17, 39):
+        alone, _ = pose_features(*lump.arrays(), rotations[i : i + 1], cost)
+        assert together[i] == pytest.approx(alone[0])
+
+
+def test_a_part_may_be_turned_about_the_vertical_only() -> None:
+    room = PrinterRoom("p", ((200.0, 100.0, 50.0),))
+    assert room.fits(200.0, 100.0, 50.0)
+    assert room.fits(100.0, 200.0, 50.0)
+    assert not room.fits(100.0, 50.0, 200.0)
+    assert sorted(pose_axes(3)) == [0, 1, 2]
+    assert pose_axes(3)[2] == 1

@@ -1,0 +1,117 @@
+"""What touches the bed, and the brim for it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decompose.geometry import Solid
+from decompose.print_time.footing import FIRST_LAYER_MM, Footing
+
+NO_PROPS = np.zeros((0, 2))
+
+
+def footing(solid: Solid) -> Footing:
+    vertices, faces = solid.arrays()
+    return Footing.from_mesh(vertices[faces], NO_PROPS)
+
+
+def upright(width: float, depth: float, height: float) -> Footing:
+    return footing(Solid.box((0, 0, 0), (width, depth, height)))
+
+
+def test_a_block() -> None:
+    found = upright(30, 20, 10)
+    assert found.contact_mm2 == pytest.approx(600.0)
+    assert found.wall_mm == pytest.approx(4 * 600 / 100)
+    assert (found.width_mm, found.length_mm) == pytest.approx((20.0, math.hypot(30, 20)))
+    assert found.sharp_corners == 4
+    assert found.inside_mm(np.array([[15.0, 10.0], [3.0, 10.0]])) == pytest.approx(3.0)
+    assert found.inside_mm(np.array([[-2.0, 10.0]])) == pytest.approx(-2.0)
+
+
+def test_a_ball_touches_where_its_first_layer_is_cut() -> None:
+    mesh = trimesh.creation.icosphere(5, 20.0)
+    mesh.apply_translation([0, 0, 20])
+    found = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
+    assert found.contact_mm2 == pytest.approx(math.pi * (400 - (20 - FIRST_LAYER_MM) ** 2), rel=0.1)
+    assert found.sharp_corners == 0
+
+
+def test_legs_stand_on_thin_walls_but_on_a_wide_base() -> None:
+    legs = [Solid.box((x, y, 0), (x + 5, y + 5, 40)) for x in (0, 55) for y in (0, 35)]
+    found = footing(Solid.union([*legs, Solid.box((0, 0, 40), (60, 40, 45))]))
+    assert found.contact_mm2 == pytest.approx(100.0)
+    assert found.wall_mm == pytest.approx(5.0)
+    assert found.width_mm == pytest.approx(40.0)
+    assert found.brim_width_mm(45.0, 5.0, 8.0) == pytest.approx(6.0)
+
+
+def test_props_widen_the_base() -> None:
+    vertices, faces = Solid.box((0, 0, 0), (10, 10, 50)).arrays()
+    found = Footing.from_mesh(vertices[faces], np.array([[40.0, 5.0]]))
+    assert found.contact_mm2 == pytest.approx(100.0)
+    assert found.length_mm == pytest.approx(math.hypot(10, 10))  # a support does not curl up
+    assert found.inside_mm(np.array([[20.0, 5.0]])) > 0.0
+
+
+def test_an_edge_has_no_base() -> None:
+    mesh = trimesh.creation.box((10, 10, 10))
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 4, [1, 0, 0]))
+    mesh.apply_translation([0, 0, math.sqrt(50.0)])
+    found = footing(Solid.from_arrays(mesh.vertices, mesh.faces))
+    assert found.contact_mm2 == pytest.approx(2 * FIRST_LAYER_MM * 10.0)
+    assert Footing.from_mesh(np.zeros((0, 3, 3)), NO_PROPS).inside_mm(np.zeros((1, 2))) == -math.inf
+
+
+def test_broad_and_low_needs_no_brim_narrow_long_and_small_do() -> None:
+    assert upright(40, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 0.0
+    assert upright(40, 10, 100).brim_width_mm(100.0, 5.0, 8.0) == 8.0  # a tall plate
+    assert upright(8, 8, 8).brim_width_mm(8.0, 5.0, 8.0) > 5.0  # little to stick by
+    assert upright(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0) == 8.0  # long: it would curl up
+    assert upright(120, 40, 20).brim_width_mm(20.0, 5.0, 8.0, 0.002) < 2.5  # and less where it shrinks less
+    assert upright(40, 40, 20).brim_width_mm(20.0, -0.1, 8.0) == 8.0  # its weight is beside it
+    disc = trimesh.creation.cylinder(60.0, 10.0, sections=64)
+    disc.apply_translation([0, 0, 5])
+    blunt = footing(Solid.from_arrays(disc.vertices, disc.faces))
+    assert 0.0 < blunt.brim_width_mm(10.0, 5.0, 8.0) < 8.0  # as long, without corners
+
+
+def test_a_chamfered_corner_is_sharp_a_rounded_one_is_not() -> None:
+    def block(corner_mm: float) -> Footing:
+        corners = [
+            (x + s * a, y + t * b)
+            for x, s in ((0, 1), (80, -1))
+            for y, t in ((0, 1), (30, -1))
+            for a, b in ((0.0, corner_mm), (corner_mm, 0.0))
+        ]
+        hull = trimesh.convex.convex_hull([(x, y, z) for x, y in corners for z in (0.0, 10.0)])
+        return footing(Solid.from_arrays(hull.vertices, hull.faces))
+
+    assert block(0.2).sharp_corners == 4
+    assert block(8.0).sharp_corners == 0
+    assert block(8.0).brim_width_mm(10.0, 5.0, 8.0) < block(0.2).brim_width_mm(10.0, 5.0, 8.0)
+
+
+def test_a_joint_is_not_squeezed_out_but_a_thin_wall_stays() -> None:
+    assert upright(20, 20, 20).expansion_mm(joined=True) == -0.2
+    assert upright(20, 20, 20).expansion_mm(joined=False) == 0.0
+    assert upright(80, 0.9, 20).expansion_mm(joined=True) == 0.0
+
+
+sizes = st.floats(1.0, 150.0)
+
+
+@given(sizes, sizes, sizes, st.floats(0.0, 10.0))
+def test_a_brim_is_never_wider_than_the_widest_and_grows_with_height(
+    width: float, depth: float, height: float, widest: float
+) -> None:
+    found = upright(width, depth, height)
+    brims = [found.brim_width_mm(h, 5.0, widest) for h in (height, 2 * height, 4 * height)]
+    assert brims == sorted(brims)
+    assert all(0.0 <= b <= widest for b in brims)

@@ -1,0 +1,210 @@
+"""How parts lie on the bed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+from decompose.decompose import decompose_model
+from decompose.export import write_decomposition
+from decompose.geometry import Model, Solid
+from decompose.options import Options
+from decompose.print_time import POSE_ROTATIONS, CostModel, Pose, Recipe, find_best_pose, measure_pose
+from decompose.print_time.orientation import candidate_directions
+from decompose.printers import PrinterRoom
+
+COST = CostModel.from_recipe(Recipe())
+ROOM = PrinterRoom("p", ((200.0, 190.0, 200.0),))
+TURNED = Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_matrix()
+EDGEWISE = Rotation.from_euler("x", 45.0, degrees=True).as_matrix()
+NOTHING = np.zeros(0, dtype=np.bool_)
+
+
+def turned(solid: Solid, rotation: npt.NDArray[np.float64] = TURNED) -> Solid:
+    vertices, faces = solid.arrays()
+    return Solid.from_arrays(vertices @ rotation.T, faces)
+
+
+def laid(solid: Solid, room: PrinterRoom = ROOM, cut: npt.NDArray[np.bool_] = NOTHING) -> Pose:
+    vertices, faces = solid.arrays()
+    pose = find_best_pose(vertices, faces, cut if len(cut) else np.zeros(len(faces), np.bool_), [room], COST)
+    assert pose is not None
+    assert room.fits(*pose.size_mm)
+    return pose
+
+
+def up_of(pose: Pose) -> npt.NDArray[np.float64]:
+    return pose.to_model[:3, 2]
+
+
+def arch() -> Solid:
+    hole = trimesh.creation.cylinder(20.0, 60.0, sections=48)
+    hole.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    return Solid.box((-35, -15, 0), (35, 15, 40)).subtract(Solid.from_arrays(hole.vertices, hole.faces))
+
+
+def tee() -> Solid:
+    return Solid.union([Solid.box((-5, -15, 0), (5, 15, 40)), Solid.box((-30, -15, 40), (30, 15, 50))])
+
+
+def spool() -> Solid:
+    """A post between a small slab below and a large one above."""
+    return Solid.union(
+        [
+            Solid.box((-15, -15, 0), (15, 15, 5)),
+            Solid.box((-5, -5, 0), (5, 5, 60)),
+            Solid.box((-25, -25, 55), (25, 25, 60)),
+        ]
+    )
+
+
+def pyramid_on_its_tip() -> Solid:
+    corners = np.array([(0, 0, 0), (25, 25, 40), (-25, 25, 40), (-25, -25, 40), (25, -25, 40)], float)
+    hull = trimesh.convex.convex_hull(corners)
+    return Solid.from_arrays(hull.vertices, hull.faces)
+
+
+def test_a_tilted_block_is_laid_flat() -> None:
+    pose = laid(turned(Solid.box((0, 0, 0), (70, 50, 12))))
+    assert sorted(pose.size_mm) == pytest.approx([12.0, 50.0, 70.0], abs=1e-6)
+    assert pose.stands
+    assert pose.support_mm3 == 0.0
+    assert pose.footing.contact_mm2 == pytest.approx(np.prod(pose.size_mm[:2]), rel=1e-6)
+
+
+@pytest.mark.parametrize("solid", [arch(), tee()])
+def test_no_support_where_it_can_be_helped(solid: Solid) -> None:
+    pose = laid(solid)
+    assert pose.stands
+    assert pose.support_mm3 == 0.0
+    as_it_is = measure_pose(
+        *solid.arrays(), np.zeros(len(solid.arrays()[1]), np.bool_), POSE_ROTATIONS[4], COST
+    )
+    assert pose.price_s < as_it_is.price_s
+
+
+def test_a_pyramid_is_turned_over() -> None:
+    pose = laid(pyramid_on_its_tip())
+    assert pose.stands
+    assert pose.support_mm3 == 0.0
+    assert pose.footing.contact_mm2 > 1000.0  # on its base or on a side
+
+
+@pytest.mark.parametrize("size", [(100.0, 2.0, 100.0), (3.0, 3.0, 150.0)])
+def test_what_is_thin_is_laid_down_and_gets_a_brim_where_it_cannot_be(size: tuple[float, ...]) -> None:
+    solid = Solid.box((0, 0, 0), size)
+    lying = laid(solid)
+    assert lying.stands
+    assert lying.size_mm[2] == pytest.approx(min(size))
+    narrow = PrinterRoom("narrow", ((110.0, 20.0, 200.0),))
+    upright = laid(solid, narrow)
+    assert upright.size_mm[2] >= 100.0
+    assert upright.brim_width_mm == pytest.approx(COST.brim_mm, abs=0.1)
+
+
+def test_an_edge_is_no_footing() -> None:
+    vertices, faces = turned(Solid.box((0, 0, 0), (60, 30, 30)), EDGEWISE).arrays()
+    pose = measure_pose(vertices, faces, np.zeros(len(faces), np.bool_), np.eye(3), COST)
+    assert pose.footing.contact_mm2 > 10.0  # narrower than a line, and as long as the block
+    assert not pose.stands
+
+
+def test_turning_the_model_turns_the_pose() -> None:
+    solid = Solid.union([tee(), Solid.box((-5, -15, 0), (20, 10, 8))])
+    here, there = laid(solid), laid(turned(solid))
+    assert there.price_s == pytest.approx(here.price_s, rel=0.01)
+    assert up_of(there) == pytest.approx(TURNED @ up_of(here), abs=1e-6)
+    assert sorted(there.size_mm) == pytest.approx(sorted(here.size_mm), abs=1e-6)
+
+
+def level_faces(solid: Solid, inner: bool) -> npt.NDArray[np.bool_]:
+    """Faces of the spool's slabs that look at the post."""
+    vertices, faces = solid.arrays()
+    z = vertices[faces][:, :, 2]
+    return np.isclose(z, 5.0).all(axis=1) | np.isclose(z, 55.0).all(axis=1) if inner else z.min(axis=1) > 1e9
+
+
+def test_no_support_touches_a_cut_face_where_another_pose_fits() -> None:
+    solid = spool()
+    cut = level_faces(solid, inner=True)
+    upright_only = PrinterRoom("p", ((51.0, 51.0, 61.0),))
+    assert laid(solid, upright_only, cut).touched_mm2 > 0.0
+    free = laid(solid, ROOM, cut)
+    assert free.touched_mm2 <= 1.0
+    assert abs(up_of(free)[2]) < 0.9
+
+
+def test_least_of_a_cut_face_where_none_is_clean() -> None:
+    """On the large slab, support hangs under and stands on no more than the small one's area."""
+    solid = spool()
+    cut = level_faces(solid, inner=True)
+    pose = laid(solid, PrinterRoom("p", ((51.0, 51.0, 61.0),)), cut)
+    assert up_of(pose) == pytest.approx([0.0, 0.0, -1.0])
+    assert pose.touched_mm2 == pytest.approx(2 * (30 * 30 - 10 * 10), rel=0.05)
+
+
+def test_a_cut_face_at_the_bed_is_not_squeezed_out() -> None:
+    vertices, faces = Solid.box((0, 0, 0), (40, 40, 20)).arrays()
+    cut = np.isclose(vertices[faces][:, :, 0], 40.0).all(axis=1)
+    for marked, expansion in ((cut, -0.2), (~cut & cut, 0.0)):
+        pose = measure_pose(vertices, faces, marked, POSE_ROTATIONS[4], COST)
+        assert pose.layer_0_expansion_mm == expansion
+        as_set = measure_pose(vertices, faces, marked, POSE_ROTATIONS[4], COST, fit_first_layer=False)
+        assert as_set.layer_0_expansion_mm is as_set.brim_width_mm is None
+        assert as_set.price_s > pose.price_s  # the quality's brim
+
+
+def test_a_long_bar_goes_across_the_bed() -> None:
+    pose = laid(Solid.box((0, 0, 0), (230, 6, 6)), PrinterRoom("p", ((190.0, 190.0, 50.0),)))
+    assert pose.size_mm[2] == pytest.approx(6.0)
+
+
+def test_nothing_fits() -> None:
+    vertices, faces = Solid.box((0, 0, 0), (300, 300, 300)).arrays()
+    assert find_best_pose(vertices, faces, np.zeros(len(faces), np.bool_), [ROOM], COST) is None
+
+
+def test_flat_sides_are_candidates_however_they_lie() -> None:
+    solid = turned(pyramid_on_its_tip())
+    vertices, faces = solid.arrays()
+    ups = candidate_directions(vertices, faces)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    assert ((-normals @ ups.T).max(axis=1) > 1.0 - 1e-6).all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(arrays(np.float64, (12, 3), elements=st.floats(-40.0, 40.0), unique=True))
+def test_whatever_is_convex_stands_and_fits(points: npt.NDArray[np.float64]) -> None:
+    """Around a core of 20 mm, so that it is no needle."""
+    core = trimesh.creation.box((20.0, 20.0, 20.0)).vertices
+    hull = trimesh.convex.convex_hull(np.vstack([points, core]))
+    pose = laid(Solid.from_arrays(hull.vertices, hull.faces))
+    assert pose.stands
+    assert pose.support_mm3 >= 0.0
+    placed = (hull.center_mass - pose.to_model[:3, 3]) @ pose.to_model[:3, :3]
+    assert pose.footing.inside_mm(placed[None, :2]) >= -COST.brim_mm / 2.0 - 0.5
+
+
+def test_a_part_that_lies_on_a_slanting_side_is_written_flat_and_closed(tmp_path: Path) -> None:
+    """In single precision, where its corners round: those at the bed are at zero."""
+    solid = turned(Solid.box((0, 0, 0), (61.7, 47.3, 13.1)))
+    model = Model(Solid.from_arrays(solid.arrays()[0].astype(np.float32), solid.arrays()[1]), (), 1.0)
+    result = write_decomposition(decompose_model(model, [ROOM], Options(granularity=3), COST), tmp_path)
+    (part,) = result.parts
+    mesh = trimesh.load_mesh(tmp_path / part.file)
+    assert mesh.is_watertight
+    assert mesh.bounds[0, 2] == 0.0
+    flat = (mesh.triangles[:, :, 2] == 0.0).all(axis=1)
+    assert mesh.area_faces[flat].sum() == pytest.approx(np.prod(mesh.extents[:2]), rel=1e-4)
+    back = mesh.apply_transform(part.to_model)
+    assert back.bounds == pytest.approx(model.solid.bounds_mm, abs=1e-3)

@@ -1,0 +1,83 @@
+"""Layers that are so short that the slicer slows down for them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.print_time import CostModel, Recipe, measure_pose
+from decompose.print_time.short_layers import SLABS, _by_slab, short_layers_s
+
+COST = CostModel.from_recipe(Recipe())
+
+
+def pyramid(side_mm: float, height_mm: float, top_mm: float) -> trimesh.Trimesh:
+    """A square one, cut off at the top."""
+    corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+    points = [(x * side_mm / 2, y * side_mm / 2, 0.0) for x, y in corners]
+    points += [(x * top_mm / 2, y * top_mm / 2, height_mm) for x, y in corners]
+    return trimesh.convex.convex_hull(np.array(points))
+
+
+def test_slabs_add_up_to_the_part() -> None:
+    ball = trimesh.creation.icosphere(3, 20.0)
+    ball.apply_translation([3.0, -2.0, -ball.bounds[0, 2]])
+    height_mm = float(ball.bounds[1, 2])
+    lateral_mm2, section_mm2 = _by_slab(ball.triangles.copy(), height_mm)
+    upright = ball.area_faces * np.sqrt(np.maximum(0.0, 1.0 - ball.face_normals[:, 2] ** 2))
+    assert lateral_mm2.sum() == pytest.approx(upright.sum())
+    assert section_mm2.sum() * height_mm / SLABS == pytest.approx(ball.volume, rel=0.01)
+    for slab in (3, 16, 28):
+        above_mm = height_mm * (slab + 0.5) / SLABS - height_mm / 2.0
+        assert section_mm2[slab] == pytest.approx(math.pi * (20.0**2 - above_mm**2), rel=0.03)
+
+
+def test_of_layers_that_are_all_alike_the_price_knows() -> None:
+    for side_mm in (4.0, 12.0, 60.0):
+        assert short_layers_s(pyramid(side_mm, 50.0, side_mm).triangles, COST) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_tip_is_slowed_down() -> None:
+    """Layer by layer, from what the lines of each take."""
+    side_mm, height_mm, top_mm, layer_mm = 40.0, 120.0, 2.0, Recipe().layer_height_mm
+    tip = pyramid(side_mm, height_mm, top_mm)
+    heights = np.arange(layer_mm / 2.0, height_mm, layer_mm)
+    sides = side_mm + (top_mm - side_mm) * heights / height_mm
+    lines_s = layer_mm * (
+        COST.volume_s_mm3 * sides**2
+        + 4.0 * sides * COST.lateral_s_mm2
+        - np.minimum(COST.inset_s_mm, 0.1 * 4.0 * sides * COST.lateral_s_mm2)
+    )
+    least_s = np.minimum(Recipe().least_layer_s, 4.0 * lines_s)
+    expected_s = np.maximum(0.0, least_s - lines_s).sum()
+    assert expected_s > 100.0
+    assert short_layers_s(tip.triangles, COST) == pytest.approx(expected_s, rel=0.03)
+    pose = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), COST)
+    hasty = CostModel.from_recipe(Recipe(least_layer_s=0.0))
+    hurried = measure_pose(tip.vertices, tip.faces, np.zeros(len(tip.faces), np.bool_), np.eye(3), hasty)
+    assert pose.price_s - hurried.price_s == pytest.approx(expected_s, rel=0.03)
+
+
+@pytest.mark.parametrize(("layer_mm", "angle_deg"), [(0.25, 45.0), (0.1, 45.0), (0.25, 60.0)])
+def test_a_face_at_just_the_support_angle_is_supported(layer_mm: float, angle_deg: float) -> None:
+    """As CuraEngine does, for rounding; a part took a third longer than its price, which did not know it."""
+    cost = CostModel.from_recipe(Recipe(layer_height_mm=layer_mm, support_angle_deg=angle_deg))
+    assert (
+        math.sin(math.radians(angle_deg - 1.6)) < cost.overhang_cos < math.sin(math.radians(angle_deg - 0.15))
+    )
+    steep, flatter = (
+        measure_pose(wedge.vertices, wedge.faces, np.zeros(len(wedge.faces), np.bool_), np.eye(3), cost)
+        for wedge in (leaning(angle_deg), leaning(angle_deg - 3.0))
+    )
+    assert steep.support_mm3 > 1000.0
+    assert flatter.support_mm3 == 0.0
+
+
+def leaning(angle_deg: float) -> trimesh.Trimesh:
+    """A block whose one side leans out by that from the vertical."""
+    out_mm = 30.0 * math.tan(math.radians(angle_deg))
+    outline = [(0, 0), (40, 0), (40 + out_mm, 30), (0, 30)]
+    return trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, 30.0)]))

@@ -1,0 +1,142 @@
+"""The same result for the same input, seed and effort, however quick the machine and whatever its threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import asdict, replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decompose import best
+from decompose import decompose as decompose_module
+from decompose.engines.guillotine.partitioner import count_cuts
+from decompose.geometry import Model, Solid
+from decompose.options import BestOptions, Options, ParalleloboxOptions
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Effort, Work
+from decompose.problem.effort import WORK_NS
+from decompose.results import Decomposition
+
+COARSE = Options(granularity=5, parallelobox=ParalleloboxOptions(tries=1), prove=False, fit_first_layer=False)
+
+
+class LastFirst(Executor):
+    """Does what it is given in the wrong order, all in one thread."""
+
+    def map(self, fn: Callable[..., Any], *iterables: Iterable[Any], **_: Any) -> Iterator[Any]:
+        done = [(i, fn(*args)) for i, args in reversed(list(enumerate(zip(*iterables, strict=False))))]
+        return iter([answer for _, answer in sorted(done, key=lambda each: each[0])])
+
+    def submit(self, *_: Any, **__: Any) -> Future[Any]:
+        raise AssertionError("nothing is done one by one")
+
+
+def everything(result: Decomposition) -> list[Any]:
+    """All that a report says but how long it took."""
+    untimed = [asdict(attempt) | {"compute_s": None} for attempt in result.attempts]
+    parts = [(p.id, p.printer, p.price_s, p.to_model.tolist(), p.solid.arrays()) for p in result.parts]
+    return [untimed, result.engine, result.makespan_s, result.lower_bound_s, result.cells, parts]
+
+
+def same(a: list[Any], b: list[Any]) -> bool:
+    return all(
+        x[:4] == y[:4] and all(np.array_equal(*pair) for pair in zip(x[4], y[4], strict=True))
+        for x, y in zip(a[-1], b[-1], strict=True)
+    ) and (a[:-1] == b[:-1])
+
+
+Within = Callable[..., Decomposition]
+
+
+@pytest.fixture(scope="module")
+def within(cost: CostModel) -> Within:
+    """A crooked step for four printers, cut within a budget."""
+    step = Solid.union([Solid.box((0, 0, 0), (150, 80, 40)), Solid.box((20, 10, 30), (90, 60, 110))])
+    turn = trimesh.transformations.rotation_matrix(0.4, (0.2, 0.1, 1.0))[:3, :3]
+    model = Model(step.rotate(turn), (), 1.0)
+    printers = [PrinterRoom(str(i), ((200.0, 200.0, 200.0),)) for i in range(4)]
+
+    def decomposed(budget_s: float, executor: Executor | None = None) -> Decomposition:
+        return decompose_module.decompose_model(
+            model, printers, replace(COARSE, best=BestOptions(budget_s)), cost, executor
+        )
+
+    return decomposed
+
+
+@pytest.fixture(scope="module")
+def whole(within: Within) -> Decomposition:
+    return within(1e9)
+
+
+def effort_s(result: Decomposition) -> float:
+    return sum(each.effort_s for each in result.attempts)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.6, 0.9])
+def test_neither_the_clock_nor_the_threads_change_the_result(
+    share: float, within: Within, whole: Decomposition, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+    for step_s, executor in ((1e-9, None), (1e6, LastFirst()), (1.0, ThreadPoolExecutor(4))):
+        ticks = count(0.0, step_s)
+        for module in (best, decompose_module):
+            monkeypatch.setattr(module, "perf_counter", lambda ticks=ticks: next(ticks))
+        found.append(everything(within(share * effort_s(whole), executor)))
+    assert same(found[0], found[1])
+    assert same(found[0], found[2])
+
+
+def test_a_budget_leaves_engines_out_and_says_so(within: Within, whole: Decomposition) -> None:
+    none = within(0.0)
+    first, second = none.attempts
+    assert first.makespan_s == none.makespan_s
+    assert not first.finished
+    assert (second.finished, second.makespan_s, second.effort_s) == (False, None, 0.0)
+    assert "not begun" in second.reason
+    assert all(each.finished and each.makespan_s and each.effort_s > 0.0 for each in whole.attempts)
+    assert same(everything(within(1.001 * effort_s(whole))), everything(whole))
+    assert whole.makespan_s <= none.makespan_s
+
+
+def test_draws_that_the_budget_cannot_pay_for_are_not_begun(within: Within, whole: Decomposition) -> None:
+    result = within(whole.attempts[0].effort_s + 1e-4)
+    second = result.attempts[1]
+    assert result.attempts[0].finished
+    assert (second.finished, second.makespan_s) == (False, None)
+    assert "before the budget was spent" in second.reason
+    assert second.effort_s < whole.attempts[1].effort_s
+
+
+@given(budget_s=st.floats(0.0, 10.0), units=st.integers(0, 10**8))
+def test_what_is_afforded_leaves_the_budget_whole(budget_s: float, units: int) -> None:
+    effort = Effort(budget_s)
+    affords = effort.can_afford(Work.CELL_GROWN, units)
+    assert effort.cut_short == (not affords)
+    effort.book(Work.CELL_GROWN, units)
+    assert affords == (effort.spent_s <= budget_s)
+
+
+@given(work=st.lists(st.tuples(st.sampled_from(Work), st.integers(0, 10**9))), budget_s=st.floats(0.0, 100.0))
+def test_work_adds_up_whatever_its_order(work: list[tuple[Work, int]], budget_s: float) -> None:
+    there, back = Effort(budget_s), Effort(budget_s)
+    for one, other in zip(work, reversed(work), strict=True):
+        there.book(*one)
+        back.book(*other)
+    assert there.spent_s == back.spent_s
+    assert there.spent_s == pytest.approx(sum(WORK_NS[kind] * units for kind, units in work) / 1e9)
+    assert there.is_spent() == back.is_spent() == there.cut_short == (there.spent_s >= budget_s)
+
+
+@given(shape=st.tuples(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4)))
+def test_a_search_sums_at_every_cut_of_every_box(shape: tuple[int, int, int]) -> None:
+    spans = [[b - a for a in range(n) for b in range(a + 1, n + 1)] for n in shape]
+    assert count_cuts(shape) == sum(x + y + z - 3 for x in spans[0] for y in spans[1] for z in spans[2])

@@ -1,0 +1,105 @@
+"""What every engine asks of its problem: when pieces end on these printers, and whether to prove a bound."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decompose.decompose import decompose_model
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options, ParalleloboxOptions
+from decompose.pieces import Piece
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem import Problem
+
+ROOM = ((100.0, 100.0, 100.0),)
+OPTIONS = Options(
+    Engine.GUILLOTINE,
+    granularity=5,
+    parallelobox=ParalleloboxOptions(tries=1),
+    prove=False,
+    fit_first_layer=False,
+)
+
+
+def fleet(*factors: float) -> list[PrinterRoom]:
+    return [PrinterRoom(str(i), ROOM, factor) for i, factor in enumerate(factors)]
+
+
+def block(size_mm: float, printer: PrinterRoom | None = None) -> Piece:
+    return Piece(Solid.box((0, 0, 0), (size_mm,) * 3), np.zeros((0, 4)), np.zeros((0, 2, 3)), printer)
+
+
+def asked(cost: CostModel, printers: Sequence[PrinterRoom], **options: object) -> Problem:
+    model = Model(Solid.box((0, 0, 0), (90, 90, 90)), (), 1.0)
+    return Problem(model, tuple(printers), cost, replace(OPTIONS, **options))  # type: ignore[arg-type]
+
+
+def seconds(cost: CostModel, size_mm: float) -> float:
+    (pose,) = asked(cost, fleet(1.0)).find_poses([block(size_mm)])
+    assert pose is not None
+    return pose.price_s
+
+
+def test_the_longest_piece_is_for_the_quickest_printer(cost: CostModel) -> None:
+    problem = asked(cost, fleet(1.5, 0.5))
+    short_s, long_s = seconds(cost, 30.0), seconds(cost, 60.0)
+    expected_s = max(1.5 * short_s, 0.5 * long_s)
+    slow, quick = problem.printers
+    assert problem.makespan_s([block(30.0), block(60.0)]) == pytest.approx(expected_s)
+    assert problem.makespan_s([block(30.0, quick), block(60.0, slow)]) == pytest.approx(expected_s)
+    assert asked(cost, fleet(1.5)).makespan_s([block(30.0)]) == pytest.approx(1.5 * short_s)
+
+
+def test_what_does_not_fit_never_ends(cost: CostModel) -> None:
+    problem = asked(cost, fleet(1.0), prove=True)
+    for pieces in ([block(130.0)], [block(30.0), block(30.0)]):
+        assert problem.makespan_s(pieces) == math.inf
+        assert not problem.needs_proof(pieces)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_bound_is_proven_of_what_may_be_the_best(factor: float, cost: CostModel) -> None:
+    """Of two that end together the one with fewer parts is: it must not be the one without a proof."""
+    problem = asked(cost, fleet(factor, factor), prove=True)
+    pieces = [block(30.0), block(60.0)]
+    ends_s = factor * seconds(cost, 60.0)
+    assert problem.needs_proof(pieces)
+    assert replace(problem, best_known_s=ends_s).needs_proof(pieces)
+    assert replace(problem, best_known_s=1.001 * ends_s).needs_proof(pieces)
+    assert not replace(problem, best_known_s=0.999 * ends_s).needs_proof(pieces)
+    assert not replace(problem, options=OPTIONS).needs_proof(pieces)
+
+
+@pytest.mark.parametrize("engine", [Engine.GUILLOTINE, Engine.PARALLELOBOX, Engine.CUBE_SKELETON])
+def test_twice_as_quick_printers_take_half_as_long_and_can_take_no_less(
+    engine: Engine, lump: Solid, cost: CostModel
+) -> None:
+    options = replace(OPTIONS, engine=engine, prove=True)
+    model = Model(lump, (), 1.0)
+    usual, quick = (decompose_model(model, fleet(*[f] * 8), options, cost) for f in (1.0, 0.5))
+    assert quick.makespan_s == pytest.approx(0.5 * usual.makespan_s)
+    assert quick.grid_makespan_s == pytest.approx(0.5 * usual.grid_makespan_s)
+    assert quick.lower_bound_s == pytest.approx(0.5 * usual.lower_bound_s)
+    assert quick.possible_gain(fleet(*[0.5] * 8)) == pytest.approx(usual.possible_gain(fleet(*[1.0] * 8)))
+
+
+def test_the_bound_holds_on_unequal_printers_for_what_fits_them_all(lump: Solid, cost: CostModel) -> None:
+    options = replace(OPTIONS, engine=Engine.PARALLELOBOX, prove=True)
+    result = decompose_model(Model(lump, (), 1.0), fleet(0.5, *[1.0] * 7), options, cost)
+    equal = decompose_model(Model(lump, (), 1.0), fleet(*[1.0] * 8), options, cost)
+    assert 0.5 * equal.grid_makespan_s <= result.grid_makespan_s <= equal.grid_makespan_s
+    assert 0.0 < result.lower_bound_s <= result.grid_makespan_s
+    assert result.lower_bound_s == pytest.approx(0.5 * equal.lower_bound_s)
+
+
+def test_all_that_best_tried_is_in_the_time(lump: Solid, cost: CostModel) -> None:
+    options = replace(OPTIONS, engine=Engine.BEST)
+    result = decompose_model(Model(lump, (), 1.0), fleet(*[1.0] * 4), options, cost)
+    assert len(result.attempts) == 2
+    assert result.compute_s["total"] >= sum(each.compute_s for each in result.attempts)

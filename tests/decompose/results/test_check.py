@@ -1,0 +1,219 @@
+"""Each rule refuses a result that breaks it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decompose.decompose import decompose_model
+from decompose.errors import GeometryError, Rule
+from decompose.export import write_decomposition
+from decompose.geometry import Model, Solid
+from decompose.grid import Box, Grid, build_grid
+from decompose.options import Options
+from decompose.pieces import cut_cells
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.results import Decomposition, Part, check_stl
+from decompose.results.check import check_missing, check_result
+
+SIZE = (60.0, 40.0, 20.0)
+PRINTERS = [PrinterRoom(f"p{i}", ((50.0, 50.0, 50.0),)) for i in range(3)]
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model(Solid.box((0, 0, 0), SIZE), (), 1.0)
+
+
+@pytest.fixture(scope="module")
+def grid(model: Model) -> Grid:
+    vertices, faces = model.solid.arrays()
+    return build_grid(vertices[faces], 6, 5.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
+
+
+@pytest.fixture(scope="module")
+def halves(grid: Grid) -> list[Box]:
+    nx, ny, nz = grid.shape
+    return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
+
+
+def part(solid: Solid, name: str, printer: str) -> Part:
+    matrix = np.eye(4)
+    lo, hi = solid.bounds_mm
+    matrix[:3, 3] = [*(lo + hi)[:2] / 2.0, lo[2]]
+    return Part(name, solid, matrix, 100.0, printer)
+
+
+def in_mm(grid: Grid, boxes: list[Box]) -> np.ndarray:
+    return np.array([grid.bounds_mm(box) for box in boxes])
+
+
+@pytest.fixture
+def good(model: Model, grid: Grid, halves: list[Box]) -> Decomposition:
+    cost = CostModel(1.0, *[1e-3] * 7, brim_mm=0.0)
+    base = decompose_model(model, PRINTERS, Options(granularity=6, min_wall_mm=5.0), cost)
+    parts = [
+        replace(part(piece.solid, f"p{i + 1:02d}", f"p{i}"), planes=piece.planes)
+        for i, box in enumerate(halves)
+        for piece in cut_cells(model.solid, grid, box)
+    ]
+    return replace(base, parts=tuple(parts), joints=())
+
+
+def test_a_good_result_passes(good: Decomposition, model: Model, grid: Grid, halves: list[Box]) -> None:
+    coverage = check_result(good.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
+    assert coverage.surface_error < 1e-9
+    assert coverage.overlap_mm3 == 0.0
+
+
+def grown(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    """The second part reaches 1 mm into the first."""
+    lo, hi = parts[1].solid.bounds_mm
+    return [parts[0], replace(parts[1], solid=Solid.box((lo[0] - 1.0, lo[1], lo[2]), hi))]
+
+
+def twice(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    return [*parts, replace(parts[0], id="p03", printer="p2")]
+
+
+def lost(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    return parts[:1]
+
+
+def same_printer(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    return [parts[0], replace(parts[1], printer=parts[0].printer)]
+
+
+def unknown_printer(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    return [parts[0], replace(parts[1], printer="nobody")]
+
+
+def too_large(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    return [replace(parts[0], solid=model.solid)]
+
+
+def two_pieces(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    crumbs = Solid.union([Solid.box((0, 0, 0), (5, 5, 5)), Solid.box((10, 0, 0), (15, 5, 5))])
+    return [replace(parts[0], solid=crumbs), parts[1]]
+
+
+def empty(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    return [replace(parts[0], solid=parts[0].solid.clip((900, 900, 900), (901, 901, 901))), parts[1]]
+
+
+def hollowed(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    """Less inside, the surface as it was."""
+    lo, hi = parts[0].solid.bounds_mm
+    return [replace(parts[0], solid=parts[0].solid.subtract(Solid.box(lo + 8.0, hi - 8.0))), parts[1]]
+
+
+def nibbled(parts: list[Part], model: Model, grid: Grid) -> list[Part]:
+    """A notch in an edge."""
+    notch = Solid.box((5.0, -1.0, 19.0), (6.0, 1.0, 21.0))
+    return [replace(parts[0], solid=parts[0].solid.subtract(notch)), parts[1]]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "rule", "name"),
+    [
+        (grown, Rule.NO_OVERLAP, "p02"),
+        (twice, Rule.NO_OVERLAP, "p03"),
+        (lost, Rule.SURFACE, None),
+        (nibbled, Rule.SURFACE, None),
+        (hollowed, Rule.SURFACE, None),
+        (same_printer, Rule.OWN_PRINTER, "p02"),
+        (unknown_printer, Rule.FITS, "p02"),
+        (too_large, Rule.FITS, "p01"),
+        (two_pieces, Rule.ONE_PIECE, "p01"),
+        (empty, Rule.CLOSED, "p01"),
+    ],
+)
+def test_a_broken_rule_is_named(
+    good: Decomposition,
+    model: Model,
+    grid: Grid,
+    halves: list[Box],
+    spoil: Callable[[list[Part], Model, Grid], list[Part]],
+    rule: Rule,
+    name: str | None,
+) -> None:
+    spoilt = replace(good, parts=tuple(spoil(list(good.parts), model, grid)))
+    with pytest.raises(GeometryError) as caught:
+        check_result(spoilt.parts, in_mm(grid, halves), model, PRINTERS, 5.0)
+    assert (caught.value.rule, caught.value.part) == (rule, name)
+    assert str(rule) in str(caught.value)
+
+
+def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostModel) -> None:
+    block = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
+    vertices, faces = block.solid.arrays()
+    grid = build_grid(vertices[faces], 10, 15.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
+    room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
+    base = decompose_model(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
+    shell = block.solid.subtract(Solid.box(*grid.bounds_mm((4, 4, 4, 6, 6, 6))))
+    near = block.solid.subtract(Solid.box(*grid.bounds_mm((1, 4, 4, 6, 6, 6))))
+
+    def around(lo: int) -> list[Box]:
+        """Boxes about the hollow [lo, 6) x [4, 6) x [4, 6)."""
+        return [
+            (0, 0, 0, lo, 10, 10), (6, 0, 0, 10, 10, 10), (lo, 0, 0, 6, 4, 10),
+            (lo, 6, 0, 6, 10, 10), (lo, 4, 0, 6, 6, 4), (lo, 4, 6, 6, 6, 10),
+        ]  # fmt: skip
+
+    hollow = replace(base, parts=(part(shell, "p01", "p"),))
+    check_missing(hollow.parts, in_mm(grid, around(4)), block, 15.0)
+    with pytest.raises(GeometryError) as caught:
+        check_missing(hollow.parts, in_mm(grid, [(0, 0, 0, 10, 10, 10)]), block, 15.0)
+    assert caught.value.rule == Rule.INSIDE
+    thin = replace(base, parts=(part(near, "p01", "p"),))
+    with pytest.raises(GeometryError) as caught:
+        check_missing(thin.parts, in_mm(grid, around(1)), block, 15.0)
+    assert caught.value.rule == Rule.WALL
+
+
+@pytest.mark.parametrize(("top", "gap"), [(199.0, 1.0), (189.0, None)])
+def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
+    cost: CostModel, top: float, gap: float | None
+) -> None:
+    """The faces of a plain cube have their corners and centres far from a hollow under one of them."""
+    cube = Model(Solid.box((0, 0, 0), (200, 200, 200)), (), 1.0)
+    vertices, faces = cube.solid.arrays()
+    room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
+    base = decompose_model(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
+    plain = build_grid(vertices[faces], 3, 10.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
+    x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
+    cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
+    grid = replace(plain, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow
+    around: list[Box] = [
+        (0, 0, 0, 1, 3, 3), (2, 0, 0, 3, 3, 3), (1, 0, 0, 2, 1, 3),
+        (1, 2, 0, 2, 3, 3), (1, 1, 0, 2, 2, 1), (1, 1, 2, 2, 2, 3),
+    ]  # fmt: skip
+    assert grid.shape == (3, 3, 3)
+    shell = cube.solid.subtract(Solid.box((150.0, 150.0, top - 20.0), (170.0, 170.0, top)))
+    hollow = replace(base, parts=(part(shell, "p01", "p"),))
+    if gap is None:
+        check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
+        return
+    with pytest.raises(GeometryError, match=f"is {gap:.2f} mm from the surface") as caught:
+        check_missing(hollow.parts, in_mm(grid, around), cube, 10.0)
+    assert caught.value.rule == Rule.WALL
+
+
+def test_a_spoilt_file_is_refused(good: Decomposition, tmp_path: Path) -> None:
+    written = write_decomposition(good, tmp_path)
+    path = tmp_path / written.parts[0].file
+    data = bytearray(path.read_bytes())
+    check_stl(path, written.parts[0])
+    fewer = int.from_bytes(data[80:84], "little") - 1
+    path.write_bytes(data[:80] + fewer.to_bytes(4, "little") + data[84:-50])
+    with pytest.raises(GeometryError, match="not watertight"):
+        check_stl(path, written.parts[0])
+    with pytest.raises(GeometryError, match="mm3 instead of"):
+        check_stl(
+            tmp_path / written.parts[1].file, replace(written.parts[0], solid=Solid.box((0, 0, 0), SIZE))
+        )

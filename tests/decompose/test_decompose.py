@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.decompose import decompose_model
+from decompose.errors import DecomposeError, NoFit
+from decompose.export import write_decomposition
+from decompose.geometry import Model, Solid
+from decompose.options import Interior, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.problem.granularity import choose_granularity
+from decompose.results import Decomposition
+
+COARSE = Options(granularity="vcoarse")
+
+
+def boxes_of(result: Decomposition) -> list[list[float]]:
+    return [np.round(p.solid.bounds_mm, 6).ravel().tolist() for p in result.parts]
+
+
+def test_a_ball_for_eight(ball: Model, fleet: list[PrinterRoom], cost: CostModel) -> None:
+    result = decompose_model(ball, fleet, COARSE, cost)
+    assert [p.id for p in result.parts] == [f"p{i:02d}" for i in range(1, len(result.parts) + 1)]
+    assert len({p.printer for p in result.parts}) == len(result.parts) <= 8
+    assert result.makespan_s == max(p.price_s for p in result.parts)
+    assert result.makespan_s < result.serial_s / 4.0
+    assert result.lower_bound_s <= result.grid_makespan_s <= 1.1 * result.lower_bound_s
+    assert result.gap == pytest.approx(result.grid_makespan_s / result.lower_bound_s - 1.0)
+    assert result.serial_s <= result.serial_as_is_s
+    assert result.coverage.surface_error < 1e-6
+    again = decompose_model(ball, fleet, COARSE, cost)
+    assert boxes_of(again) == boxes_of(result)
+    assert all((a.to_model == b.to_model).all() for a, b in zip(again.parts, result.parts, strict=True))
+
+
+def test_more_printers_never_take_longer(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
+    model = Model(lump, (), 1.0)
+    makespans = [decompose_model(model, fleet[:n], COARSE, cost).makespan_s for n in range(1, 6)]
+    assert all(b <= a + 1.0 for a, b in pairwise(makespans))
+
+
+def test_one_printer_prints_a_small_model_whole(
+    lump: Solid, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    result = decompose_model(Model(lump, (), 1.0), fleet[:1], COARSE, cost)
+    (part,) = result.parts
+    assert part.solid.volume_mm3 == pytest.approx(lump.volume_mm3)
+    assert part.price_s == pytest.approx(result.serial_s)
+
+
+def test_interior_is_left_out_where_it_saves(fleet: list[PrinterRoom], cost: CostModel) -> None:
+    block = Model(Solid.box((0, 0, 0), (500, 400, 380)), (), 1.0)
+    printers = [PrinterRoom(f"p{i}", fleet[0].boxes) for i in range(40)]
+    dear = replace(cost, volume_s_mm3=1.0)
+    hollow = decompose_model(block, printers, Options(granularity=9), dear)
+    full = decompose_model(block, printers, Options(granularity=9, interior=Interior.KEEP), dear)
+    volume = sum(p.solid.volume_mm3 for p in hollow.parts)
+    assert volume < 0.95 * block.solid.volume_mm3
+    assert sum(p.solid.volume_mm3 for p in full.parts) == pytest.approx(block.solid.volume_mm3)
+    assert hollow.makespan_s < full.makespan_s
+
+
+def test_too_few_printers_are_told_how_many_would_do(
+    ball: Model, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    with pytest.raises(NoFit, match=r"needs \d+ parts.*there are 2.*--longest-side") as caught:
+        decompose_model(ball, fleet[:2], COARSE, cost)
+    needed = caught.value.printers_needed
+    assert needed is not None
+    assert needed > 2
+    decompose_model(ball, [replace(fleet[0], name=f"p{i}") for i in range(needed)], COARSE, cost)
+    with pytest.raises(NoFit):
+        decompose_model(ball, [replace(fleet[0], name=f"p{i}") for i in range(needed - 1)], COARSE, cost)
+    with pytest.raises(NoFit, match="name at least one"):
+        decompose_model(ball, [], COARSE, cost)
+    with pytest.raises(NoFit, match="no-bed has no room"):
+        decompose_model(ball, [*fleet, PrinterRoom("no-bed", ())], COARSE, cost)
+    with pytest.raises(NoFit, match="mm each way would do"):
+        decompose_model(ball, [PrinterRoom(f"toy-{i}", ((5.0, 5.0, 5.0),)) for i in range(40)], COARSE, cost)
+
+
+def test_a_printer_may_be_there_for_several_rounds(
+    ball: Model, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    result = decompose_model(ball, fleet[:3] * 3, COARSE, cost)
+    counts = [[p.printer for p in result.parts].count(r.name) for r in fleet[:3]]
+    assert sum(counts) == len(result.parts) > 3
+    assert max(counts) <= 3
+
+
+def test_separate_pieces_are_separate_parts(fleet: list[PrinterRoom], cost: CostModel) -> None:
+    two = Model(
+        Solid.union([Solid.box((0, 0, 0), (30, 30, 30)), Solid.box((60, 5, 0), (90, 35, 30))]), (), 1.0
+    )
+    assert len(decompose_model(two, fleet[:2], COARSE, cost).parts) == 2
+    with pytest.raises(NoFit, match="needs 2 parts"):
+        decompose_model(two, fleet[:1], COARSE, cost)
+
+
+def test_pieces_that_the_grid_cannot_tell_apart(fleet: list[PrinterRoom], cost: CostModel) -> None:
+    """Two plates 1 mm apart share every cell: the cut finds two pieces, and the search has to know."""
+    plates = Solid.union([Solid.box((0, 0, 0), (60, 60, 5)), Solid.box((0, 0, 6), (60, 60, 11))])
+    result = decompose_model(Model(plates, (), 1.0), fleet, Options(granularity=2), cost)
+    assert 2 <= len(result.parts) <= 8
+    with pytest.raises(NoFit):
+        decompose_model(Model(plates, (), 1.0), fleet[:1], Options(granularity=2), cost)
+
+
+def test_flat_faces_in_the_middle(fleet: list[PrinterRoom], cost: CostModel) -> None:
+    """Steps at every tenth of the length, where an even grid of ten has its planes."""
+    steps = Solid.union([Solid.box((0, 0, 20 * i), (200 - 20 * i, 80, 20 * i + 20)) for i in range(5)])
+    result = decompose_model(Model(steps, (), 1.0), fleet, Options(granularity="regular"), cost)
+    assert result.coverage.surface_error < 1e-6
+    assert min(np.ptp(p.solid.bounds_mm, axis=0).min() for p in result.parts) > 1.0
+
+
+@pytest.mark.parametrize("bad", ["huge", 0, -3, "1.5", 1000])
+def test_bad_granularity(bad: str | int) -> None:
+    with pytest.raises(DecomposeError, match="granularity"):
+        choose_granularity(bad, 4)
+
+
+def test_granularity_by_name_number_and_need() -> None:
+    assert choose_granularity("vfine", 4) == 15
+    assert choose_granularity("12", 4) == choose_granularity(12, 4) == 12
+    assert choose_granularity("auto", 4) == 15
+    assert choose_granularity("auto", 50) > 20
+
+
+def test_bad_wall(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
+    with pytest.raises(DecomposeError, match="--min-wall"):
+        decompose_model(Model(lump, (), 1.0), fleet, Options(min_wall_mm=float("nan")), cost)
+
+
+def test_written_parts_go_back_into_the_model(
+    lump: Solid, fleet: list[PrinterRoom], cost: CostModel, tmp_path: Path
+) -> None:
+    result = write_decomposition(
+        decompose_model(Model(lump, (), 1.0), fleet[:4], COARSE, cost), tmp_path / "out"
+    )
+    book = json.loads((tmp_path / "out" / "decomposition.json").read_text())
+    assert book["schema"] == 1
+    assert book["engine"] in ("guillotine", "parallelobox")
+    assert [each["engine"] for each in book["attempts"]] == ["guillotine", "parallelobox"]
+    assert {
+        "serial_s",
+        "serial_as_is_s",
+        "makespan_s",
+        "sum_s",
+        "grid_makespan_s",
+        "lower_bound_s",
+        "gap",
+        "compute_s",
+    } <= set(book)
+    assert book["coverage"].keys() == {"surface_error", "overlap_mm3"}
+    assert len(book["parts"]) == len(result.parts)
+    total = 0.0
+    for part in book["parts"]:
+        mesh = trimesh.load(tmp_path / "out" / part["file"], force="mesh")
+        assert mesh.is_watertight
+        assert mesh.bounds[0, 2] == pytest.approx(0.0, abs=1e-4)
+        assert mesh.bounds[:, :2].sum(axis=0) == pytest.approx([0.0, 0.0], abs=1e-4)
+        matrix = np.array(part["to_model"])
+        assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
+        back = mesh.apply_transform(matrix)
+        assert back.bounds == pytest.approx(np.array([part["min_mm"], part["max_mm"]]), abs=1e-4)
+        solid = Solid.from_arrays(mesh.vertices, mesh.faces)
+        assert solid.volume_mm3 == pytest.approx(part["volume_mm3"], rel=1e-5)
+        total += part["volume_mm3"]
+    assert total <= lump.volume_mm3 * (1.0 + 1e-9)
+    assert (tmp_path / "out" / "assembly.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.mark.parametrize("min_wall_mm", [1e4, 1e200])
+def test_a_wall_thicker_than_the_model_leaves_nothing_out(
+    min_wall_mm: float, fleet: list[PrinterRoom], cost: CostModel
+) -> None:
+    cube = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
+    result = decompose_model(cube, fleet, Options(granularity=6, min_wall_mm=min_wall_mm), cost)
+    assert sum(p.solid.volume_mm3 for p in result.parts) == pytest.approx(1e6)

@@ -1,0 +1,54 @@
+"""The demo's model is what the demo needs: too large for a printer, light, closed, the same on every run."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from decompose.decompose import decompose_model
+from decompose.geometry import load_model
+from decompose.options import BestOptions, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+
+ROOT = Path(__file__).parents[2]
+
+
+def make(*args: str) -> subprocess.CompletedProcess[str]:
+    script = ROOT / "examples" / "make_aqueduct.py"
+    return subprocess.run(
+        [sys.executable, str(script), *args],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={"PYTHONPATH": "."},
+    )
+
+
+def test_aqueduct(tmp_path: Path, fleet: list[PrinterRoom], cost: CostModel) -> None:
+    first, second = tmp_path / "a.stl", tmp_path / "b.stl"
+    done = make(str(first))
+    assert done.returncode == 0, done.stderr
+    assert "330 x" in done.stdout
+    make(str(second))
+    assert first.read_bytes() == second.read_bytes()
+    model = load_model(first)
+    assert model.repairs == ()
+    assert model.extents_mm[0] == pytest.approx(330.0)
+    assert model.solid.volume_mm3 < 800_000.0
+    assert not any(p.fits(*model.extents_mm) for p in fleet)
+    result = decompose_model(model, fleet, Options(best=BestOptions(0.0), prove=False), cost)
+    assert len(result.parts) == 8
+    assert result.serial_s / result.makespan_s > 6.0
+
+
+def test_usage_and_a_place_that_cannot_be_written(tmp_path: Path) -> None:
+    assert make().returncode == 2
+    assert "usage" in make("--help").stdout
+    assert not (ROOT / "--help").exists()
+    done = make(str(tmp_path / "no" / "such" / "folder.stl"))
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1

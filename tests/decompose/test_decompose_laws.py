@@ -1,0 +1,118 @@
+"""What holds of every result, told again without the project's own checks: random models, each engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from decompose.decompose import decompose_model
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Interior, Options, ParalleloboxOptions
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.results import Decomposition
+
+ROOM = (110.0, 100.0, 120.0)
+PRINTERS = [PrinterRoom(str(i), (ROOM,)) for i in range(16)]
+ENGINES = [engine for engine in Engine if engine is not Engine.BEST]
+corners = st.tuples(*[st.integers(-60, 40)] * 3)
+sizes = st.tuples(*[st.integers(15, 90)] * 3)
+turns = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+
+
+def model_of(blocks: Sequence[tuple[tuple[int, ...], tuple[int, ...]]], turn: tuple[float, ...]) -> Model:
+    """A ball, with blocks through it or beside it, turned."""
+    ball = trimesh.creation.icosphere(1, 55.0)
+    solids = [Solid.from_arrays(ball.vertices, ball.faces)]
+    solids += [Solid.box(lo, np.add(lo, size)) for lo, size in blocks]
+    matrix = trimesh.transformations.euler_matrix(*turn)[:3, :3]
+    return Model(Solid.union(solids).rotate(matrix), (), 1.0)
+
+
+def inside(points: np.ndarray, solid: Solid) -> np.ndarray:
+    """By winding numbers (van Oosterom and Strackee 1983), without the kernel that has cut it."""
+    vertices, faces = solid.arrays()
+    a, b, c = (vertices[faces[:, i]] - points[:, None] for i in range(3))
+    x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    dots = [np.einsum("nmk,nmk->nm", *pair) for pair in ((a, b), (b, c), (c, a))]
+    angle = np.arctan2(
+        np.einsum("nmk,nmk->nm", a, np.cross(b, c)), x * y * z + dots[0] * z + dots[1] * x + dots[2] * y
+    )
+    return np.asarray(angle.sum(axis=1) > np.pi)
+
+
+def held(result: Decomposition, model: Model, seed: int) -> None:
+    """Closed, of one piece, in its printer's room, apart from the others; and all of the surface once."""
+    for part in result.parts:
+        vertices, faces = part.solid.arrays()
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        assert mesh.is_watertight and mesh.volume > 0.0
+        assert sum(shell.volume > 0.0 for shell in mesh.split(only_watertight=True)) == 1
+        assert (np.sort(np.ptp(part.printing_mesh()[0], axis=0)) <= np.sort(ROOM) + 1e-6).all()
+    assert len({part.printer for part in result.parts}) == len(result.parts)
+    for a, b in combinations(result.parts, 2):
+        assert a.solid.intersect(b.solid).volume_mm3 < 1e-3
+    vertices, faces = model.solid.arrays()
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    rng = np.random.default_rng(seed)
+    weight = rng.dirichlet([1.0, 1.0, 1.0], 60)
+    on = rng.choice(len(faces), 60, p=mesh.area_faces / mesh.area)
+    points = np.einsum("nk,nkd->nd", weight, mesh.triangles[on]) - 1e-3 * mesh.face_normals[on]
+    deep = inside(points, model.solid)  # not through to the other side at a sharp edge
+    owners = np.sum([inside(points, part.solid) for part in result.parts], axis=0)
+    assert (owners[deep] == 1).all()
+
+
+def options_of(engine: Engine, interior: Interior, seed: int) -> Options:
+    return Options(
+        engine,
+        5,
+        interior,
+        8.0,
+        seed=seed,
+        parallelobox=ParalleloboxOptions(tries=1),
+        prove=False,
+        fit_first_layer=False,
+    )
+
+
+@pytest.mark.parametrize("interior", Interior)
+@pytest.mark.parametrize("engine", ENGINES)
+def test_each_engine_cuts_a_ball(engine: Engine, interior: Interior, cost: CostModel) -> None:
+    model = model_of([], (0.3, 0.2, 0.1))
+    held(decompose_model(model, PRINTERS, options_of(engine, interior, 0), cost), model, 0)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@settings(max_examples=4, deadline=None)
+@given(
+    blocks=st.lists(st.tuples(corners, sizes), max_size=2),
+    turn=turns,
+    seed=st.integers(0, 10**6),
+    keep=st.booleans(),
+)
+@example(blocks=[((15, 15, 15), (15, 15, 15))], turn=(0.0, 1.7e-197, -4e-58), seed=0, keep=False)
+@example(blocks=[], turn=(0.34124882938726064, 0.2943790231485002, 0.2307702229625077), seed=0, keep=True)
+def test_all_of_the_surface_is_printed_once_by_parts_that_fit(
+    engine: Engine,
+    blocks: list[tuple[tuple[int, ...], tuple[int, ...]]],
+    turn: tuple[float, ...],
+    seed: int,
+    keep: bool,
+    cost: CostModel,
+) -> None:
+    model = model_of(blocks, turn)
+    interior = Interior.KEEP if keep else Interior.LEAVE
+    try:
+        result = decompose_model(model, PRINTERS, options_of(engine, interior, seed), cost)
+    except NoFit:
+        assert engine is not Engine.GUILLOTINE  # which finds parts wherever there are any
+        return
+    held(result, model, seed)

@@ -1,0 +1,146 @@
+"""Models as people have them: cut without a fault, or refused with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.decompose import decompose_model
+from decompose.errors import NoFit
+from decompose.geometry import Model, Solid
+from decompose.options import Engine, Options
+from decompose.print_time import CostModel
+from decompose.printers import PrinterRoom
+from decompose.results import Decomposition
+
+ROOM = ((170.0, 170.0, 200.0),)
+box = Solid.box
+
+
+def ball(radius: float, centre: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Solid:
+    sphere = trimesh.creation.icosphere(3, radius)
+    return Solid.from_arrays(sphere.vertices + np.array(centre), sphere.faces)
+
+
+def nested() -> Solid:
+    hollow = box((0, 0, 0), (260, 260, 260)).subtract(box((20, 20, 20), (240, 240, 240)))
+    return Solid.union([hollow, box((100, 100, 100), (150, 150, 150))])
+
+
+def touching() -> Solid:
+    return Solid.union([box((0, 0, 0), (150, 100, 80)), box((150, 100, 0), (300, 200, 80))])
+
+
+def apart() -> Solid:
+    return Solid.union(
+        [box((0, 0, 0), (150, 100, 80)), box((200, 0, 0), (300, 100, 80)), ball(40, (90, 250, 60))]
+    )
+
+
+def sheet() -> Solid:
+    return box((0, 0, 0), (400, 300, 2))
+
+
+def wall() -> Solid:
+    return box((0, 0, 0), (400, 2, 300))
+
+
+def pins() -> Solid:
+    """A slab with pins as thin as a line of filament."""
+    thin = [box((20 * i + 10, 15 * i + 10, 59), (20 * i + 10.3, 15 * i + 10.3, 62)) for i in range(10)]
+    return Solid.union([box((0, 0, 0), (300, 200, 60)), *thin])
+
+
+def cube(side: float) -> Callable[[], Solid]:
+    return lambda: box((0, 0, 0), (side, side, side))
+
+
+def pyramid() -> Solid:
+    """Steps of 40 mm, where the planes of a grid of 40 mm would lie."""
+    return Solid.union(
+        [box((40 * i, 40 * i, 40 * i), (400 - 40 * i, 400 - 40 * i, 40 * i + 40)) for i in range(5)]
+    )
+
+
+def pipe() -> Solid:
+    return box((0, 0, 0), (300, 300, 300)).subtract(box((1, 1, -1), (299, 299, 301)))
+
+
+def run(solid: Solid, cost: CostModel, printers: int, granularity: int) -> Decomposition:
+    rooms = [PrinterRoom(f"um-{i}", ROOM) for i in range(printers)]
+    how = Options(Engine.GUILLOTINE, granularity, prove=False)
+    return decompose_model(Model(solid, (), 1.0), rooms, how, cost)
+
+
+@pytest.mark.parametrize(
+    ("make", "granularity", "printers"),
+    [
+        (nested, 6, 12),
+        (touching, 6, 8),
+        (apart, 6, 8),
+        (sheet, 3, 10),
+        (wall, 3, 10),
+        (pins, 6, 8),
+        (cube(100.0), 5, 8),
+        (cube(200.0), 5, 8),
+        (cube(400.0), 8, 27),
+        (pyramid, 5, 20),
+        (pipe, 5, 16),
+    ],
+)
+def test_cut_without_a_fault(
+    make: Callable[[], Solid], granularity: int, printers: int, cost: CostModel
+) -> None:
+    solid = make()
+    result = run(solid, cost, printers, granularity)
+    assert 2 <= len(result.parts) <= printers
+    assert result.faults == ()
+    assert result.coverage.surface_error < 1e-6
+    assert sum(p.solid.volume_mm3 for p in result.parts) <= solid.volume_mm3 * (1.0 + 1e-9)
+    held = [j for j in result.joints if j.area_mm2 >= 25.0]
+    assert len(held) >= len(result.parts) - len(solid.pieces())
+
+
+def test_what_fits_one_printer_is_not_cut_for_one(cost: CostModel) -> None:
+    solid = ball(30.0)
+    result = run(solid, cost, 1, 6)
+    (part,) = result.parts
+    assert part.solid.volume_mm3 == pytest.approx(solid.volume_mm3)
+    assert result.joints == ()
+
+
+def test_how_many_printers_would_do(cost: CostModel) -> None:
+    with pytest.raises(NoFit, match=r"400 x 400 x 400 mm needs \d+ parts.*there are 2") as caught:
+        run(cube(400.0)(), cost, 2, 8)
+    needed = caught.value.printers_needed
+    assert needed is not None
+    assert len(run(cube(400.0)(), cost, needed, 8).parts) <= needed
+
+
+def test_what_no_number_of_printers_fits(cost: CostModel) -> None:
+    """A bed so small that a cell of the finest grid is larger."""
+    rooms = [PrinterRoom(f"um-{i}", ((10.0, 10.0, 10.0),)) for i in range(50)]
+    with pytest.raises(NoFit, match=r"printers with room for \d+ mm each way would do"):
+        decompose_model(Model(ball(200.0), (), 1.0), rooms, Options(Engine.GUILLOTINE, 8), cost)
+
+
+def test_a_rod_of_100_m_is_refused_before_any_grid_is_laid(
+    cost: CostModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("lays a grid over it")
+
+    monkeypatch.setattr("decompose.problem.problem.build_grid", never)
+    with pytest.raises(NoFit, match=r"100000 x 4 x 4 mm needs 320 parts at least.*there are 20") as caught:
+        run(box((0, 0, 0), (100_000, 4, 4)), cost, 20, 10)
+    assert "\n" not in str(caught.value)
+    assert caught.value.printers_needed is None
+    with pytest.raises(NoFit, match=r"needs 5 parts at least.*there are 3") as caught:
+        run(box((0, 0, 0), (1_300, 4, 4)), cost, 3, 10)
+    assert caught.value.printers_needed == 5
+    far_apart = Solid.union([box((0, 0, 0), (50, 50, 50)), box((99_950, 0, 0), (100_000, 50, 50))])
+    with pytest.raises(AssertionError, match="lays a grid"):
+        run(far_apart, cost, 20, 10)
