@@ -226,7 +226,7 @@ def test_the_slower_of_two_printers_gets_less(cone: Solid, cost: CostModel) -> N
     }
     before_s = longest_s(asked, [piece for pieces in cut.values() for piece in pieces])
     after = shift_planes(asked, grid, cut)
-    times = {p.printer: asked.find_pose(p).seconds * p.time_factor for p in after}  # type: ignore[union-attr]
+    times = {p.printer: asked.find_pose(p).price_s * p.time_factor for p in after}  # type: ignore[union-attr]
     assert longest_s(asked, after) < before_s
     assert times[quick] == pytest.approx(times[slow], rel=0.03)
 
