@@ -7,13 +7,16 @@ bytes):
    sent twice is refused with the number that it wants, so to send the last line again is always safe.
 2. That holds for M105 too: a bare one with one flipped bit may be an M1, which never comes back.
 3. A plain ``ok`` is the answer to a line, ``ok T:`` that to M105; they are never taken for each other. A
-   lost or doubled ok makes the link at most a few lines early or late; the firmware's next refusal names
-   the right number, and the last lines are kept to go back to (`outbox`).
-4. ``Resend`` comes with an ``ok`` of its own, and is obeyed after that. ``No Line Number`` comes with
-   neither, and is obeyed at once.
-5. On silence the line is sent again. Where it was only late, as behind a long move, its double is refused
-   while the next line is in flight; the link then waits for that one's ok, or doubles would go on for ever.
-6. A board that asks twice for a number further back than the history has lost its count: it was reset.
+   lost or doubled ok makes the link at most a few lines early or late, until the firmware refuses one.
+4. Whatever is in doubt is asked: a line with a checksum and no number (`replies.QUESTION`) is answered with
+   the number of the last line that was accepted, does nothing, empties no buffer and has no ok. It is put
+   after `ASK_S` of silence, after words that cannot be read, and after each refusal; the newline before it
+   ends a line that had lost its own. What it says is true of all that was sent before it: a line that is
+   missing is sent again, a move that is not had its ok lost. Until then the oks after a refusal are void.
+5. Silence is no trouble of its own: behind long moves, G28, G4 and M400 the question waits as the line does.
+   A line is never sent twice because it was late.
+6. A number that is neither that of the line in flight nor the one before has to be said twice. One that is
+   not in the history then is that of a board which has lost its count: it was reset.
 7. Where more than 5 % of the lines have to be sent again the link gives up: with an 8-bit checksum some of
    the garbled lines would be carried out.
 """
@@ -23,6 +26,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import StrEnum
+from typing import NamedTuple
 
 from drivers import replies
 from drivers.errors import Fault
@@ -43,14 +47,19 @@ __all__ = [
     "frame",
 ]
 
-NOISE_RESENDS, NOISE_LINES = 10, 200  # 10 repeats in 200 lines: 5 %
+NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
 TRIES = 4
+SILENT = "the board does not answer"
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
 HAIL_S = 0.3  # to the first question, where a board may not start at all
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
-LINE_S = 10.0  # doubled each time that a line was only late: one ok a move, and a slow one takes longer
-LONGEST_LINE_S = 80.0
-HINT_S = 1.0  # after something that could not be read and may have been an ok
+LINE_S = 10.0  # a line is given up after so long, TRIES + 1 times
+ASK_S = 0.3  # of silence; doubled with each question
+ASKS = 4  # more may not fit into the board's ring behind a line
+HINT_S = 0.05  # after something that could not be read and may have been an ok
+CONFIRMATIONS = (
+    3  # one after the other; the board carries out a line between two answers, and holds two at most
+)
 _LONGEST_ANSWER = 512
 
 
@@ -62,6 +71,15 @@ class Phase(StrEnum):
     BANNER = "banner"  # waits for the end of it
     LIVE = "live"
     DEAD = "dead"  # trouble: nothing is sent, and nothing heard
+
+
+class Question(NamedTuple):
+    """Where the link stood when it asked for the board's last line."""
+
+    number: int  # of the line in flight
+    repeated: int  # lines so far
+    top: int  # the highest number that was sent so far
+    confirmations: int  # answers before that the line in flight was accepted
 
 
 class Link:
@@ -79,6 +97,7 @@ class Link:
 
     def __init__(self, floor_s: float = 0.0) -> None:
         self._floor_s = floor_s
+        self._ask_s = max(ASK_S, floor_s / 8)
         self.poll_every_s = math.inf
         self.only_ask = False  # go on over troubles of the firmware: a stopped board still answers M105
         self._reset()
@@ -94,12 +113,16 @@ class Link:
         self._due_s = math.inf  # of what is in flight, or of the phase
         self._poll_s = math.inf
         self._waiting = False  # for the ok of the line at the cursor
-        self._doubled = -1  # the last line that was sent again on silence
-        self._wanted = -1  # a Resend, until its ok comes
-        self._far = -1  # a Resend that is not believed yet
+        self._calm = True  # nothing was asked or refused since the line in flight was sent
+        self._refused = False  # oks are void until the board has said its last line
+        self._wanted = -1  # the number of the last Resend since
+        self._questions: deque[Question] = deque(maxlen=2 * ASKS)  # not answered yet
+        self._asks = 0  # since the board was last understood
+        self._confirmations = 0  # that the line in flight, which is no move, was accepted
+        self._doubtful = -1  # a last line that is not believed yet,
+        self._doubts = 0  # and how often that was another one
         self._tries = 0
-        self._line_s = LINE_S
-        self._repeats: deque[int] = deque(maxlen=NOISE_RESENDS)
+        self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
         self.repeated = 0
         self._outbox = Outbox()
 
@@ -190,18 +213,11 @@ class Link:
         """
         # The one path that has to be cheap: the ok to a line of a program, and the next line is encoded
         # already.
-        if (
-            data == b"ok\n"
-            and self._waiting
-            and not self._partial
-            and now_s < self._poll_s
-            and self._wanted < 0
-        ):
+        if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s and self._calm:
             line = self._outbox.quick()
             if line is not None:
-                self._tries = 0
                 self._out = line
-                self._due_s = now_s + max(self._line_s, self._floor_s)
+                self._due_s = now_s + self._ask_s
                 return None
         *heard, self._partial = (self._partial + data).split(b"\n")
         if len(self._partial) > _LONGEST_ANSWER:
@@ -218,26 +234,29 @@ class Link:
             pass  # closed, or dead: what comes now is of no use
         elif line.endswith(b"start"):  # a reset puts noise before it
             self._give_up(Fault.REBOOT, "the board started again by itself", events)
-        elif line.startswith(b"ok"):
-            if line != b"ok" and (self._asked or b"T:" in line):
-                self._hear_report(line, now_s, events)
-            elif self._wanted >= 0 or not self._asked:
-                self._hear_ok(now_s, events)
-        elif (number := replies.wanted(line)) is not None:
-            self._hear_resend(number, now_s, events)
-        elif (number := replies.unnumbered(line)) is not None:
-            self._hear_resend(number + 1, now_s, events)
-            if self._wanted >= 0:
-                self._hear_ok(now_s, events)
-        elif (trouble := replies.trouble(line)) is not None:
+        else:
+            for words in replies.words(line):
+                if self.phase is Phase.LIVE:
+                    self._hear_words(words, now_s, events)
+
+    def _hear_words(self, words: bytes, now_s: float, events: list[Event]) -> None:
+        if words.startswith(b"ok"):
+            if words != b"ok":
+                self._hear_report(words, now_s, events)
+            elif not self._asked:
+                self._hear_ok(now_s)
+        elif (number := replies.wanted(words)) is not None:
+            self._hear_refusal(number, now_s)
+        elif (number := replies.last_line(words)) is not None:
+            self._hear_last_line(number, now_s, events)
+        elif replies.refused(words):
+            self._hear_refusal(-1, now_s)  # its Resend comes next, or is lost
+        elif (trouble := replies.trouble(words)) is not None:
             self._give_up(trouble.fault, trouble.text, events)
-        elif line.endswith(b"ok") and self._waiting:  # M119 leaves out a newline
-            events.append(Said(line[:-2]))
-            self._hear_ok(now_s, events)
-        elif line:
-            events.append(Said(line))
-            if self._waiting and not line.startswith((b"echo:", b"Error:", b"T:")):
-                self._due_s = min(self._due_s, now_s + max(HINT_S, self._floor_s / 4))
+        elif words:
+            events.append(Said(words))
+            if not words.startswith((b"echo:", b"Error:", b"T:")):
+                self._hurry(now_s)
 
     def _hear_boot(self, line: bytes, now_s: float, events: list[Event]) -> None:
         if line.endswith(b"start"):
@@ -265,47 +284,80 @@ class Link:
     def _hear_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
         if (report := replies.report(line)) is not None:
             events.append(report)  # else it is garbled: the next one comes soon
-        if self._asked and self._wanted < 0:
-            self._landed(now_s)
+        if self._asked:
+            self._hear_ok(now_s)
 
     @property
     def _asked(self) -> bool:
         """Whether an M105 is in flight."""
         return self._waiting and self._outbox.polls
 
-    def _hear_ok(self, now_s: float, events: list[Event]) -> None:
-        if self._wanted >= 0:
-            wanted, self._wanted = self._wanted, -1
-            number = self._outbox.number
-            if wanted == number + 1:  # the line had arrived: this is its ok
-                self._landed(now_s)
-            elif wanted == number and 0 < number - self._doubled <= 2 and self._doubled >= 0:
-                self._line_s = min(2 * self._line_s, LONGEST_LINE_S)
-                self._due_s = now_s + self._patience_s()
-            else:
-                self._repeat(wanted, now_s, events)
-        elif self._waiting:
-            self._landed(now_s)
+    def _hear_ok(self, now_s: float) -> None:
+        if self._waiting and not self._refused:
+            self._land(now_s)
 
-    def _landed(self, now_s: float) -> None:
-        self._waiting = False
-        self._tries = 0
+    def _land(self, now_s: float) -> None:
+        """The line in flight was accepted, and is no longer waited for."""
+        self._waiting = self._refused = False
+        self._calm = True
         self._go(now_s)
 
-    def _hear_resend(self, number: int, now_s: float, events: list[Event]) -> None:
-        sent = self._outbox.number
-        if number > sent + 1 or sent < 0:
-            return  # garbled: the time-out brings the right one
-        if number == 0 and sent > 0:
-            return  # garbled as well, and N0 M110 would have the board count from 1 again
-        if not self._outbox.holds(number):
-            if self._far == number:
-                self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
-            self._far = number
+    def _hear_refusal(self, wanted: int, now_s: float) -> None:
+        """Something that was sent was refused; what came behind it may be lost."""
+        if self._outbox.number < 0:
             return
-        self._wanted = number
-        self._waiting = True
-        self._due_s = now_s + max(HINT_S, self._floor_s / 2)
+        self._waiting = self._refused = True
+        self._calm = False
+        asked = wanted < 0 or bool(self._questions)
+        if wanted >= 0:
+            self._wanted = wanted
+            self._questions.clear()  # the ring was emptied, with all that were in it
+            self._asks = min(self._asks, 1)
+        if asked:
+            self._hurry(now_s)
+        else:
+            self._ask(now_s)
+
+    def _hear_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
+        """An answer to a question; or the refusal of a line that has lost its number."""
+        questions = self._questions
+        while questions and 0 < questions[0].top < last:
+            questions.popleft()  # its answer was lost
+        if not questions:
+            self._hear_refusal(-1, now_s)
+        elif questions.popleft() == self._place and self._waiting:
+            self._settle(last, now_s, events)
+
+    def _settle(self, last: int, now_s: float, events: list[Event]) -> None:
+        """The board had accepted line `last` when all of ours had reached it."""
+        number, top = self._outbox.number, self._outbox.top
+        self._asks = 0
+        if number > 0 and last not in (number - 1, number, self._doubtful):
+            self._doubtful = last
+            self._doubts += 1
+            if self._doubts > TRIES:
+                self._give_up(Fault.NOISY_LINE, "the board says another last line each time", events)
+            else:
+                self._ask(now_s)
+            return
+        self._doubtful = self._wanted = -1
+        self._doubts = 0
+        self._refused = False
+        if last == number:
+            self._confirmations += 1
+            if not (self._outbox.moves or self._confirmations >= CONFIRMATIONS):
+                self._hurry(now_s)  # it waits its turn, or its ok was lost
+            elif self._repaired(number, events):
+                self._land(now_s)
+        elif number == 0:
+            self._repeat(0, now_s, events)  # it had not heard that it has to count from 0
+        elif number < last <= top:
+            self._outbox.back_to(last)
+            self._land(now_s)
+        elif last > top or last < 0 or not self._outbox.holds(last + 1):
+            self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
+        else:
+            self._repeat(last + 1, now_s, events)
 
     # --- time ---
 
@@ -316,15 +368,12 @@ class Link:
         events: list[Event] = []
         if self.phase is Phase.BANNER:
             self._greet(now_s, events)
-        elif self._wanted >= 0:
-            self._hear_ok(now_s, events)  # its ok was lost
-        elif self._waiting or self.phase is Phase.OPENING:
+        elif self._waiting:
+            self._press(now_s, events)
+        elif self.phase is Phase.OPENING:
             self._tries += 1
             if self._tries > TRIES:
-                self._give_up(Fault.NO_ANSWER, "the board does not answer", events)
-            elif self._waiting:
-                self._doubled = self._outbox.number
-                self._repeat(self._doubled, now_s, events)
+                self._give_up(Fault.NO_ANSWER, SILENT, events)
             else:  # it did not restart, and nobody knows its line number
                 if self._refused or self._tries > 1:
                     self._out += self._hail
@@ -335,13 +384,43 @@ class Link:
             self._go(now_s)
         return events
 
+    def _press(self, now_s: float, events: list[Event]) -> None:
+        """Nothing was understood for too long."""
+        if self._asks >= ASKS:
+            self._give_up(Fault.NO_ANSWER, SILENT, events)
+        elif self._wanted >= 0 and self._asks >= 2:  # it answers no questions: believe its Resend
+            self._settle(self._wanted - 1, now_s, events)
+        else:
+            self._ask(now_s)
+
+    def _ask(self, now_s: float) -> None:
+        """Ask for the last line that the board accepted."""
+        self._calm = False
+        self._asks += 1
+        self._questions.append(self._place)
+        self._out += replies.QUESTION
+        wait_s = self._ask_s * 2**self._asks
+        if self._asks == ASKS:
+            wait_s = (TRIES + 1) * self._patience_s() - (wait_s - self._ask_s)
+        self._due_s = now_s + wait_s
+
+    def _hurry(self, now_s: float) -> None:
+        """Ask soon, where there is something to ask for and room for it."""
+        if self._waiting and self._asks < ASKS:
+            self._due_s = min(self._due_s, now_s + max(HINT_S, self._floor_s / 40))
+
+    @property
+    def _place(self) -> Question:
+        """What was sent last; an answer to a question from another place is out of date."""
+        return Question(self._outbox.number, self.repeated, self._outbox.top, self._confirmations)
+
     # --- sending ---
 
     def _go(self, now_s: float) -> None:
         """Send the next thing, where nothing is in flight."""
         if self._waiting or self.phase is not Phase.LIVE:
             return
-        if now_s >= self._poll_s:
+        if now_s >= self._poll_s and self._outbox.fresh:
             self._outbox.insert_poll()
             self._poll_s = now_s + self.poll_every_s
         line = self._outbox.step()
@@ -349,20 +428,26 @@ class Link:
             self._launch(line, now_s)
 
     def _launch(self, line: bytes, now_s: float) -> None:
-        self._waiting = True
+        self._waiting = self._calm = True
+        self._asks = self._confirmations = 0
         self._out += line
-        self._due_s = now_s + self._patience_s()
+        self._due_s = now_s + self._ask_s
 
     def _patience_s(self) -> float:
-        return max(self._outbox.patience_s(self._line_s), self._line_s, self._floor_s)
+        return max(self._outbox.patience_s(LINE_S), LINE_S, self._floor_s)
 
     def _repeat(self, number: int, now_s: float, events: list[Event]) -> None:
         self.repeated += 1
-        self._repeats.append(self._outbox.number)
-        if len(self._repeats) == NOISE_RESENDS and number - self._repeats[0] < NOISE_LINES:
-            self._give_up(Fault.NOISY_LINE, f"{NOISE_RESENDS} lines of {NOISE_LINES} sent again", events)
-            return
-        self._launch(self._outbox.back_to(number), now_s)
+        if self._repaired(self._outbox.number, events):
+            self._launch(self._outbox.back_to(number), now_s)
+
+    def _repaired(self, number: int, events: list[Event]) -> bool:
+        """Count a line that did not get through, or whose ok did not; False where these are too many."""
+        self._repairs.append(number)
+        if len(self._repairs) == NOISE_REPAIRS and number - self._repairs[0] < NOISE_LINES:
+            text = f"{NOISE_REPAIRS} lines of {NOISE_LINES} sent again"
+            self._give_up(Fault.NOISY_LINE, text, events)
+        return self.phase is Phase.LIVE
 
     def _give_up(self, fault: Fault, text: str, events: list[Event]) -> None:
         if self.phase is Phase.DEAD:
@@ -372,6 +457,6 @@ class Link:
             return
         self.halt()
         self.phase = Phase.DEAD
-        self._waiting = False
+        self._waiting = self._refused = False
         self._wanted = -1
         self._due_s = math.inf

@@ -19,6 +19,8 @@ _PATIENCE_S = {  # those that wait for all moves before them
     b"G28": 300.0, b"G4": 600.0, b"M400": 600.0, b"M401": 60.0, b"M84": 600.0, b"M18": 600.0,
 }  # fmt: skip
 
+_MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
+
 Source = Callable[[int, int], list[bytes]]
 """Lines `start` to `stop` of a program."""
 
@@ -32,6 +34,7 @@ class Outbox:
         self._frames: list[bytes] = []
         self._base = 1
         self._cursor = -1
+        self._top = -1  # the highest number that was sent before the cursor went back
         self._patience: dict[int, float] = {}  # of lines that may take long
         self._polls: set[int] = set()  # lines that are M105
         self._careful = 0  # up to this number lines may be special, or were sent before
@@ -43,7 +46,7 @@ class Outbox:
 
     def begin(self) -> None:
         """The board counts from 0: an M110 goes out as N0, so that the next is 1."""
-        self._base, self._cursor, self._frames = 0, -1, []
+        self._base, self._cursor, self._top, self._frames = 0, -1, -1, []
         self._queue.appendleft(b"M110")
 
     # --- what there is ---
@@ -52,6 +55,21 @@ class Outbox:
     def number(self) -> int:
         """Of the line that was sent last; negative before the first."""
         return self._base + self._cursor
+
+    @property
+    def top(self) -> int:
+        """The highest number that was sent."""
+        return max(self._top, self.number)
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the next line was never sent: another may be put before it."""
+        return self.number >= self._top
+
+    @property
+    def moves(self) -> bool:
+        """Whether the line that was sent last has its ok as soon as it is accepted."""
+        return self._frames[self._cursor].partition(b" ")[2].startswith(_MOVES)
 
     @property
     def ahead(self) -> bool:
@@ -97,6 +115,7 @@ class Outbox:
     def halt(self) -> None:
         """Forget what was not sent yet."""
         sent = self._cursor + 1
+        self._top = self.number
         done = self._source_start + self._base + sent - self._source_number
         self._source_stop = min(max(done, self._source_start), self._source_stop)
         self._source = None
@@ -141,7 +160,8 @@ class Outbox:
 
     def back_to(self, number: int) -> bytes:
         """Line `number` again, and from there on."""
-        self._careful = max(self._careful, self.number)
+        self._top = self.top
+        self._careful = max(self._careful, self._top)
         self._cursor = number - self._base
         return self._frames[self._cursor]
 

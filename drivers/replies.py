@@ -16,6 +16,12 @@ _DEGREES, _NUMBER = rb"\s*(-?[\d.]{1,12})", rb"(\d{1,12})"  # no board says more
 _REPORT = re.compile(rb"T:%b\s*/%b\s+B:%b\s*/%b(?![\d.])" % ((_DEGREES,) * 4))
 _LAST_LINE = re.compile(rb"Last Line: %b\s*\Z" % _NUMBER)
 _RESEND = re.compile(rb"Resend: ?%b\s*\Z" % _NUMBER)
+_BEGINNINGS = re.compile(rb"(?=Error:|Resend:)")
+_CARD_OK = b"echo:SD card ok"
+QUESTION = b"\n1**0\n"
+"""A line with a checksum and no number: the board says its last one. The newline before it ends a line that
+has lost its own, the second star stays where the first is damaged, and the checksum is wrong, so that a line
+that is glued to it is refused."""
 _VERSION = re.compile(rb"Vers:_([\w.]+?)(ex)?\s*$", re.MULTILINE)
 _OFFSET = re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE)
 _TROUBLES = (
@@ -135,10 +141,30 @@ def wanted(line: bytes) -> int | None:
     return None if found is None else int(found[1])
 
 
-def unnumbered(line: bytes) -> int | None:
-    """The last good line's number, where a checksum came without one: the board asks for nothing then."""
+def last_line(line: bytes) -> int | None:
+    """The number of the last line that was accepted, as a checksum without a number has the board say."""
     found = _LAST_LINE.search(line) if line.startswith(b"Error:No Line Number") else None
     return None if found is None else int(found[1])
+
+
+def refused(line: bytes) -> bool:
+    """Whether this is why a line was refused; a ``Resend`` follows."""
+    return line.startswith(b"Error:") and b"Last Line" in line
+
+
+def words(line: bytes) -> list[bytes]:
+    """The answers in a line: more than one where a newline was lost, or M119 left it out."""
+    if line == b"ok":
+        return [line]
+    found: list[bytes] = []
+    for part in _BEGINNINGS.split(line):
+        front, back = [], []
+        if part.endswith(b"ok") and part != _CARD_OK:
+            part, back = part[:-2], [b"ok"]
+        if part.startswith(b"ok") and b"T:" not in part:
+            front, part = [b"ok"], part[2:]
+        found += [*front, *([part] if part else []), *back]
+    return found
 
 
 def trouble(line: bytes) -> Trouble | None:

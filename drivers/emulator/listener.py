@@ -21,6 +21,7 @@ from drivers.replies import checksum
 
 LINES = 8
 
+_COMMAND = re.compile(rb"[GMT]")
 _WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
 
 
@@ -140,7 +141,8 @@ class Listener(ABC):
             if self.noise is not None:
                 self.noise.accepted(n, line)
         elif star >= 0:
-            self._error(wording.line_error(wording.NO_LINE_NUMBER, self._last_n))
+            said = wording.line_error(wording.NO_LINE_NUMBER, self._last_n)
+            (self._error if _COMMAND.search(line) else self._say)(said)  # without a command: only asked
             return
         if _is_move(line):
             if self.machine.stopped:

@@ -10,8 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drivers import replies
+from drivers.command import COMMAND_BYTES
 from drivers.errors import Fault
-from drivers.marlin import TRIES, Link, Phase, Report, Trouble, Up, checksum, frame
+from drivers.marlin import ASK_S, ASKS, TRIES, Link, Phase, Report, Trouble, Up, checksum, frame
+from drivers.replies import QUESTION
 
 BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"
 
@@ -223,37 +226,105 @@ def test_a_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
     assert bench.link.deadline_s == math.inf
 
 
-def test_a_board_that_was_only_late_does_not_get_doubles_for_ever():
+def test_a_board_that_was_only_late_is_asked_and_nothing_is_sent_twice():
     bench = Bench().boot()
     bench.run()
     stream(bench, lines(50))
     late = bench.link.take()
-    bench.now_s = bench.link.deadline_s
-    bench.link.tick(bench.now_s)
-    assert bench.link.take() == late
-    answers = bench.firmware.feed(late) + bench.firmware.feed(late)  # both arrive, and both are answered
-    bench.link.receive(answers, bench.now_s)
+    for _ in range(3):
+        bench.now_s = bench.link.deadline_s
+        bench.link.tick(bench.now_s)
+        late += bench.link.take()
+    assert late.count(QUESTION) == 3
+    bench.link.receive(bench.firmware.feed(late), bench.now_s)
     bench.run()
     assert [number for number, _ in bench.firmware.done] == list(range(1, 51))
-    assert bench.link.repeated == 1
+    assert bench.link.repeated == 0
+
+
+def test_patience_is_short_again_after_an_ordinary_ok():
+    bench = Bench().boot()
+    bench.run()
+    stream(bench, lines(50))
+    bench.now_s = bench.link.deadline_s
+    bench.link.tick(bench.now_s)
+    bench.now_s = bench.link.deadline_s
+    for _ in range(2):
+        bench.link.receive(b"ok\n", bench.now_s)
+        assert bench.link.deadline_s == pytest.approx(bench.now_s + ASK_S)
+
+
+def test_a_question_with_a_flipped_bit_commands_nothing():
+    for at in range(len(QUESTION)):
+        for bit in range(8):
+            asked = QUESTION[:at] + bytes((QUESTION[at] ^ 1 << bit,)) + QUESTION[at + 1 :]
+            for line in re.split(rb"[\n\r:]", asked):
+                assert not re.search(rb"[GMTN;]", line)
+
+
+def silence_s(bench: Bench, *commands: bytes) -> float:
+    """How long a board that has fallen silent is waited for."""
+    bench.run()
+    bench.firmware.mute = True
+    began_s = bench.now_s
+    bench.link.send(began_s, *commands)
+    bench.run()
+    assert bench.troubles() == [Fault.NO_ANSWER]
+    return bench.now_s - began_s
 
 
 def test_no_time_out_is_shorter_than_the_floor():
+    assert silence_s(Bench(floor_s=200.0).boot(), b"G1 X1") >= 200.0
     bench = Bench(floor_s=200.0).boot()
     bench.run()
     bench.link.send(bench.now_s, b"G1 X1")
-    assert bench.link.deadline_s >= bench.now_s + 200.0
+    assert bench.link.deadline_s >= bench.now_s + 25.0  # a question costs nothing: an eighth of it
 
 
 @pytest.mark.parametrize(
     ("command", "patience_s"),
-    [(b"G1 X1", 10.0), (b"M401", 60.0), (b"G28", 300.0), (b"G4 P60000", 600.0), (b"M400", 600.0)],
+    [(b"G1 X1", 50.0), (b"M401", 300.0), (b"G28", 1500.0), (b"G4 P60000", 3000.0), (b"M400", 3000.0)],
 )
 def test_what_waits_for_all_moves_before_it_is_waited_for_longer(command: bytes, patience_s: float):
+    assert silence_s(Bench().boot(), command) == pytest.approx(patience_s, abs=0.1)
+
+
+def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
     bench = Bench().boot()
     bench.run()
-    bench.link.send(bench.now_s, command)
-    assert bench.link.deadline_s == pytest.approx(bench.now_s + patience_s)
+    bench.link.send(bench.now_s, b"G1 X" + b"1" * (COMMAND_BYTES - 4))
+    sent = b""
+    while bench.link.phase is Phase.LIVE:
+        sent += bench.link.take()
+        bench.now_s = bench.link.deadline_s
+        bench.link.tick(bench.now_s)
+    assert sent.count(QUESTION) == ASKS
+    assert len(sent) + len(b"234567") <= 126  # more is lost without a word
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (b"ok", [b"ok"]),
+        (b"okok", [b"ok", b"ok"]),
+        (b"ook", [b"o", b"ok"]),
+        (b"okk", [b"ok", b"k"]),
+        (b"Resend: 7ok", [b"Resend: 7", b"ok"]),
+        (b"okError:checksum mismatch, Last Line: 6", [b"ok", b"Error:checksum mismatch, Last Line: 6"]),
+        (b"Error:x, Last Line: 6Resend: 7", [b"Error:x, Last Line: 6", b"Resend: 7"]),
+        (b"ok T:20.0 /0.0 B:1.0 /0.0 @:0 B@:0", [b"ok T:20.0 /0.0 B:1.0 /0.0 @:0 B@:0"]),
+        (b"okPrinter stopped due to errors.", [b"ok", b"Printer stopped due to errors."]),
+        (b"echo:SD card ok", [b"echo:SD card ok"]),
+        (b"", []),
+    ],
+)
+def test_answers_that_lost_a_newline_are_told_apart(line: bytes, words: list[bytes]):
+    assert replies.words(line) == words
+
+
+@given(st.binary(max_size=100))
+def test_telling_answers_apart_loses_no_byte(line: bytes):
+    assert b"".join(replies.words(line)) == line
 
 
 def test_the_ok_that_is_glued_to_the_end_stops_counts():
@@ -368,20 +439,33 @@ def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
             assert bench.link.repeated == 0
 
 
-def test_a_resend_from_far_back_is_believed_when_it_comes_again():
-    """One digit of it may be garbled; a board that was reset asks for the same once more."""
+def test_a_last_line_from_far_back_is_believed_when_the_board_says_it_twice():
+    """One digit of it may be garbled; a board that was reset says the same once more."""
     program, bench = lines(120), Bench().boot()
     stream(bench, program)
     bench.run(until_s=0.8)
-    sent = bench.link.streamed
-    assert 50 < sent < 100
-    bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
-    assert bench.link.phase is Phase.LIVE and bench.troubles() == []
-    bench.events += bench.link.receive(b"Resend: 6\n", bench.now_s) or ()
-    assert bench.troubles() == []
-    bench.events += bench.link.receive(b"Resend: 6\n", bench.now_s) or ()
+    assert 50 < bench.link.streamed < 100
+    bench.link.take()
+    for resend in (5, 6, 6):
+        bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s) or ()
+    for last in (5, 6, 6):
+        assert bench.link.phase is Phase.LIVE and bench.troubles() == []
+        said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+        bench.events += bench.link.receive(said, bench.now_s) or ()
     assert bench.troubles() == [Fault.REBOOT]
     assert bench.link.phase is Phase.DEAD
+
+
+def test_a_board_that_says_another_last_line_each_time_is_given_up():
+    bench = Bench().boot()
+    stream(bench, lines(120))
+    bench.run(until_s=0.8)
+    bench.link.receive(b"Resend: 5\n", bench.now_s)
+    for last in range(20, 20 + TRIES + 1):
+        assert bench.link.phase is Phase.LIVE
+        said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+        bench.events += bench.link.receive(said, bench.now_s) or ()
+    assert bench.troubles() == [Fault.NOISY_LINE]
 
 
 def test_a_garbled_resend_from_far_back_costs_nothing():

@@ -56,6 +56,10 @@ class Printer(virtual.VirtualPrinter):
         super().__init__(Settings(folder), None, str(folder), read_timeout=0.2)
 
     def _triggerResend(self, expected=None, actual=None, checksum=None):
+        if actual is None and not checksum and expected == self.current_line + 1:
+            # Our question, a checksum without a number; the printer's firmware answers it so.
+            self._send(f"Error:No Line Number with checksum, Last Line: {self.lastN}")
+            return
         if self._resend_every_n and checksum:
             self.dropped.write("resend_ratio\n")
         super()._triggerResend(expected, actual, checksum)
@@ -93,8 +97,9 @@ def main():
     threading.Thread(target=talk, daemon=True).start()
     try:
         while data := os.read(master, 256):
-            while data:
-                data = data[printer.write(data) :]
+            for line in data.splitlines(keepends=True):  # it takes one line of what is written at a time
+                while line:
+                    line = line[printer.write(line) :]
     except Exception:
         pass
     printer.close()

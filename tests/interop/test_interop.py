@@ -115,7 +115,7 @@ def test_we_print_to_octoprint_s_virtual_printer_to_the_end_with_its_faults_on(t
     assert printed == [line for line in program if line in set(printed)]
     dropped = (tmp_path / "dropped.txt").read_text().splitlines()
     assert len(program) - len(printed) <= len(dropped)  # by its own doing; one may be an M105
-    assert link.repeated >= 10
+    assert link.repeated >= 8  # an ok that was only lost costs no repeat
 
 
 @pytest.mark.parametrize(
