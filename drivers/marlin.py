@@ -325,8 +325,12 @@ class Link:
             questions.popleft()  # its answer was lost
         if not questions:
             self._hear_refusal(-1, now_s)
-        elif questions.popleft() == self._place and self._waiting:
+            return
+        question, place = questions.popleft(), self._place
+        if question == place and self._waiting:
             self._settle(last, now_s, events)
+        elif question.number == place.number:
+            self._hurry(now_s)
 
     def _settle(self, last: int, now_s: float, events: list[Event]) -> None:
         """The board had accepted line `last` when all of ours had reached it."""
