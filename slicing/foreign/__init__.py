@@ -1,1 +1,1 @@
-"""A person's own G-code: read as the firmware would, and written anew so that the farm can print it."""
+"""Reads a person's own G-code as the firmware would, and writes it anew so that the farm can print it."""

@@ -1,4 +1,4 @@
-"""A person's own G-code, made into a program that the farm can print, or refused with the reason."""
+"""Turns a person's own G-code into a program that the farm can print, or refuses it with the reason."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SLACK_LAYERS = 1.25
 
 @dataclass(frozen=True, slots=True)
 class ForeignGcode:
-    """G-code that may be printed, and what is known of it.
+    """Accepted G-code, and the facts known of it.
 
     Attributes
     ----------
@@ -116,7 +116,8 @@ def accept(
     walk.finish()
     extent = walk.extent
     ratio = _section_ratio(extent, writer.layers, filament_mm2, line_mm)
-    warnings = check_machine(found.machine, found.nozzle_mm, ratio)
+    missing = (found.warning,) if found.warning is not None else ()
+    warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio)
     seconds = writer.finish()
     head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"
     return ForeignGcode(

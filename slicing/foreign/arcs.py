@@ -15,7 +15,7 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class Arc:
-    """From `start` round `centre` to `end`, in mm; a whole circle where start and end are the same."""
+    """Arc from `start` round `centre` to `end`, in mm; a whole circle where start and end are the same."""
 
     start: Point
     end: Point
@@ -32,7 +32,7 @@ class Arc:
 
     @property
     def turn(self) -> float:
-        """The angle swept, in radians; negative clockwise."""
+        """Angle swept, in radians; negative clockwise."""
         turn = (self._angle(self.end) - self._angle(self.start)) % math.tau
         if self.clockwise:
             return turn - math.tau
@@ -43,7 +43,7 @@ class Arc:
         return abs(self.turn) * self.radius_mm
 
     def points(self) -> Iterator[tuple[Point, float]]:
-        """Where the straight moves end, and the share of the arc that is done there; `end` is the last."""
+        """Yield the end of each straight move, and the share of the arc done there; `end` is the last."""
         radius_mm, turn, first = self.radius_mm, self.turn, self._angle(self.start)
         step_mm = max(0.05, min(LONGEST_MM, math.sqrt(8 * radius_mm * DEVIATION_MM)))
         count = max(1, math.ceil(self.length_mm / step_mm))

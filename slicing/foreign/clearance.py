@@ -12,7 +12,7 @@ HEAD_MM = (-44.0, 64.0, -34.0, 14.0)
 """Left, right, front and back of the head with its fans, from the nozzle: Cura's
 `machine_head_with_fans_polygon` of the 2+."""
 HEAD_ABOVE_NOZZLE_MM = 5.0
-"""How far its underside is above the nozzle's tip. Cura's `machine_nozzle_head_distance` of the 2+."""
+"""Height of its underside above the nozzle's tip: Cura's `machine_nozzle_head_distance` of the 2+."""
 
 _CELL_MM = 1.0
 _LOWEST_MM = -20.0  # where the grid begins, on X and Y
@@ -43,7 +43,7 @@ class Clearance:
         self._printed_since_mm = 0.0  # highest line that the two do not know
 
     def add(self, old: Point, target: Point) -> None:
-        """A line is printed."""
+        """Record a printed line."""
         self._lines.extend(old)
         self._lines.extend(target)
         self._printed_since_mm = max(self._printed_since_mm, old[2], target[2])

@@ -1,4 +1,4 @@
-"""Where a file prints, and how much: gathered move by move."""
+"""Gathers move by move where a file prints, and how much."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Corner = list[float]
 
 
 class Extent:
-    """Bounding boxes in the printer's own mm, and what tells whether E means what it should.
+    """Bounding boxes in the printer's own mm, and the sums that show whether E is mm of filament.
 
     Attributes
     ----------
@@ -37,16 +37,16 @@ class Extent:
         self._path_on_step_mm: defaultdict[float, float] = defaultdict(float)
 
     def go(self, target: Corner, fed_mm: float) -> None:
-        """A move, which counts once something is printed after it."""
+        """Record a move, which counts once something is printed after it."""
         self._went.append(target)
         self._fed_mm += max(0.0, fed_mm)
 
     def rises(self, old: Corner, target: Corner) -> bool:
-        """Whether a printed line lies higher than all before it, but is not the first."""
+        """Tell whether a printed line lies higher than all before it, but is not the first."""
         return self.path_mm > 0 and old[2] == target[2] > self._flat_z + 0.01
 
     def print(self, old: Corner, target: Corner) -> None:
-        """The last move has printed a line."""
+        """Record that the last move printed a line."""
         z, path_mm = target[2], math.dist(old, target)
         if old[2] == z != self._flat_z:
             self._step_mm = round(z - self._flat_z, 3) if z > self._flat_z else self._step_mm
@@ -65,7 +65,7 @@ class Extent:
 
     @property
     def layer_mm(self) -> float:
-        """The usual height of a layer: half of the path is on layers that are no higher. 0 without layers."""
+        """Usual height of a layer, in mm: half of the path is on layers no higher. 0 without layers."""
         done_mm = 0.0
         for step_mm, path_mm in sorted(self._path_on_step_mm.items()):
             done_mm += path_mm

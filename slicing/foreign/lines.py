@@ -65,7 +65,7 @@ def split(raw: bytes, number: int) -> Line:
 
 
 def plain_move(raw: bytes) -> Words | None:
-    """The words of a straight move, where it is written as slicers write nearly all of them: a short way."""
+    """Read a straight move in the form that slicers nearly always write; None for any other line."""
     if _PLAIN_MOVE.match(raw) is None:
         return None
     parts = raw.decode("ascii").split()
@@ -74,7 +74,7 @@ def plain_move(raw: bytes) -> Words | None:
 
 
 def words(rest: str, number: int) -> Words:
-    """What follows a code: letter -> number.
+    """Read what follows a code, as letter -> number.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def words(rest: str, number: int) -> Words:
 
 
 def shown(text: str) -> str:
-    """What a message quotes of a line."""
+    """Quote a line's text for a message, 40 characters at most."""
     text = text.strip()
     return repr(text if len(text) <= 40 else text[:39] + "…")
 
@@ -112,7 +112,7 @@ def _most(letter: str) -> float:
 
 
 def _without_number(command: bytes, number: int) -> bytes:
-    """The command of a line that was numbered and checksummed for a serial port."""
+    """Take number and checksum off a command that was written for a serial port."""
     body, star, checksum = command.partition(b"*")
     numbered = _NUMBERED.match(body)
     if star:

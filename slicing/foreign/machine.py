@@ -1,4 +1,4 @@
-"""The machine that a file says it was sliced for, and whether the file fits an Ultimaker 2+ all the same."""
+"""Reads which machine a file was sliced for, and checks whether it fits an Ultimaker 2+ all the same."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FOREIGN_START = {
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What a file says of the machine that it was sliced for.
+    """Machine that a file was sliced for, by its own words.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ def find_machine(
 
 
 def check_machine(machine: Machine, nozzle_mm: float | None, section_ratio: float) -> tuple[str, ...]:
-    """Warnings of a file for another machine that fits all the same. Its size is checked elsewhere.
+    """Check a file for another machine, except its size; return warnings where it fits.
 
     Parameters
     ----------

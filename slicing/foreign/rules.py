@@ -1,4 +1,4 @@
-"""Which commands of a person's own G-code are printed, which are left out, and which make the farm refuse it.
+"""Lists of the commands of a person's own G-code that are printed, left out, or refused.
 
 What is printed is an allow-list: every other command is refused where a print is under way. The start and the
 end of a file are not printed, so that there only what gives the whole file another meaning is refused.
@@ -88,17 +88,17 @@ END = frozenset(("G28", "M84", "M18", "M81", "M2"))
 
 
 def needless(code: str, rest: str) -> bool:
-    """Whether a command changes nothing in a print; `rest` is what follows its code."""
+    """Tell whether a command changes nothing in a print; `rest` is what follows its code."""
     return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
 
 
 def refusal(code: str) -> str | None:
-    """Why a command is refused wherever it stands; None where it is not."""
+    """Find why a command is refused wherever it stands; None where it is not."""
     if code[0] == "T" and code != "T0":
         return "asks for another extruder, and there is one: slice for a single extruder"
     return REFUSED.get(code)
 
 
 def refusal_in_print(code: str) -> str:
-    """Why a command that is not printed makes the farm refuse a print."""
+    """Find why a command that is not printed makes the farm refuse a print."""
     return _REASONS.get(code, "is not on the list of commands that are printed: take it out")

@@ -1,4 +1,4 @@
-"""What a file says of itself, and where in it the print begins: found before a line of it is carried out."""
+"""Finds a file's facts, and where its print begins, before a line of it is carried out."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from slicing.foreign.lines import plain_move, split
 from slicing.foreign.machine import FOREIGN_START, Machine, find_machine
 
 FILAMENT_MM = (2.75, 3.05)
-"""What is sold as 2.85 mm, and also as 3 mm."""
+"""Sold as 2.85 mm, and also as 3 mm."""
 INCOMPLETE = "export it once more, or copy it again"
 _LAYER = re.compile(
     rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
 )
-"""How Cura, PrusaSlicer and its kin, Simplify3D and KISSlicer mark the start of a layer."""
+"""Marks of a layer's start by Cura, PrusaSlicer and its kin, Simplify3D and KISSlicer."""
 _MARLIN = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
 _FACT = re.compile(
     rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
@@ -31,7 +31,7 @@ _FILAMENT = ("filament_diameter", "filamentdiameters", "filament diameter #1", "
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What was found.
+    """Facts of a file.
 
     Attributes
     ----------
@@ -47,6 +47,8 @@ class Survey:
         Whether the slicer's closing mark stands behind all that is printed; False for a slicer without one.
     machine
         The machine that it was sliced for.
+    warning
+        Layers that are missing in a file that is whole by its closing mark; None where there are none.
     """
 
     ulticode: bool
@@ -55,15 +57,16 @@ class Survey:
     marks_layers: bool
     closed: bool
     machine: Machine
+    warning: str | None
 
 
 def is_layer(comment: bytes) -> bool:
-    """Whether a comment marks the start of a layer."""
+    """Tell whether a comment marks the start of a layer."""
     return _LAYER.match(comment) is not None
 
 
 def survey(lines: Iterable[bytes]) -> Survey:
-    """Go through a file once.
+    """Find a file's facts in one pass.
 
     Raises
     ------
@@ -114,6 +117,7 @@ def survey(lines: Iterable[bytes]) -> Survey:
         begins=layer or ready + 1,
         marks_layers=bool(layer),
         closed=bool(completeness.closed(prints)),
+        warning=completeness.warning(),
         machine=find_machine(facts, _number(facts, *_FILAMENT), start),
     )
 
@@ -138,7 +142,7 @@ def _is_ulticode(facts: dict[str, bytes]) -> bool:
 
 
 def _number(facts: dict[str, bytes], *names: str) -> float | None:
-    """The first of these facts that is a number other than 0."""
+    """Read the first of these facts that is a number other than 0."""
     for name in names:
         try:
             if value := float(facts[name]):

@@ -28,7 +28,7 @@ LEAST_MM_S = 0.1
 MOST_DWELL_S = 60.0  # the nozzle is hot, and a cancelled print has to wait for its end
 MOST_STANDING_S = 3600.0  # all dwells together
 MOST_SWALLOWED_MM = 0.3
-"""How far back the filament may be when a line begins: slicers push it forth before."""
+"""Furthest that filament may be drawn back when a line begins: slicers push it forth before."""
 MOST_ARC_MM = 700.0  # round the whole bed
 ARC_TOLERANCE_MM = 0.2  # of its radius, between start and end
 MOST_DROP_MM = 10.0  # how far up the head goes before it parks in a pause, or homes when cancelled
@@ -38,7 +38,7 @@ _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it pri
 
 
 class Walk:
-    """The printer's state, from the first line on; from `survey.begins` on it is printed.
+    """Printer's state, from the first line on; from `survey.begins` on it is printed.
 
     A command that must not stand in a print refuses the file only once something is printed after it: at the
     end of a file it belongs to the end script, which is not printed.
@@ -105,7 +105,7 @@ class Walk:
             self._end(f"{code} {rules.refusal_in_print(code)}", code in rules.END)
 
     def finish(self) -> None:
-        """End the file.
+        """Check the file's end.
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Walk:
         ]
 
     def _pushed_mm(self, given: Words) -> float:
-        """How much filament a move feeds; in G91 E is relative too, in this firmware."""
+        """Compute the filament that a move feeds, in mm; in G91 E is relative too, in this firmware."""
         e = given.get("E")
         if e is None:
             return 0.0
@@ -262,7 +262,7 @@ class Walk:
     # --- the head ---
 
     def _begin(self) -> None:
-        """From here on it is printed: the head stands over the bed, primed."""
+        """Begin the print: the head stands over the bed, primed."""
         self._printing = True
         if self.nozzle_c < MIN_EXTRUSION_C:
             self._refuse(
@@ -282,7 +282,7 @@ class Walk:
             self._writer.layer()
 
     def _go(self, target: list[float], pushed_mm: float) -> None:
-        """One straight move."""
+        """Make one straight move."""
         old, self._at = self._at, target
         back_mm = self._back_mm
         self._back_mm = max(0.0, back_mm - pushed_mm)
@@ -314,7 +314,7 @@ class Walk:
             self._print(old, target)
 
     def _arrive(self, old: list[float], target: list[float], pushed_mm: float) -> bool:
-        """Come from above to where the file first pushes filament: its ways there do not matter.
+        """Come from above to where the file first pushes filament; moves before that are left out.
 
         False where it has not come to that.
         """

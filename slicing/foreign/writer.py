@@ -1,4 +1,4 @@
-"""The body of a print as the farm writes it: absolute moves, E in mm of filament, a timeline of its own."""
+"""Writes a print's body: absolute moves, E in mm of filament, a timeline of its own."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Stopwatch(Protocol):
         """Stand still."""
 
     def seconds(self, finish: bool = False) -> float:
-        """How long all that ended took so far; with `finish`, until everything has ended."""
+        """Time that all ended moves took, in s; with `finish`, until everything has ended."""
 
 
 class Writer:
@@ -48,12 +48,12 @@ class Writer:
         self._tail.append(seconds)
 
     def layer(self, z_mm: float | None = None) -> None:
-        """A layer begins: now, or with the first move to this height since the last `commit`."""
+        """Begin a layer: now, or with the first move to this height since the last `commit`."""
         at = (i for i, item in enumerate(self._tail) if isinstance(item, tuple) and item[2] == z_mm)
         self._tail.insert(next(at, len(self._tail)), None)
 
     def commit(self) -> None:
-        """What was told up to now belongs to the print."""
+        """Take all that was recorded since the last `commit` into the print."""
         for item in self._tail:
             if isinstance(item, tuple):
                 self._write(item)

@@ -89,6 +89,7 @@ MODELS = {
             trimesh.creation.cone(6, 8, transform=AT((25, 0, 0))),
         ]
     ),
+    "spire": trimesh.creation.cone(1.5, 20),
     "bridge": trimesh.boolean.union(
         [trimesh.creation.box((8, 8, 8), AT((0, 0, 4))), trimesh.creation.box((24, 8, 2), AT((0, 0, 9)))]
     ),

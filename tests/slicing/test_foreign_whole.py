@@ -108,6 +108,16 @@ def test_layers_of_objects_one_after_the_other_are_counted_for_each():
     refused([line.replace("COUNT:3", "COUNT:5") for line in lines], "names 5 layers, and 3 of them")
 
 
+def test_empty_layers_that_cura_counts_but_leaves_out_are_told():
+    """As in the tip of a spire: the file is whole by its closing comment."""
+    lines = ultigcode(square(layers=20))
+    counted = [line.replace("COUNT:20", "COUNT:24") for line in lines]
+    assert "names 24 layers, and 20 of them are in it: Cura" in take(counted).notices[-1]
+    assert not any("layers" in line for line in take(lines).notices)
+    refused(counted[:-1], "closes its files with a comment")
+    refused([line.replace("COUNT:20", "COUNT:30") for line in lines], "names 30 layers, and 20 of them")
+
+
 def test_a_block_of_settings_that_does_not_end_is_refused():
     lines = [*marlin(), "; prusaslicer_config = begin", "; wipe = 1", "; prusaslicer_config = end"]
     assert take(lines).layers == 3
