@@ -1,0 +1,53 @@
+"""The pages that docs/generate.py writes from the program."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+
+
+def load(name: str):
+    """Load a script of docs as a module."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+generate = load("generate")
+
+
+def test_a_name_without_words_is_refused_with_the_section():
+    with pytest.raises(generate.MissingWords, match=r"'outage' under 'hold_codes'"):
+        generate.explained(["paused", "outage"], "hold_codes", {"paused": "It waits."})
+
+
+def test_words_without_a_name_are_refused():
+    with pytest.raises(generate.MissingWords, match="no 'gone' any more"):
+        generate.explained(["paused"], "hold_codes", {"paused": "It waits.", "gone": "It is not."})
+
+
+def test_a_cell_cannot_break_its_table():
+    assert generate.table(("a", "b"), [("1|2", "3")]).splitlines()[-1] == "| 1\\|2 | 3 |"
+
+
+@pytest.mark.parametrize(
+    ("schema", "words"),
+    [
+        ({"type": "integer", "minimum": 1, "maximum": 256}, "whole number from 1 to 256"),
+        ({"type": "number", "exclusiveMinimum": 0}, "number above 0"),
+        ({"anyOf": [{"type": "string"}, {"type": "null"}]}, "text or null"),
+        ({"type": "array", "items": {"$ref": "#/$defs/Todo"}}, "list of [Todo](#todo)"),
+        ({"type": "array", "prefixItems": [{}, {}, {}]}, "3 numbers"),
+    ],
+)
+def test_a_schema_is_said_in_words(schema: dict, words: str):
+    assert generate.value_words(schema) == words
+
+
+def test_a_terminal_picture_shows_the_output_and_loads_nothing():
+    svg = load("terminal_picture").draw("farm status", "\x1b[1mDO NOW\x1b[0m nothing <b>", 40)
+    assert "DO" in svg and "&lt;b&gt;" in svg
+    assert "http" not in svg.replace("http://www.w3.org/2000/svg", "")
