@@ -207,7 +207,7 @@ class Session(Leaving):
 
     def _suspect(self, text: str) -> None:
         if self.suspicion is None:
-            self.suspicion = Suspicion(text, self._now_s)
+            self.suspicion = Suspicion(text.lstrip(" :"), self._now_s)
 
     def _set_c(self) -> dict[HeaterName, float]:
         """What the heaters were told."""

@@ -61,7 +61,7 @@ class Board:
         self.look: str | None = None  # trouble while idle: a person has to see to it
         self.doubt: str | None = None  # what happened here that we did not cause: is the bed still clear?
         self.resets = 0  # that the agent did not cause
-        self.stuck: str | None = None  # a heater that is off and gets hotter, while idle
+        self.stuck: str | None = None  # a heater that is off and gets hotter, while idle; taken by the record
         self.back = False  # the printer was away, or seen cold: what is found from now on is news
         self.hot = False  # heat of ours may still be on
         self.opened: str | None = None  # the device, as it was plugged in, that was opened last
@@ -311,7 +311,7 @@ class Board:
         doubt, trouble = self.idle.report(report)
         if doubt is not None:
             self._doubt(doubt)
-        self.stuck = None if trouble is None else trouble.text
+        self.stuck = self.stuck if trouble is None else trouble.text
         self.back = self.back or self.idle.cold
         if self.link.drained:
             # what a port that went left hot, and no reset ends; asking alone would feed the dead-man for ever
@@ -323,6 +323,8 @@ class Board:
             self.link.restarted(now_s)
         elif trouble.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._gone(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
+        elif trouble.fault is Fault.MAXTEMP:  # nothing of ours heats: it burns, or nobody can tell
+            self.stuck = f"both heaters are off, and the board says {trouble.text.lstrip(' :')}"
         else:
             self.look = trouble.text
 

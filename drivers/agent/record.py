@@ -112,6 +112,7 @@ class Record:
             alarms.of_session(session, now_s)
         elif (news := alarms.of_idle(board.stuck, now_s)) is not None:
             board.look = _joined(board.look, f"{news}: switch it off")
+        board.stuck = None
         said = alarms.outcome()
         if said is None:
             return

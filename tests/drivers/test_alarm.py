@@ -15,10 +15,10 @@ from drivers.agent.journal import JOURNAL, Journal, recall
 from drivers.agent.record import Record
 from drivers.clock import Clock
 from drivers.emulator.mishaps import happen
-from drivers.errors import JournalError
+from drivers.errors import Fault, JournalError
 from drivers.mains import NO_COMMAND
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
-from drivers.replies import Report
+from drivers.replies import Report, Trouble
 from print_rig import PLUS, Rig, gcode
 
 DEADLINE_S = 20.0
@@ -95,6 +95,17 @@ def test_one_that_has_to_be_looked_at_already_is_no_less_on_fire(tmp_path: Path,
     agent.report(90.0)
     agent.settled()
     assert runs(mark) == 1 and agent.look.startswith("its print failed; the nozzle is off")
+
+
+def test_a_board_that_says_maxtemp_while_idle_is_not_left_to_itself(tmp_path: Path, mark: Path):
+    """Its link is dead then: no report would tell that it gets hotter."""
+    agent = Agent(tmp_path, relay(mark))
+    agent.report(21.0)
+    agent.board._idle_trouble(Trouble(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
+    agent.report(21.0)
+    agent.settled()
+    assert runs(mark) == 1
+    assert agent.look == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT}"
 
 
 def test_without_a_command_a_person_is_asked_once(tmp_path: Path):

@@ -1,0 +1,32 @@
+"""A heater that cannot be switched off, as a person sees it who asks the farm."""
+
+import pytest
+
+from drivers.emulator.launch import control
+from real_farm import RealFarm, wait_for
+
+
+@pytest.mark.system
+def test_a_nozzle_that_burns_on_an_idle_printer_is_the_first_thing_to_do_and_loses_its_mains(tmp_path):
+    farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
+    mark, relay = tmp_path / "mark", tmp_path / "relay.sh"
+    relay.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n')
+    relay.chmod(0o700)
+    rows = farm.fleet.read_text().replace(
+        "name: um2-01,", f'name: um2-01, power_off_cmd: "{relay} {{printer}}",'
+    )
+    farm.fleet.write_text(rows)
+    try:
+        farm.up()
+        control(farm.emulator("um2-01"), "break", fault="nozzle_burns_after")
+        wait_for("its mains to be cut", mark.exists, 40.0)
+        alarm = wait_for(
+            "what came of it", lambda: [t for t in farm.status()["todo"] if "mains away" in t["text"]]
+        )
+        assert alarm[0] == farm.status()["todo"][0] and alarm[0]["code"] == "alarm"
+        assert "go to um2-01 now: " in alarm[0]["text"] and ", nozzle " in alarm[0]["text"]
+        assert farm.printer("um2-01")["state"] == "look"
+        assert "DO NOW   go to um2-01 now: " in farm.ok("status")
+        assert mark.read_text() == "um2-01\n"
+    finally:
+        farm.end()
