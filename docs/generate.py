@@ -158,27 +158,34 @@ def _default(name: str, schema: dict[str, Any]) -> str:
     return f"`{str(default).lower() if isinstance(default, bool) else default}`"
 
 
-def json_page(_: dict[str, Any]) -> str:
+def json_page(words: dict[str, Any]) -> str:
     """Describe the objects that `--json` prints."""
+    fields = words["json_fields"]
     parts = [(FOLDER / "json.intro.md").read_text(encoding="utf-8").strip()]
     objects: dict[str, dict[str, Any]] = {}
     for title, model in SCHEMAS:
         schema = model.model_json_schema(by_alias=True)
         objects |= schema.get("$defs", {})
-        parts.append(f"## {title}\n" + _fields(schema))
+        parts.append(f"## {title}\n" + _fields(model.__name__, schema, fields))
     parts.append("## Objects in them")
     for name, schema in sorted(objects.items()):
         if "enum" in schema:
             body = "One of " + ", ".join(f"`{value}`" for value in schema["enum"]) + "."
         else:
-            body = _fields(schema)
+            body = _fields(name, schema, fields)
         parts.append(f"### {name}\n{body}")
     return "\n\n".join(parts)
 
 
-def _fields(schema: dict[str, Any]) -> str:
-    rows = [(f"`{name}`", value_words(field)) for name, field in schema["properties"].items()]
-    return table(("field", "value"), rows)
+def _fields(name: str, schema: dict[str, Any], words: dict[str, dict[str, str]]) -> str:
+    own = words.get(name, {})
+    if left := sorted(set(own) - set(schema["properties"])):
+        raise MissingWords(f"{WORDS}: {name} has no field {left[0]!r}: remove it from 'json_fields'")
+    rows = [
+        (f"`{field}`", value_words(values), own.get(field) or words["any"].get(field, ""))
+        for field, values in schema["properties"].items()
+    ]
+    return table(("field", "value", "meaning"), rows)
 
 
 def states_page(words: dict[str, Any]) -> str:
