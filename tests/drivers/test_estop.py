@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from one_printer import Printer, settled
 
 from drivers import estop, watch
 from drivers import messages as m
@@ -23,7 +24,7 @@ from drivers.agent.journal import ESTOPPED, Journal
 from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
-from drivers.emulator.launch import control, read_status
+from drivers.emulator.launch import control, launch, read_status
 from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
 from drivers.start import Start
 
@@ -109,6 +110,58 @@ def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_
         process.wait(10.0)
         if emulator_alive(folder / "emulator"):
             control(folder / "emulator", "power_off")
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("dies", [False, True], ids=["estop", "its agent dies"])
+def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: Path, dies: bool):
+    """The planner holds half a minute of moves."""
+    emulator = tmp_path / "emulator"
+    one = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
+    slow = HEAD + "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
+
+    async def print_slowly() -> None:
+        await one.connect()
+        await one.until(lambda s: s.link is m.LinkState.FAULT)
+        assert (await one.client.request(m.BedCleared(id=0))).error is None
+        await one.ready()
+        assert (await one.start(slow)).error is None
+        await one.phase(m.PrintPhase.PRINTING)
+        assert await asyncio.to_thread(settled, emulator, lambda status: status.position_mm[2] < 1.0)
+        await one.client.close()
+
+    async def left() -> None:
+        one.spawn()
+        await one.connect()
+        assert (await one.phase(m.PrintPhase.FAILED)).fault == "agent_died"
+        await one.client.close()
+
+    try:
+        launch(f"sim://{MODEL}?no_reset=1", emulator, one.clock)
+        one.spawn()
+        asyncio.run(print_slowly())
+        assert one.process is not None
+        one.process.send_signal(signal.SIGKILL if dies else signal.SIGSTOP)
+        if dies:
+            one.process.wait(10.0)
+            asyncio.run(left())
+        else:
+            farm = [Path(sys.executable).with_name("farm"), "estop", "--json"]
+            farm += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
+            done = subprocess.run(farm, check=False, capture_output=True, timeout=100)
+            assert done.returncode == 0, done.stderr
+            [row] = json.loads(done.stdout)["printers"]
+            assert (row["seen_off"], row["still"]) == (True, True)
+            assert "not reset" in row["text"] and "stands still" in row["text"]
+        was = read_status(emulator)
+        assert (was.nozzle_target_c, was.bed_target_c, was.resets) == (0.0, 0.0, 0)
+        assert settled(emulator, lambda status: status.time_s > was.time_s + 500.0)  # two moves and a half
+        assert read_status(emulator).position_mm == was.position_mm
+    finally:
+        if one.process is not None:
+            one.process.kill()
+            one.process.wait(10.0)
+        control(emulator, "power_off")
 
 
 @pytest.mark.parametrize(("relay", "said"), [("exit 0", "mains away"), ("echo stuck >&2; exit 3", "stuck")])
