@@ -139,6 +139,11 @@ def test_settings_enter_by_physics(change: dict[str, float], term: str, times: f
     assert after[share] == pytest.approx(before[share] * times)
 
 
+def test_a_brim_takes_as_long_as_its_lines() -> None:
+    slow = Recipe(outer_line_width_mm=0.5, brim_mm_s=10.0)
+    assert CostModel.from_recipe(slow, dict.fromkeys(FACTORS, 1.0)).brim_s_mm2 == pytest.approx(0.2)
+
+
 def test_every_term_has_a_factor() -> None:
     assert set(time_terms(Recipe())) == set(FACTORS)
     assert all(len(vector) == len(FEATURES) for vector in time_terms(Recipe()).values())

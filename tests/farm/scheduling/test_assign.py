@@ -143,3 +143,10 @@ def test_gcode_for_another_kind_of_printer_waits():
     assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
     given_, _ = assign([sliced], [plain, plus])
     assert [a.printer for a in given_] == ["plus"]
+
+
+def test_a_plate_whose_printers_are_all_hindered_says_what_hinders_its_own():
+    fleet = [printer("a", look="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
+    for planned, code in (("a", HoldCode.NEEDS_A_LOOK), ("b", HoldCode.BED_NOT_CLEAR)):
+        _, holds = assign([plate("p", planned)], fleet)
+        assert holds["p"].code is code

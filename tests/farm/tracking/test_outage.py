@@ -85,3 +85,21 @@ def test_who_was_lost_together_is_the_same_for_each_of_them(times):
     gaps = sorted(times)
     wide = sum(after - before > WINDOW_S for before, after in itertools.pairwise(gaps))
     assert len(set(groups.values())) == wide + 1
+
+
+def test_an_earlier_failure_of_a_lost_printer_s_own_stays_charged():
+    """An outage takes back what it ended, and nothing else."""
+    own = (
+        *assigned(("1/01", "a")),
+        ended("a", PrintState.FAILED, 50.0, fault="maxtemp"),
+        ev.BedCleared(at_s=60.0, printer="a", by="ann"),
+        ev.PlateAssigned(at_s=61.0, plate="1/01", printer="a", print_id="again"),
+        *assigned(("1/02", "b")),
+    )
+    books, _ = run(printing(), *own, lost("again", 100.0), lost("b", 101.0))
+    assert books.outage.printers == ("a", "b")
+    assert {name: attempt.charged for name, attempt in books.prints.items()} == {
+        "a": True,
+        "again": False,
+        "b": False,
+    }

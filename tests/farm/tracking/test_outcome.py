@@ -153,3 +153,14 @@ def test_a_printer_is_in_maintenance_until_a_person_has_done_it():
     assert books.printers["a"].maintenance == "a new nozzle"
     books, _ = run(books, ev.MaintenanceDone(at_s=2.0, printer="a", by="ann"))
     assert books.printers["a"].maintenance is None
+
+
+def test_a_print_that_began_unheard_and_was_cancelled_by_nobody_here_has_failed():
+    """Its agent was told to end before it had said that it began: something may lie there, a person looks."""
+    assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    books, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, started_s=10.0))
+    assert books.prints["x"].state is PrintState.FAILED
+    assert (books.printer("a").look is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
+    never, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, False, started_s=None))
+    assert never.prints["x"].state is PrintState.CANCELLED
+    assert (never.printer("a").look, never.printer("a").bed) == (None, Bed.CLEAR)

@@ -1,0 +1,109 @@
+"""The link over a wire without faults, where it also asks for temperatures: nothing is sent twice."""
+
+import re
+
+import pytest
+
+from drivers.errors import Fault
+from drivers.marlin import Link, Phase, Report, Trouble
+
+BANNER = b"start\necho:Marlin 1.0.0\necho:   M301 P10 I1 D70\n"
+REPORT = b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
+
+
+class Board:
+    """Carries out numbered lines, which have to come in order, each once."""
+
+    def __init__(self, poll_every_s: float) -> None:
+        self.link, self.now_s = Link(), 0.0
+        self.link.poll_every_s = poll_every_s
+        self.done: list[bytes] = []
+        self.reports = 0
+        self.last = -1
+        self.link.opened(0.0)
+        self.hear(BANNER)
+
+    def hear(self, data: bytes) -> list[object]:
+        events = list(self.link.receive(data, self.now_s) or ())
+        self.reports += sum(isinstance(event, Report) for event in events)
+        return events
+
+    def step(self) -> bool:
+        """Answer what was sent; False where nothing was."""
+        line = self.link.take()
+        if not line:
+            return False
+        found = re.fullmatch(rb"N(\d+) (.*)\*\d+\n", line)
+        assert found is not None, line
+        self.last += 1
+        assert int(found[1]) == self.last
+        self.now_s += 0.25
+        if found[2] == b"M105":
+            self.hear(REPORT)
+        else:
+            self.done.append(found[2])
+            self.hear(b"ok\n")
+        return True
+
+
+PROGRAM = [b"G1 X%d E%d" % (i % 200, i) for i in range(900)]
+
+
+@pytest.mark.parametrize("start", [0, 7])
+@pytest.mark.parametrize("commands", [(), (b"G28", b"M104 S0", b"G92 E0")])
+@pytest.mark.parametrize("poll_every_s", [0.5, 1.0, 3.0, 100.0])
+def test_polls_put_no_line_out_of_its_turn_and_count_as_none(
+    start: int, commands: tuple[bytes, ...], poll_every_s: float
+):
+    """What the journal keeps as printed is what was acknowledged, at every moment."""
+    board = Board(poll_every_s)
+    if commands:
+        board.link.send(0.0, *commands)
+    board.link.stream(0.0, lambda a, b: PROGRAM[a:b], start, len(PROGRAM))
+    while board.step():
+        printed = sum(line.startswith(b"G1") for line in board.done)
+        assert board.link.streamed == start + printed
+        assert not board.link.drained or start + printed == len(PROGRAM)
+    assert board.link.drained
+    assert board.done == [b"M110", *commands, *PROGRAM[start:]]
+    assert board.link.repeated == 0
+    assert board.reports >= len(PROGRAM) * 0.2 / poll_every_s
+
+
+def test_a_report_that_was_refused_does_not_count_as_the_answer_to_the_poll():
+    """A Resend comes with an `ok` of its own; a report in between is of an earlier poll."""
+    board = Board(1e9)
+    while board.step():
+        pass
+    board.link.poll(board.now_s)
+    poll = board.link.take()
+    board.hear(b"Resend: %d\n" % (board.last + 1))
+    assert [type(event) for event in board.hear(REPORT)] == [Report]
+    assert board.link.take() == b"" and board.link.deadline_s < board.now_s + 10.0
+    board.hear(b"ok\n")
+    assert board.link.take() == poll
+
+
+def test_a_line_in_flight_is_no_line_that_was_printed():
+    board = Board(1e9)
+    board.link.stream(0.0, lambda a, b: PROGRAM[a:b], 0, 3)
+    while board.last < 2:
+        board.step()
+    assert board.link.take().startswith(b"N3 ")
+    assert (board.link.streamed, board.link.drained) == (2, False)
+
+
+@pytest.mark.parametrize("commands", [0, 5])
+def test_ten_repeats_in_two_hundred_lines_are_noise_and_nine_are_not(commands: int):
+    board = Board(1e9)
+    board.link.stream(0.0, lambda a, b: PROGRAM[a:b], 0, len(PROGRAM))
+    troubles: list[Fault] = []
+    for repeat in range(10):
+        for _ in range(commands):
+            board.step()
+        assert board.link.phase is Phase.LIVE
+        board.link.take()
+        board.hear(b"Resend: %d\n" % (board.last + 1))
+        troubles += [event.fault for event in board.hear(b"ok\n") if isinstance(event, Trouble)]
+        assert bool(troubles) == (repeat == 9)
+    assert troubles == [Fault.NOISY_LINE]
