@@ -111,3 +111,17 @@ def test_a_printer_that_is_away_is_not_counted_on():
     plates = [plate(f"1/{i}", "a", estimated_s=HOUR) for i in range(2)]
     seen = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
     assert {slot.printer for slot in seen.slots} == {"a"}
+
+
+def test_a_plate_takes_as_much_longer_as_the_printer_is_slower_than_the_one_it_was_planned_for():
+    view = plate("p", "a", estimated_s=1100.0, heating_s=100.0, time_factor=1.25)
+    assert seconds_on(view, printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
+    assert seconds_on(view, printer("b", time_factor=1.25)) == pytest.approx(1100.0)
+
+
+def test_the_bound_counts_what_only_some_of_the_printers_can_take():
+    low, tall = (Need(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0))
+    needs = enumerate((tall, low, low))
+    plates = [plate(f"1/{i}", "b", need=need, estimated_s=2 * HOUR) for i, need in needs]
+    seen = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
+    assert seen.lower_bound_s == pytest.approx(3 * HOUR)

@@ -51,3 +51,18 @@ def test_what_begins_at_night_is_planned_for_printers_that_may_print_then():
     held = begin(ANY, None, 0, [printer("a", booked=True), fleet[2]], frozenset(), True, asleep=asleep)
     assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
     assert begin(ANY, None, 0, fleet, frozenset(), True, later=True, asleep=asleep) == Begin(("a", "b", "c"))
+
+
+def test_what_ends_by_itself_is_waited_for_and_a_bed_that_may_be_clear_is_named():
+    busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
+    for fleet in ([full, busy], [printer("a", look="it smokes"), full, busy]):
+        held = begin(ANY, None, 0, fleet, frozenset(), True)
+        assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
+        assert held.text.startswith(busy.obstacle().text) and "`farm cleared b`" in held.text
+    alone = begin(ANY, None, 0, [printer("a", look="it smokes"), full], frozenset(), True)
+    assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_A_LOOK
+
+
+def test_a_need_says_the_room_that_it_asks():
+    asked = Need(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
+    assert asked.words() == "100 mm of width, 60 mm of depth and 30 mm of height"

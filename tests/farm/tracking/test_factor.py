@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, PrintState
 from farm.tracking import events as ev
-from farm.tracking.factor import LEAST, MOST, SHORTEST_S, learned
+from farm.tracking.factor import LEAST, MOST, MOST_STARVED, SHORTEST_S, learned
 from make_books import ended, printing, run
 
 HOUR_S = 3600.0
@@ -111,3 +111,12 @@ def test_a_printer_learns_nothing_from_a_print_that_was_paused():
         ended("x", at_s=1.1 * HOUR_S),
     )
     assert books.printers["a"].time_factor == 1.0
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.49, 2.01, 5.0])
+def test_a_print_that_took_twice_or_half_as_long_teaches_nothing(ratio):
+    assert learned(1.0, HOUR_S, ratio * HOUR_S) == 1.0
+
+
+def test_a_print_that_waited_for_its_host_for_a_moment_only_teaches():
+    assert learned(1.0, HOUR_S, 1.1 * HOUR_S, MOST_STARVED * HOUR_S) > 1.0

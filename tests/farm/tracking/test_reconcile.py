@@ -2,7 +2,7 @@
 
 import pytest
 
-from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, Link, PrintState
+from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, Link, Printer, PrintState
 from farm.tracking import events as ev
 from farm.tracking.books import Books
 from farm.tracking.faults import OwnFault
@@ -216,3 +216,17 @@ def test_what_is_cancelled_is_not_paused_any_more():
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
     books, sent = run(books, ev.PauseAsked(at_s=3.0, print_id="x", wanted=True))
     assert (sent, books.prints["x"].pause_asked) == ([], False)
+
+
+@pytest.mark.parametrize("known", ["bed", "filament"])
+def test_an_emulator_is_asked_for_the_one_of_bed_and_filament_that_is_not_known(known):
+    said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
+    unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE
+    printer = Printer(name="a", **unknown)
+    (seen,) = observe(printer, said, 5.0)
+    books, _ = run(Books.of([printer]), seen)
+    took = books.printers["a"]
+    bed = Bed.NOT_CLEAR if known == "bed" else Bed.CLEAR
+    filament = FilamentState.AT_NOZZLE if known == "filament" else FilamentState.PARKED
+    assert (took.bed, took.filament) == (bed, filament)
