@@ -1,17 +1,19 @@
 # Two commands do everything: `make demo` and `make test`. Both stand on `make install`.
 # A step that is done leaves a stamp in .venv, so that a second run is quick.
 SHELL := /bin/bash
-PYTHON ?= python3.11
+PYTHON ?= $(firstword $(wildcard /usr/bin/python3.11) python3.11)
 VENV := .venv
 BIN := $(VENV)/bin
 INTEROP := $(CURDIR)/$(VENV)/interop
+WITH_PEERS := FARM_INTEROP=$(INTEROP)/bin/python PATH="$$PATH:$(INTEROP)/bin"
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 SITE := $(BIN)/sphinx-build -E -a -W --keep-going -q -b html docs build/docs
 SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
 
-.PHONY: install demo test test-system test-waiting test-rest interop peers check docs mutants lock clean engine
+.PHONY: install demo test test-system test-waiting test-rest test-newest fresh interop peers check docs mutants lock \
+	clean engine
 .DELETE_ON_ERROR:
 
 install: engine $(VENV)/.installed
@@ -45,16 +47,25 @@ test-system:
 	$(BIN)/python -m pytest tests/system
 
 test-waiting:
-	FARM_INTEROP=$(INTEROP)/bin/python $(BIN)/python -m pytest $(WAITING)
+	$(WITH_PEERS) $(BIN)/python -m pytest $(WAITING)
 
 test-rest:
 	$(BIN)/python -m pytest tests $(addprefix --ignore=,tests/system $(WAITING))
 
+# What starts no processes, with the newest Python here.
+test-newest: install
+	@deploy/test-newest.sh
+
+# Both commands in a new Debian 12, as root: before each release. `make fresh COMMANDS=test`, `make fresh SHM=no`.
+COMMANDS := demo test
+fresh:
+	@deploy/fresh.sh $(if $(filter no,$(SHM)),--no-shm) $(COMMANDS)
+
 # Only against software that we did not write.
 interop: $(VENV)/.installed-dev peers
-	FARM_INTEROP=$(INTEROP)/bin/python $(BIN)/python -m pytest tests/interop
+	$(WITH_PEERS) $(BIN)/python -m pytest tests/interop
 
-# That software: quick where it is there, and skipped where it cannot be had.
+# That software: quick where it is there; the tests are skipped where it cannot be had.
 peers: $(VENV)/.installed-dev
 	@PYTHON=$(PYTHON) deploy/install-peers.sh $(INTEROP)
 

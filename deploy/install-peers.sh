@@ -1,46 +1,77 @@
 #!/usr/bin/env bash
-# What some tests talk to: OctoPrint's virtual printer and Printrun in a virtual environment of their own, and, where
-# this is root in a container, Debian's openssh-server, ser2net and a C compiler. Nobody's own computer is made to run a
-# server for a test. What cannot be had is said, and the tests that need it are skipped.
+# What some tests talk to, without root, a compiler or a server on anybody's computer: OctoPrint's virtual printer and
+# Printrun in a virtual environment of their own, and in its folders Debian's ssh, ser2net and tcc, unpacked and not
+# installed. What cannot be had is said, and the tests that need it are skipped.
 # usage: install-peers.sh ENVIRONMENT
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 ENVIRONMENT=$1
 REQUIREMENTS=tests/interop/requirements.txt
-PACKAGES=(openssh-server ser2net gcc libc6-dev)
+declare -A PACKAGES=([ssh]=openssh-client [ssh-keygen]=openssh-client [sshd]=openssh-server [ser2net]=ser2net [tcc]=tcc)
 
 say() { echo "install: $*" >&2; }
 
-present() { dpkg-query -W -f '${db:Status-Status}\n' "$1" 2>/dev/null | grep -qx installed; }
-
-install_packages() {
-    # runlevel 1: no server is started
-    env RUNLEVEL=1 DEBIAN_FRONTEND=noninteractive \
-        apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null 2>&1
+install_environment() {
+    local pip=("$ENVIRONMENT/bin/python" -m pip --disable-pip-version-check install --quiet --no-warn-conflicts)
+    "${PYTHON:-python3.11}" -m venv "$ENVIRONMENT" && "${pip[@]}" --no-deps -r "$REQUIREMENTS" || return 1
+    # netifaces, which only a C compiler can install, is there as a wheel of another project.
+    "$ENVIRONMENT/bin/python" > "$ENVIRONMENT/required" <<'END' || return 1
+from importlib.metadata import requires
+for line in requires("OctoPrint") or ():
+    if "extra ==" not in line and not line.startswith("netifaces"):
+        print(line)
+END
+    "${pip[@]}" -r "$ENVIRONMENT/required"
 }
 
-missing=()
-if command -v apt-get >/dev/null; then
-    for package in "${PACKAGES[@]}"; do present "$package" || missing+=("$package"); done
-fi
-if ((${#missing[@]})); then
-    if [[ $(id -u) == 0 && ! -d ${SYSTEMD_RUNS:-/run/systemd/system} ]]; then
-        say "Installing ${missing[*]} for the tests ..."
-        install_packages || { apt-get update -qq >/dev/null 2>&1 && install_packages; } ||
-            say "apt has not installed ${missing[*]}: the tests that need them are skipped."
+# Packages that this host lacks for the programs named, with all that they depend on.
+needed() { apt-get -s install --no-install-recommends "$@" 2>/dev/null | awk '/^Inst / { print $2 }'; }
+
+# Debian's programs find their libraries and files beside them.
+write_starter() {
+    local name=$1 program option='' plugins='' here=$2
+    program=$(find "$here/usr" -path "*bin/$name")
+    [[ -n $program ]] || return 1
+    # From OpenSSH 9.8 on sshd calls a program by the path where it would be installed.
+    [[ $name != sshd || ! -e $here/usr/lib/openssh/sshd-session ]] || return 1
+    [[ $name != tcc ]] || option="-B$(dirname "$(find "$here/usr/lib" -name libtcc1.a)")"
+    [[ $name != ser2net ]] || plugins=$(find "$here/usr" -name libgensio_net.so -printf '%h')
+    printf '#!/bin/sh\nexport LD_LIBRARY_PATH="%s"\nexport GENSIO_LIBRARY_PATH="%s"\nexec "%s" %s "$@"\n' \
+        "$(find "$here" -name '*.so.*' -printf '%h\n' | sort -u | paste -sd :)" "$plugins" "$program" "$option" \
+        > "$ENVIRONMENT/bin/$name"
+    chmod +x "$ENVIRONMENT/bin/$name"
+}
+
+unpack_programs() {
+    local name package closure here=$ENVIRONMENT/debian
+    closure=$(needed "$@") && [[ -n $closure ]] || return 1
+    rm -rf "$here" && mkdir -p "$here" "$ENVIRONMENT/bin"
+    (cd "$here" && xargs apt-get -o APT::Sandbox::User="$(id -un)" download -qq) <<< "$closure" >/dev/null 2>&1 ||
+        return 1
+    for package in "$here"/*.deb; do dpkg-deb -x "$package" "$here" && rm "$package"; done
+    for name in "${missing[@]}"; do write_starter "$name" "$here" || true; done
+}
+
+if [[ ! -f $ENVIRONMENT/.installed || $REQUIREMENTS -nt $ENVIRONMENT/.installed ]]; then
+    say "Installing OctoPrint and Printrun into $ENVIRONMENT, for the tests ..."
+    if install_environment; then
+        touch "$ENVIRONMENT/.installed"
     else
-        say "Not there: ${missing[*]}. The tests that need them are skipped; apt-get install gets them."
+        rm -rf "$ENVIRONMENT"
+        say "They are not to be had here: the tests that need them are skipped."
     fi
 fi
 
-[[ -f $ENVIRONMENT/.installed && ! $REQUIREMENTS -nt $ENVIRONMENT/.installed ]] && exit 0
-say "Installing OctoPrint and Printrun into $ENVIRONMENT, for the tests ..."
-pip=("$ENVIRONMENT/bin/python" -m pip --disable-pip-version-check install --quiet)
-if "${PYTHON:-python3.11}" -m venv "$ENVIRONMENT" && "${pip[@]}" -r "$REQUIREMENTS" &&
-    "${pip[@]}" --no-deps Printrun==2.2.0; then  # its windows are not needed
-    touch "$ENVIRONMENT/.installed"
-else
-    rm -rf "$ENVIRONMENT"
-    say "They are not to be had here: the tests that need them are skipped."
-fi
+missing=() packages=()
+for name in ssh ssh-keygen sshd ser2net tcc; do
+    PATH=$ENVIRONMENT/bin:$PATH:${SBIN:-/usr/local/sbin:/usr/sbin} command -v "$name" >/dev/null && continue
+    missing+=("$name")
+    packages+=("${PACKAGES[$name]}")
+done
+((${#missing[@]})) || exit 0
+say "Unpacking Debian's ${missing[*]} into $ENVIRONMENT, for the tests ..."
+{ command -v apt-get >/dev/null && unpack_programs "${packages[@]}"; } || true
+lacking=()
+for name in "${missing[@]}"; do [[ -x $ENVIRONMENT/bin/$name ]] || lacking+=("$name"); done
+((${#lacking[@]} == 0)) || say "Not to be had from apt: ${lacking[*]}. The tests that need them are skipped."

@@ -26,11 +26,12 @@ if ! "$python" -c 'import ensurepip, venv' 2>/dev/null; then
     fi
     say "Installing python3-venv ..."
     install=("${sudo[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv)
-    "${install[@]}" >/dev/null || { "${sudo[@]}" apt-get update -qq && "${install[@]}" >/dev/null; }
+    "${install[@]}" >/dev/null 2>&1 || { "${sudo[@]}" apt-get update -qq && "${install[@]}" >/dev/null; }
 fi
 
 # One that another Python made, or that was moved here, is made anew.
-if ! "$venv/bin/python" -c 'import pip' 2>/dev/null; then
+if [[ $("$venv/bin/python" -c 'import pip, sys; print(sys.version)' 2>/dev/null) != \
+    "$("$python" -c 'import sys; print(sys.version)')" ]]; then
     rm -rf "$venv"
     "$python" -m venv "$venv"
 fi

@@ -1,31 +1,28 @@
-/* Gives the pseudo-terminal behind a ser2net the DTR that it lacks: LD_PRELOAD. A rising edge runs $RESET. */
-#define _GNU_SOURCE
-#include <dlfcn.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <sys/ioctl.h>
+/* Gives the pseudo-terminal behind a ser2net the DTR that it lacks: LD_PRELOAD. A rising edge runs $RESET.
+   Without headers, so that a compiler alone is enough (tcc); the numbers are Linux's. */
+enum { MODEM_GET = 0x5415, MODEM_SET_BITS, MODEM_CLEAR_BITS, MODEM_SET, DTR = 2, RTS = 4 };
 
-static int lines = TIOCM_DTR | TIOCM_RTS;
+void *dlsym(void *library, const char *name);
+char *getenv(const char *name);
+int system(const char *command);
+
+static int lines = DTR | RTS;
 
 static int set(int now)
 {
-    int rose = (now & TIOCM_DTR) && !(lines & TIOCM_DTR);
+    int rose = (now & DTR) && !(lines & DTR);
     lines = now;
     return rose ? system(getenv("RESET")) : 0;
 }
 
-int ioctl(int fd, unsigned long request, ...)
+int ioctl(int fd, unsigned long request, void *argument)
 {
-    int (*real)(int, unsigned long, ...) = dlsym(RTLD_NEXT, "ioctl");
-    va_list rest;
-    va_start(rest, request);
-    void *argument = va_arg(rest, void *);
-    va_end(rest);
+    int (*next)(int, unsigned long, ...) = dlsym((void *)-1L, "ioctl");
     switch (request) {
-    case TIOCMGET: *(int *)argument = lines; return 0;
-    case TIOCMSET: return set(*(int *)argument);
-    case TIOCMBIS: return set(lines | *(int *)argument);
-    case TIOCMBIC: return set(lines & ~*(int *)argument);
+    case MODEM_GET: *(int *)argument = lines; return 0;
+    case MODEM_SET: return set(*(int *)argument);
+    case MODEM_SET_BITS: return set(lines | *(int *)argument);
+    case MODEM_CLEAR_BITS: return set(lines & ~*(int *)argument);
     }
-    return real(fd, request, argument);
+    return next(fd, request, argument);
 }

@@ -5,12 +5,12 @@ Fewer seeds leave more printers to the void fill, so that it more often finds en
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 import numpy as np
-from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
 from decompose.arrays import Bools, Floats, Ints
@@ -18,6 +18,11 @@ from decompose.engines.parallelobox.growth import fill_voids, grow_blocks
 from decompose.engines.parallelobox.terrain import Terrain
 from decompose.grid import Box, Cell, Grid, box_index
 from decompose.options import Score
+
+with warnings.catch_warnings():
+    # Where there is no /dev/shm, joblib has no semaphores, and warns of it; k-means takes none.
+    warnings.filterwarnings("ignore", message=".*joblib will operate in serial mode")
+    from sklearn.cluster import KMeans
 
 Seeds = list[Box]
 T = TypeVar("T")

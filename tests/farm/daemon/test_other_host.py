@@ -116,7 +116,8 @@ class Sshd:
         return self._port
 
     def mend(self) -> None:
-        Path("/run/sshd").mkdir(exist_ok=True)
+        if os.getuid() == 0:
+            Path("/run/sshd").mkdir(exist_ok=True)  # what openssh-server's own unit would make
         words = [str(SSHD), "-D", "-e", "-f", str(self._folder / "sshd")]
         self._server = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
 
@@ -160,8 +161,8 @@ class Silence(SilentWay):
 
 @pytest.fixture(params=[Pipe, Sshd])
 def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    if request.param is Sshd and (SSHD is None or os.getuid() != 0):
-        pytest.skip("needs openssh-server, and to be root")
+    if request.param is Sshd and SSHD is None:
+        pytest.skip("needs openssh-server")
     folder = tmp_path / "way"
     folder.mkdir()
     made = request.param(folder)

@@ -1,0 +1,42 @@
+#!/usr/bin/env bash
+# The tests that start no farm of real processes, with the newest Python here that every locked dependency has a wheel
+# for. One line, and no error, where there is none newer than 3.11.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+say() { echo "newest: $*" >&2; }
+
+# A program that is there may be a shim that runs nothing.
+find_python() {
+    local path version=$1
+    local pyenv=${PYENV_ROOT:-$HOME/.pyenv}/versions
+    for path in "$(command -v "python$version" || true)" "$pyenv/$version".*/bin/python; do
+        [[ -x $path && $("$path" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null) == "$version" ]] &&
+            echo "$path" && return 0
+    done
+    return 1
+}
+
+install() {
+    local pip=("$2/bin/python" -m pip --disable-pip-version-check install --quiet)
+    [[ ! -f $2/.installed || requirements-dev.lock -nt $2/.installed ]] || return 0
+    rm -rf "$2"
+    "$1" -m venv "$2" &&
+        "${pip[@]}" --require-hashes --only-binary :all: -r requirements-dev.lock &&
+        "${pip[@]}" --no-deps --no-build-isolation -e . && touch "$2/.installed"
+}
+
+for version in 3.13 3.12; do
+    python=$(find_python "$version") || continue
+    venv=.venv/python$version
+    install "$python" "$venv" || { say "Python $version: not every dependency can be installed."; continue; }
+    say "$("$venv/bin/python" -VV)"
+    test() { "$venv/bin/python" -m pytest -m "not system" -p no:cacheprovider "$@"; }
+    test tests/decompose > "$venv/decompose.log" 2>&1 & decompose=$!
+    failed=0
+    test tests --ignore=tests/decompose || failed=1
+    wait "$decompose" || failed=1
+    cat "$venv/decompose.log"
+    exit "$failed"
+done
+say "There is no Python newer than 3.11 that has all dependencies: nothing is run with one."
