@@ -16,9 +16,9 @@ from pydantic import ValidationError
 
 import drivers
 from drivers.clock import Clock
-from drivers.errors import AgentError, MessageError
+from drivers.errors import AgentError, AgentTooOld, MessageError
 from drivers.locks import AGENT_LOCK, held, holder, kill_holder
-from drivers.messages import Reply, Request, Snapshot, from_agent_adapter
+from drivers.messages import PROTOCOL, Reply, Request, Snapshot, for_protocol, from_agent_adapter
 from drivers.start import Start
 
 SOCKET = "agent.sock"
@@ -60,6 +60,7 @@ class AgentClient:
         self._waiting: dict[int, asyncio.Future[Reply]] = {}
         self._snapshots: asyncio.Queue[Snapshot | None] = asyncio.Queue()
         self._ids = count(1)
+        self._protocol = PROTOCOL  # until the agent has said its own, first of all
 
     @property
     def connected(self) -> bool:
@@ -115,6 +116,7 @@ class AgentClient:
         with suppress(MessageError):
             said = read_line(first)
             if isinstance(said, Snapshot):
+                self._protocol = said.protocol
                 self._snapshots.put_nowait(said)
 
     def _listen(self, reader: asyncio.StreamReader) -> None:
@@ -135,13 +137,17 @@ class AgentClient:
         AgentError
             There is no connection, it broke, or no reply came in time. The agent may have obeyed: requests
             are idempotent, send it again. A refusal is no error: see `Reply.error`.
+        AgentTooOld
+            The agent is of an older version that does not know this request; nothing was sent.
         """
         if self._writer is None or not self.connected:
             raise AgentError(f"{self._folder}: no agent is connected")
         number = next(self._ids)
+        line = for_protocol(request.model_copy(update={"id": number}), self._protocol)
+        if line is None:
+            raise AgentTooOld(f"{self._folder}: an agent of an older version does not know {request.do}")
         reply: asyncio.Future[Reply] = asyncio.get_running_loop().create_future()
         self._waiting[number] = reply
-        line = request.model_copy(update={"id": number}).model_dump_json()
         try:
             async with asyncio.timeout(timeout_s):
                 self._writer.write(line.encode() + b"\n")
@@ -184,6 +190,7 @@ class AgentClient:
                 self._heard()
                 said = read_line(line)
                 if isinstance(said, Snapshot):
+                    self._protocol = said.protocol
                     queue.put_nowait(said)
                     continue
                 waiting = self._waiting.get(said.id)

@@ -21,6 +21,10 @@ class AgentError(DriverError):
     """An agent refused a request or cannot be reached."""
 
 
+class AgentTooOld(AgentError):
+    """An agent of an older version does not know this request, and was not asked."""
+
+
 class TooLate(AgentError):
     """A print was told to begin after the moment until which it might."""
 

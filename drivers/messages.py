@@ -7,14 +7,32 @@ prints. Requests are idempotent by `print_id`: sent again, they change nothing a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
+
+PROTOCOL = 2
+"""What this version speaks: one more where requests get a field, or there is a new one. An agent says its own
+with each snapshot; the first that did say none are 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Since:
+    """The protocol in which a field of a request appeared."""
+
+    protocol: int
 
 
 class _Message(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _Request(_Message):
+    """What an agent is asked. It refuses what it does not know, so an older one is not asked it."""
+
+    since: ClassVar[int] = 1  # the protocol in which the request appeared
 
 
 class _Said(_Message):
@@ -94,6 +112,7 @@ class Snapshot(_Said):
     """Everything the daemon may know of an agent. Times on the farm's clock."""
 
     kind: Literal["snapshot"] = "snapshot"
+    protocol: int = 1  # what the agent understands
     printer: str
     agent_pid: int
     now_s: float = 0.0  # the agent's clock: its host's may have been set since it began
@@ -114,16 +133,17 @@ class Snapshot(_Said):
     print: PrintSnapshot | None = None
 
 
-class Hello(_Message):
+class Hello(_Request):
     """Ask for a snapshot."""
 
     do: Literal["hello"] = "hello"
     id: int
 
 
-class StartPrint(_Message):
+class StartPrint(_Request):
     """Print a G-code file. The agent copies it into its spool and checks the hash before anything heats."""
 
+    needed: ClassVar[int] = 2  # what an agent has to understand to get a print: no start is ever late
     do: Literal["start"] = "start"
     id: int
     print_id: str
@@ -131,20 +151,23 @@ class StartPrint(_Message):
     sha256: str
     print_time_s: float
     filament: Filament  # what the daemon's books say; UNKNOWN is refused
-    not_after_s: float | None = None  # the agent's clock; delivered later it is refused (`Reply.late`)
-    ends_by_s: float | None = None  # see `EndPrintBy`
+    not_after_s: Annotated[float | None, Since(2)] = (
+        None  # the agent's clock; delivered later it is refused (`Reply.late`)
+    )
+    ends_by_s: Annotated[float | None, Since(2)] = None  # see `EndPrintBy`
 
 
-class EndPrintBy(_Message):
+class EndPrintBy(_Request):
     """When a print is to be ended safely where it has not ended by itself, daemon or no daemon."""
 
+    since: ClassVar[int] = 2
     do: Literal["end_by"] = "end_by"
     id: int
     print_id: str
     ends_by_s: float | None  # the agent's clock; None: it takes what it takes
 
 
-class Upload(_Message):
+class Upload(_Request):
     """A piece of a G-code file, for an agent that shares no disk with the daemon."""
 
     do: Literal["upload"] = "upload"
@@ -154,7 +177,7 @@ class Upload(_Message):
     data: Base64Bytes
 
 
-class CancelPrint(_Message):
+class CancelPrint(_Request):
     """End a print safely: head away, heaters off, filament parked. No such print open: nothing happens."""
 
     do: Literal["cancel"] = "cancel"
@@ -163,7 +186,7 @@ class CancelPrint(_Message):
     reason: str = "cancelled"
 
 
-class PausePrint(_Message):
+class PausePrint(_Request):
     """Stop where it can be gone on from; nothing happens where it does not print."""
 
     do: Literal["pause"] = "pause"
@@ -171,7 +194,7 @@ class PausePrint(_Message):
     print_id: str
 
 
-class ResumePrint(_Message):
+class ResumePrint(_Request):
     """Go on where `PausePrint` stopped."""
 
     do: Literal["resume"] = "resume"
@@ -179,7 +202,7 @@ class ResumePrint(_Message):
     print_id: str
 
 
-class ForgetPrint(_Message):
+class ForgetPrint(_Request):
     """The daemon has the end of this print in its books; the agent may drop it and its spool file."""
 
     do: Literal["forget"] = "forget"
@@ -187,15 +210,16 @@ class ForgetPrint(_Message):
     print_id: str
 
 
-class ListPrints(_Message):
+class ListPrints(_Request):
     """Say what became of all prints that had not ended then: a daemon's books are a copy of that moment."""
 
+    since: ClassVar[int] = 2
     do: Literal["list"] = "list"
     id: int
     since_s: float  # the agent's clock
 
 
-class BedCleared(_Message):
+class BedCleared(_Request):
     """A person cleared the bed (an emulator is told so; a fault that waited for a person is lifted)."""
 
     do: Literal["cleared"] = "cleared"
@@ -203,14 +227,14 @@ class BedCleared(_Message):
     filament: Filament | None = None  # what the person says of it, if anything
 
 
-class Commission(_Message):
+class Commission(_Request):
     """Pulse DTR, and see whether the board starts again; a person has seen that the printer is idle."""
 
     do: Literal["commission"] = "commission"
     id: int
 
 
-class Shutdown(_Message):
+class Shutdown(_Request):
     """End the agent: with `now` an open print is ended safely first; without, refused while printing."""
 
     do: Literal["shutdown"] = "shutdown"
@@ -243,6 +267,20 @@ class Reply(_Said):
     late: bool = False  # what was refused came after its moment: nothing of it was begun
     snapshot: Snapshot | None = None
     prints: tuple[PrintSnapshot, ...] = ()  # of `ListPrints`, in order
+
+
+def for_protocol(request: Request, protocol: int) -> str | None:
+    """The line of a request for an agent of this protocol.
+
+    Fields that it does not know are left out where they have their defaults. None: it cannot be asked this.
+    """
+    unknown = set()
+    for name, field in type(request).model_fields.items():
+        if any(isinstance(mark, Since) and mark.protocol > protocol for mark in field.metadata):
+            unknown.add(name)
+            if getattr(request, name) != field.default:
+                return None
+    return None if request.since > protocol else request.model_dump_json(exclude=unknown)
 
 
 FromAgent = Snapshot | Reply

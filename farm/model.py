@@ -374,6 +374,7 @@ class AgentSnapshot(Entity):
     bed_clear: bool | None = None  # an emulator's own word
     alarm: str | None = None  # a heater that cannot be switched off: a person has to go there now
     doubt: str | None = None  # why bed and filament are not known, until a person has cleared the bed
+    outdated: bool = False  # its agent is of an older version, and gets no more prints
     reset_verified: bool = True  # its board can be stopped by a reset; else it prints only while attended
     heard_cancel: str | None = None  # a print that it had been told to end when it said this
     print: AgentPrint | None = None

@@ -20,6 +20,7 @@ from drivers.clock import Clock, wall_s
 from drivers.errors import AgentError, BadGcode, DriverError, Fault, TooLate
 from drivers.marlin import Phase
 from drivers.messages import (
+    PROTOCOL,
     BedCleared,
     CancelPrint,
     Commission,
@@ -182,6 +183,7 @@ class Agent:
             told = self._record.shot(told, session)
         off = report is not None and report.nozzle_target_c == 0 and report.bed_target_c == 0
         return Snapshot(
+            protocol=PROTOCOL,
             printer=self._printer,
             agent_pid=os.getpid(),
             now_s=self._clock.now(),

@@ -56,7 +56,13 @@ def _fleet(places: Places) -> Fleet:
 
 @app.command()
 @placed
-def up(places: Places) -> None:
+def up(
+    places: Places,
+    replace: Annotated[
+        list[str] | None,
+        typer.Option(help="Replace the agent of this idle printer.", autocompletion=complete.printers),
+    ] = None,
+) -> None:
     """Start the daemon, which starts an agent for each printer, or adopts those that are alive."""
     checked = _fleet(places)
     for printer in checked.printers:
@@ -75,6 +81,9 @@ def up(places: Places) -> None:
         print(f"farm {running.daemon.version} is up: {printers}, pid {running.daemon.pid}")
     else:
         print(f"farm {running.daemon.version} is up already: pid {running.daemon.pid}")
+    for name in replace or ():
+        client.tell(f"/printers/{name}/replace")
+        print(f"{name}: its agent ends, and a new one starts")
 
 
 def _start_daemon(places: Places, client: Client) -> None:

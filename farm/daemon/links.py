@@ -19,12 +19,12 @@ from drivers.client import AgentClient, alive, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from drivers.emulator.launch import alive as emulator_alive
-from drivers.errors import AgentError, DriverError
+from drivers.errors import AgentError, AgentTooOld, DriverError
 from drivers.heartbeat import Heartbeat, look_at
 from farm.config import Fleet, PrinterSection
 from farm.daemon.translate import on_its_clock, shift_s, translate, translate_print
 from farm.daemon.ways import Way, forget, kept_way, reaching
-from farm.errors import FarmError
+from farm.errors import FarmError, NoSuchThing, Refused
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
 from farm.services.outlook import Span
@@ -36,7 +36,9 @@ log = logging.getLogger(__name__)
 _RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
 _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
-_LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach another host
+_LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach an agent
+_STEADY_S = 30.0  # wall seconds after which a connection that ends was a good one
+_OLD = "its agent is of an older version: replace it by `farm up --replace {}`"
 _PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 64 KiB
 _START_S = 120.0  # wall seconds; a start that takes longer on its way is decided anew
 _CLEARED = ("cleared", "")  # how a `BedCleared` on its way is known
@@ -147,6 +149,16 @@ class Links:
         if link is not None:
             link.tell(request)
 
+    async def replace(self, name: str) -> None:
+        """Replace the agent of an idle printer. Raises NoSuchThing or Refused."""
+        link = self._links.get(name)
+        if link is None:
+            raise NoSuchThing(f"no printer {name} is in use; see `farm status`")
+        try:
+            await link.replace()
+        except DriverError as error:
+            raise Refused(str(error)) from error
+
     async def shut_down_agents(self) -> None:
         """End every agent, and switch the simulated printers off."""
         await asyncio.gather(*(link.shut_down() for link in self._links.values()))
@@ -183,6 +195,7 @@ class AgentLink:
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._asked: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
+        self._unknown: set[tuple[str, str]] = set()  # requests that its agent is too old for
         self._cancelled: set[str] = set()  # prints that must not be begun any more
         self._tasks: set[asyncio.Task[Any]] = set()
         self._apart_s = 0.0  # what our clock was ahead of the agent's before anybody set it
@@ -247,9 +260,9 @@ class AgentLink:
         while not self._stopping:
             try:
                 await asyncio.sleep(wait_s)
-                wait_s = min(2 * wait_s + 1.0, _LONGEST_WAIT_S) if self._remote else agents.RETRY_S
+                wait_s = min(2 * wait_s + (1.0 if self._remote else agents.RETRY_S), _LONGEST_WAIT_S)
                 await self._client.connect()
-                wait_s = 1.0 if self._remote else agents.RETRY_S
+                connected_s = time.monotonic()
                 words = self._client.snapshots()
                 while True:
                     async with asyncio.timeout(_SILENCE_S):
@@ -260,6 +273,8 @@ class AgentLink:
                     if self._is_ours(said):
                         said = await self._recount(said)
                         self._hear(self._believed(said))
+                if time.monotonic() - connected_s > _STEADY_S:
+                    wait_s = 0.0
                 log.info("%s: the connection to its agent is gone", self._name)
             except TimeoutError:
                 log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
@@ -275,7 +290,10 @@ class AgentLink:
         if since_s is None:
             return said
         request = on_its_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
-        reply = await self._client.request(request)
+        try:
+            reply = await self._client.request(request)
+        except AgentTooOld:
+            return said
         latest = reply.snapshot or said
         prints = [translate_print(one, self._ahead_s) for one in reply.prints]
         self._ears.recounted(self._believed(latest), prints)
@@ -301,6 +319,8 @@ class AgentLink:
             changes["doubt"] = changes["alarm"] = (
                 None  # a person has just dispelled it: this was on its way meanwhile
             )
+        if said.protocol < m.StartPrint.needed and said.print is None:
+            changes |= {"link": Link.FAULT, "reason": _OLD.format(self._name), "outdated": True}
         return translate(said, self._clock).model_copy(update=changes)
 
     def _is_ours(self, said: m.Snapshot) -> bool:
@@ -339,6 +359,12 @@ class AgentLink:
             elif isinstance(request, m.CancelPrint) and reply.snapshot is not None:
                 said = self._believed(reply.snapshot)
                 self._hear(said.model_copy(update={"heard_cancel": request.print_id}))
+        except AgentTooOld as error:
+            if key not in self._unknown:
+                log.warning("%s: %s", self._name, error)
+            self._unknown.add(key)
+            if isinstance(request, m.StartPrint):
+                self._ears.refused(request.print_id, str(error), True)
         except (DriverError, FarmError) as error:
             log.warning("%s: %s", self._name, error)
         finally:
@@ -358,6 +384,18 @@ class AgentLink:
                     at, more = at + len(piece), bool(piece)
         except OSError as error:
             raise AgentError(f"{gcode}: cannot be read ({error})") from error
+
+    async def replace(self) -> None:
+        """End an agent that prints nothing; one of this version starts in its place.
+
+        Raises
+        ------
+        AgentError
+            It prints, or cannot be reached.
+        """
+        reply = await self._client.request(m.Shutdown(id=0))
+        if reply.error:
+            raise AgentError(f"{self._name}: {reply.error}")
 
     async def shut_down(self) -> None:
         """End the agent for good; a simulated printer is switched off."""

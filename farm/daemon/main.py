@@ -124,7 +124,13 @@ class Daemon:
         """Serve until told to stop."""
         listening = listen(self._places.socket, self._fleet.fleet.group)
         app = make_app(
-            self._core, self._state, self._places.fleet, self._clock.now(), self._workers, self._down
+            self._core,
+            self._state,
+            self._places.fleet,
+            self._clock.now(),
+            self._workers,
+            self._down,
+            self._links.replace,
         )
         config = uvicorn.Config(
             app,

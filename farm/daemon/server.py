@@ -49,12 +49,24 @@ def display_name(name: str) -> str:
 
 
 Down = Callable[[bool], Awaitable[None]]
+Replace = Callable[[str], Awaitable[None]]
+
+
+async def no_agents(name: str) -> None:
+    """Where there are none to replace."""
+    raise Refused(f"{name} has no agent")
 
 
 def make_app(
-    core: Core, state: StateFolder, fleet_file: Path, since_s: float, workers: Workers, down: Down
+    core: Core,
+    state: StateFolder,
+    fleet_file: Path,
+    since_s: float,
+    workers: Workers,
+    down: Down,
+    replace: Replace = no_agents,
 ) -> FastAPI:
-    """The application; `down(now)` ends the farm."""
+    """The application; `down(now)` ends the farm, `replace(printer)` the agent of an idle printer."""
     app = FastAPI(title="farm", version=farm.__version__)
     app.state.core = core
     app.state.dry_runs = DryRuns(core)
@@ -164,6 +176,12 @@ def make_app(
     async def cancel(number: int, by: By) -> api.JobStatus:
         desk.cancel_job(number, by)
         return await job(number)
+
+    @app.post("/printers/{name}/replace")
+    async def replace_agent(name: str, by: ByOperator) -> None:
+        if core.books.open_print_on(name) is not None:
+            raise Refused(f"{name} prints: its agent can be replaced when that has ended")
+        await replace(name)
 
     add_desk(app, desk)
     add_ahead(app, Ahead(core, state))

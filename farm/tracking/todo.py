@@ -44,6 +44,9 @@ def todo(scene: Scene) -> list[api.Todo]:
             what = f"{section.name}: {snapshot.reason or 'no answer from it'}"
             text = f"connect {what}{also}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
+        elif snapshot.outdated and entry.look is None:
+            what = f"{section.name} {snapshot.reason}"
+            looks.append(api.Todo(code="replace", printers=[section.name], text=what, brief=what))
         elif why:
             ask = _ask_whole(scene, section.name)
             what = f"{section.name} {why}{_when(scene, entry)}{ask}"

@@ -101,7 +101,9 @@ def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: 
     clock = Clock()
     began_s = clock.now() + apart_s
     shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
-    said = m.Snapshot(printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot)
+    said = m.Snapshot(
+        protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
+    )
     heard = translate(said, clock).print
     assert heard is not None
     assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
@@ -115,7 +117,9 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
     daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if later else 0.0)
     began_s = agent.now()
     shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
-    said = m.Snapshot(printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot)
+    said = m.Snapshot(
+        protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
+    )
     heard = translate(said, daemon).print
     assert heard is not None and heard.started_s is not None
     off_s = 30.0 if later and abs(step_s) < 60.0 else 5.0  # less than a minute may be a word's way alone
@@ -219,7 +223,7 @@ class FakeClient:
     def __init__(self) -> None:
         self.sent: list[m.Request] = []
         self.let = asyncio.Event()
-        self.says = m.Snapshot(printer="a", agent_pid=7, link=m.LinkState.ABSENT)
+        self.says = m.Snapshot(protocol=m.PROTOCOL, printer="a", agent_pid=7, link=m.LinkState.ABSENT)
 
     async def request(self, request: m.Request) -> m.Reply:
         self.sent.append(request)
@@ -298,7 +302,7 @@ def test_a_fault_of_the_farms_own_makes_no_link_deaf(tmp_path: Path, monkeypatch
 def test_no_agent_speaks_for_another_printer_and_only_an_emulator_knows_its_bed(
     tmp_path: Path, port: str, bed_clear: bool | None
 ):
-    lie = m.Snapshot(printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)
+    lie = m.Snapshot(protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)
 
     async def story(link, client):  # type: ignore[no-untyped-def]
         client.says = lie

@@ -1,0 +1,209 @@
+"""An agent of an earlier protocol: what it does not know is not asked, and somebody is told to replace it."""
+
+import asyncio
+import json
+import os
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from drivers import messages as m
+from drivers.client import AgentClient
+from drivers.clock import Clock
+from drivers.errors import AgentTooOld
+from drivers.locks import AGENT_LOCK, hold
+from farm.config import Fleet
+from farm.daemon.links import Links
+from farm.errors import NoSuchThing, Refused
+from farm.model import AgentPrint, AgentSnapshot, Link
+from farm.paths import StateFolder
+
+MODEL = "ultimaker2_plus"
+PORT = f"sim://{MODEL}"
+DEADLINE_S = 20.0
+KNOWN = {  # the requests of the first protocol, and their fields
+    "hello": {"do", "id"},
+    "start": {"do", "id", "print_id", "gcode", "sha256", "print_time_s", "filament"},
+    "upload": {"do", "id", "print_id", "at", "data"},
+    "cancel": {"do", "id", "print_id", "reason"},
+    "pause": {"do", "id", "print_id"},
+    "resume": {"do", "id", "print_id"},
+    "forget": {"do", "id", "print_id"},
+    "cleared": {"do", "id", "filament"},
+    "shutdown": {"do", "id", "now"},
+}
+PRINTING = {"print_id": "p", "phase": "printing", "line": 10, "lines": 100, "print_time_s": 60.0}
+
+
+class OldAgent:
+    """Speaks as agents did before they said their protocol; a request that it does not know ends the link."""
+
+    def __init__(self, folder: Path, prints: bool = False) -> None:
+        self.folder = folder
+        self.heard: list[dict[str, object]] = []
+        self.connections = self.dropped = 0
+        self.said: dict[str, object] = {
+            "kind": "snapshot",
+            "printer": "a",
+            "agent_pid": 1,
+            "now_s": 0.0,
+            "model": MODEL,
+            "port": PORT,
+            "link": "busy" if prints else "ready",
+            "heaters_off": not prints,
+            "filament": "parked",
+            "print": PRINTING if prints else None,
+        }
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self.connections += 1
+        writer.write(json.dumps(self.said).encode() + b"\n")
+        while line := await reader.readline():
+            request = json.loads(line)
+            known = KNOWN.get(request["do"])
+            if known is None or not request.keys() <= known:
+                self.dropped += 1
+                break
+            self.heard.append(request)
+            reply = {"kind": "reply", "id": request["id"], "error": None, "snapshot": self.said}
+            writer.write(json.dumps(reply).encode() + b"\n")
+        writer.close()
+
+
+class Ears:
+    def __init__(self) -> None:
+        self.last: AgentSnapshot | None = None
+        self.was_refused: list[tuple[str, bool]] = []
+
+    def heard(self, snapshot: AgentSnapshot) -> None:
+        self.last = snapshot
+
+    def refused(self, print_id: str, reason: str, late: bool) -> None:
+        self.was_refused.append((print_id, late))
+
+    def untold_since_s(self, printer: str) -> float | None:
+        return None
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        raise AssertionError(prints)
+
+
+def start(**more: object) -> m.StartPrint:
+    facts = {"print_id": "p", "gcode": "/x", "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
+    return m.StartPrint.model_validate({"id": 0, **facts, **more})
+
+
+def with_agent(
+    folder: Path, prints: bool, story: Callable[[Links, OldAgent, Ears], Awaitable[None]]
+) -> OldAgent:
+    """Run a daemon's links beside a living agent of the first protocol."""
+    state = StateFolder(folder)
+    state.make()
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": PORT}]})
+    home = state.agent("a")
+    home.mkdir(parents=True, exist_ok=True)
+    agent, ears = OldAgent(home, prints), Ears()
+
+    async def run() -> None:
+        server = await asyncio.start_unix_server(agent.serve, home / "agent.sock")
+        links = Links(fleet, state, Clock(), ears)
+        links.start(())
+        try:
+            async with asyncio.timeout(DEADLINE_S):
+                while ears.last is None or ears.last.link in (Link.STARTING, Link.ABSENT):
+                    await asyncio.sleep(0.01)
+                await story(links, agent, ears)
+        finally:
+            await links.close()
+            server.close()
+
+    descriptor = hold(home / AGENT_LOCK)  # it lives
+    assert descriptor is not None
+    try:
+        asyncio.run(run())
+    finally:
+        os.close(descriptor)
+    return agent
+
+
+def test_an_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(tmp_path: Path):
+    async def story(links: Links, agent: OldAgent, ears: Ears) -> None:
+        assert ears.last is not None and ears.last.link is Link.FAULT and ears.last.outdated
+        assert "farm up --replace a" in (ears.last.reason or "")
+        link = links._links["a"]
+        for _ in range(3):
+            link.tell(start(ends_by_s=900.0))
+            link.tell(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
+            while link._asked:
+                await asyncio.sleep(0.01)
+        assert ears.was_refused == [("p", True)] * 3  # nothing of it was begun: it goes elsewhere
+        await links.replace("a")
+        with pytest.raises(NoSuchThing):
+            await links.replace("b")
+
+    agent = with_agent(tmp_path, False, story)
+    assert [request["do"] for request in agent.heard] == ["shutdown"]
+    assert (agent.dropped, agent.connections) == (0, 1)
+
+
+def test_what_an_agent_of_an_earlier_protocol_prints_goes_on_and_can_be_cancelled(tmp_path: Path):
+    async def story(links: Links, agent: OldAgent, ears: Ears) -> None:
+        assert ears.last is not None and ears.last.link is Link.BUSY and not ears.last.outdated
+        link = links._links["a"]
+        link.tell(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
+        link.tell(m.CancelPrint(id=0, print_id="p"))
+        while link._asked:
+            await asyncio.sleep(0.01)
+
+    agent = with_agent(tmp_path, True, story)
+    assert [request["do"] for request in agent.heard] == ["cancel"]
+    assert (agent.dropped, agent.connections) == (0, 1)
+
+
+def test_a_refusal_to_be_replaced_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    async def story(links: Links, agent: OldAgent, ears: Ears) -> None:
+        async def refuse(self: AgentClient, request: m.Request, timeout_s: float = 30.0) -> m.Reply:
+            return m.Reply(id=1, error="it prints")
+
+        monkeypatch.setattr(AgentClient, "request", refuse)
+        with pytest.raises(Refused, match="it prints"):
+            await links.replace("a")
+
+    with_agent(tmp_path, False, story)
+
+
+def test_a_client_sends_an_older_agent_nothing_that_it_does_not_know(tmp_path: Path):
+    agent = OldAgent(tmp_path)
+
+    async def story() -> None:
+        server = await asyncio.start_unix_server(agent.serve, tmp_path / "agent.sock")
+        client = AgentClient(tmp_path)
+        await client.connect()
+        await anext(aiter(client.snapshots()))
+        assert (await client.request(start())).error is None  # new fields have their defaults: left out
+        with pytest.raises(AgentTooOld):
+            await client.request(start(not_after_s=1.0))
+        with pytest.raises(AgentTooOld):
+            await client.request(m.ListPrints(id=0, since_s=0.0))
+        await client.close()
+        server.close()
+
+    asyncio.run(story())
+    assert [request["do"] for request in agent.heard] == ["start"]
+    assert agent.dropped == 0
+
+
+def test_a_new_request_is_asked_of_nobody_who_is_older():
+    class Dance(m.Hello):
+        since: ClassVar[int] = m.PROTOCOL + 1
+
+    assert m.for_protocol(Dance(id=1), m.PROTOCOL) is None
+    assert m.for_protocol(Dance(id=1), m.PROTOCOL + 1) is not None
+
+
+@pytest.mark.parametrize("request_", [start(not_after_s=1.0, ends_by_s=2.0), m.Hello(id=3)])
+def test_an_agent_of_this_version_is_sent_everything(request_: m.Request):
+    line = m.for_protocol(request_, m.PROTOCOL)
+    assert line is not None and m.request_adapter.validate_json(line) == request_
