@@ -18,7 +18,13 @@ from farm.words import count, mass, span
 
 _INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
 _APART = "     "  # between two things to do on one line
-_LABELS = {"look": "look at", "replace": "replace", "connect": "connect", "reel": "reels", "approve": "approve"}
+_LABELS = {
+    "look": "look at",
+    "replace": "replace",
+    "connect": "connect",
+    "reel": "reels",
+    "approve": "approve",
+}
 _HEADINGS = ("PRINTER", "STATE", "PART", "ENDED", "VS PLAN", "FACTOR", "REEL", "NOZZLE", "BED", "NEEDS")
 _NAME_WIDTH = 32
 _THIS_NIGHT = timedelta(hours=20)

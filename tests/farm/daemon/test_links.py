@@ -331,3 +331,36 @@ def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path:
 
     client, _ = told(tmp_path, story)
     assert {type(one) for one in client.sent} == {m.Upload, m.CancelPrint}
+
+
+@pytest.mark.system
+def test_an_idle_agent_is_replaced_and_its_printer_stays_as_it_is(tmp_path: Path):
+    state = StateFolder(tmp_path)
+    state.make()
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    ears = Ears()
+
+    async def story() -> None:
+        links = Links(fleet, state, Clock(60.0, time.time()), ears)
+        links.start(())
+
+        async def ready(old: int | None) -> int:
+            async with asyncio.timeout(DEADLINE_S):
+                while True:
+                    links.watch()
+                    said = ears.last
+                    if said is not None and said.link is Link.READY and said.agent_pid not in (None, old):
+                        assert said.agent_pid is not None and not said.outdated
+                        return said.agent_pid
+                    await asyncio.sleep(0.1)
+
+        try:
+            first = await ready(None)
+            await links.replace("a")
+            assert await ready(first) == pid(state.agent("a"))
+            assert emulator_alive(state.agent("a") / "emulator")
+        finally:
+            await links.shut_down_agents()
+            await links.close()
+
+    asyncio.run(story())

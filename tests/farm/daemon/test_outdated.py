@@ -1,0 +1,21 @@
+"""What a person is told of an idle printer whose agent is of an older version."""
+
+from pathlib import Path
+
+from farm.model import Link
+from farm.paths import StateFolder
+from farm.tracking.todo import todo
+from one_core import Farm
+
+
+def test_an_outdated_agent_is_to_be_replaced_and_not_to_be_cleared(tmp_path: Path):
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    assert todo(farm.core.scene(state)) == []
+    why = "its agent is of an older version: replace it by `farm up --replace a`"
+    farm.ready("a", link=Link.FAULT, outdated=True, reason=why)
+    assert [(item.code, item.text) for item in todo(farm.core.scene(state))] == [("replace", f"a {why}")]
+    farm.ready("a")
+    assert todo(farm.core.scene(state)) == []
