@@ -1,0 +1,43 @@
+"""What the pages tell a person to type: every command and option is one that the program has."""
+
+import re
+from pathlib import Path
+
+import pytest
+import typer.main
+
+from farm.cli.main import app
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    page
+    for page in (ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md")))
+    if not page.name.endswith(".intro.md")
+]
+COMMANDS = {
+    name: {option for param in command.params for option in (*param.opts, *param.secondary_opts)} | {"--help"}
+    for name, command in typer.main.get_command(app).commands.items()
+}
+TYPED = re.compile(r"(?:^\s*(?:\$ )?|`|\$ )farm (?!is down)([a-z][a-z-]*)((?: [^`\n]*)?)", re.MULTILINE)
+
+
+def mistakes_in(text: str) -> list[str]:
+    """Commands and options in a page that the program does not have."""
+    found = []
+    for name, rest in TYPED.findall(text):
+        if name not in COMMANDS:
+            found.append(f"farm {name}")
+            continue
+        options = re.findall(r"(?<![\w-])--[a-z][a-z-]*", re.split(r";|&&|#|\|", rest)[0])
+        found += [f"farm {name} {option}" for option in options if option not in COMMANDS[name]]
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_names_commands_and_options_that_exist(page: Path):
+    assert mistakes_in(page.read_text(encoding="utf-8")) == []
+
+
+def test_a_wrong_command_and_a_wrong_option_are_found():
+    text = "Type `farm sumbit x.stl`.\n\n```text\n$ farm submit x.stl --overnite --wait\n```\n"
+    assert mistakes_in(text) == ["farm sumbit", "farm submit --overnite"]
