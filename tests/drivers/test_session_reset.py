@@ -8,6 +8,7 @@ import pytest
 from drivers.emulator.faults import Faults
 from drivers.emulator.listener import Phase
 from drivers.errors import Fault
+from drivers.marlin import Phase as LinkPhase
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session
 from print_rig import PLUS, Rig, assert_ended_off, gcode
@@ -144,3 +145,17 @@ def test_the_dead_man_of_a_board_that_nothing_resets_stays_armed_until_its_heate
     assert left.firmware.machine.dead_man_s == 600.0
     assert_ended_off(left.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
     assert left.firmware.machine.dead_man_s == math.inf  # off
+
+
+def test_a_board_that_starts_again_while_it_is_shown_off_is_asked_anew_at_once():
+    """Nobody waits for the answer of a link that is dead."""
+    rig = Rig().printing()
+    rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
+    rig.run(until=lambda: rig.session.wants_reset)
+    rig.run(until=lambda: not rig.session.wants_reset and rig.link.phase is LinkPhase.LIVE)
+    assert not rig.session.ended
+    rig.firmware.reset(rig.now_s)
+    again_s = rig.now_s
+    rig.run(until=lambda: rig.session.wants_reset)
+    assert rig.now_s - again_s < 10.0
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
