@@ -9,6 +9,7 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.listener import Phase
 from drivers.errors import Fault
 from drivers.marlin import Phase as LinkPhase
+from drivers.marlin import Trouble
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session
 from print_rig import PLUS, Rig, assert_ended_off, gcode
@@ -159,3 +160,17 @@ def test_a_board_that_starts_again_while_it_is_shown_off_is_asked_anew_at_once()
     rig.run(until=lambda: rig.session.wants_reset)
     assert rig.now_s - again_s < 10.0
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
+
+
+def test_a_board_that_complains_after_its_reset_is_asked_on():
+    """It has stopped by itself once more, and still answers how hot it is: no more is wanted of it."""
+    rig = Rig().printing()
+    rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
+    rig.run(until=lambda: rig.session.wants_reset)
+    rig.run(until=lambda: not rig.session.wants_reset and rig.link.phase is LinkPhase.LIVE)
+    resets = rig.firmware.resets
+    events = rig.link.receive(b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", rig.now_s)
+    assert [event.fault for event in events or () if isinstance(event, Trouble)] == [Fault.MINTEMP]
+    rig.session.advance(events or (), rig.now_s)
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
+    assert rig.firmware.resets == resets
