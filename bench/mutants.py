@@ -80,7 +80,11 @@ ROOMS = {
         ("tests/farm/scheduling",),
         26,
     ),
-    "cost": Room(("decompose/cost.py",), ("tests/decompose/test_cost.py",), 14),
+    "cost": Room(
+        tuple(f"decompose/print_time/{name}.py" for name in ("cost", "pose_prices", "recipe")),
+        ("tests/decompose/print_time/test_cost.py",),
+        14,
+    ),
 }  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from decompose.grid.box_index import Box, box_at, box_index, index_of, interval
+from decompose.grid.box_index import Box, Shape, box_at, box_index, index_of, interval
 from decompose.grid.boxes import BoxTables, price_boxes
 from decompose.grid.clipping import OVERHANG, VOLUME
 from decompose.grid.grid import (
@@ -28,6 +28,7 @@ __all__ = [
     "Cell",
     "Grid",
     "NeededCells",
+    "Shape",
     "box_at",
     "box_index",
     "build_grid",

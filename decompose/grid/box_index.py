@@ -5,6 +5,7 @@ from __future__ import annotations
 from decompose.jit import jit
 
 Box = tuple[int, int, int, int, int, int]  # x0, y0, z0, x1, y1, z1 in cells, half-open
+Shape = tuple[int, int, int]  # of a grid, in cells
 
 
 @jit
@@ -15,19 +16,21 @@ def interval(lo: int, hi: int, n: int) -> int:
 
 
 @jit
-def index_of(x0: int, y0: int, z0: int, x1: int, y1: int, z1: int, nx: int, ny: int, nz: int) -> int:
-    """`box_index` for compiled code."""
+def index_of(box: Box, shape: Shape) -> int:
+    """Index of a box in the tables of `BoxTables`, for compiled code; see `box_index`."""
+    x0, y0, z0, x1, y1, z1 = box
+    nx, ny, nz = shape
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     return (interval(x0, x1, nx) * ty + interval(y0, y1, ny)) * tz + interval(z0, z1, nz)
 
 
-def box_index(box: Box, shape: tuple[int, int, int]) -> int:
-    """Index of a box in the tables of `Boxes`."""
-    return int(index_of(*box, *shape))
+def box_index(box: Box, shape: Shape) -> int:
+    """Index of a box in the tables of `BoxTables` over a grid of so many cells."""
+    return int(index_of(box, shape))
 
 
-def box_at(index: int, shape: tuple[int, int, int]) -> Box:
-    """The inverse of `box_index`."""
+def box_at(index: int, shape: Shape) -> Box:
+    """Box of an index: the inverse of `box_index`."""
     _, ny, nz = shape
     index, iz = divmod(index, nz * (nz + 1) // 2)
     ix, iy = divmod(index, ny * (ny + 1) // 2)
@@ -36,7 +39,7 @@ def box_at(index: int, shape: tuple[int, int, int]) -> Box:
 
 
 def interval_ends(interval: int, n: int) -> tuple[int, int]:
-    """The inverse of `interval`."""
+    """Ends of an interval of n cells by its index: the inverse of `interval`."""
     length = 1
     while interval >= n - length + 1:
         interval -= n - length + 1

@@ -6,7 +6,7 @@ box costs a few dozen additions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,7 +17,7 @@ from decompose.grid.box_index import Box, box_index, index_of
 from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
 from decompose.jit import jit
-from decompose.print_time import CostModel, price
+from decompose.print_time import CostModel, Prices, price
 from decompose.printers import PrinterRoom
 
 
@@ -49,12 +49,14 @@ class BoxTables:
 
 
 @jit
-def _fits(rooms: Floats, width: float, depth: float, height: float) -> bool:
+def _fits_all(rooms: Floats, width_mm: float, depth_mm: float, height_mm: float) -> bool:
+    """Tell whether extents fit at least one box of each of rooms (rooms, boxes, 3), turned about z or not."""
     for r in range(len(rooms)):
         fits = False
         for b in range(rooms.shape[1]):
             x, y, z = rooms[r, b, 0], rooms[r, b, 1], rooms[r, b, 2]
-            if height <= z and ((width <= x and depth <= y) or (depth <= x and width <= y)):
+            flat = (width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y)
+            if height_mm <= z and flat:
                 fits = True
         if not fits:
             return False
@@ -62,153 +64,202 @@ def _fits(rooms: Floats, width: float, depth: float, height: float) -> bool:
 
 
 @jit
-def _all_boxes(
+def _clear_ends(ends: Floats) -> None:
+    """Make ends (12,) those of nothing: see `_cell_ends`."""
+    for k in range(3):
+        ends[k], ends[k + 3], ends[k + 6], ends[k + 9] = np.inf, -np.inf, np.inf, -np.inf
+
+
+@jit
+def _widen_ends(ends: Floats, more: Floats) -> None:
+    """Widen ends (12,) so that they hold others (12,) too."""
+    for k in range(3):
+        ends[k], ends[k + 3] = min(ends[k], more[k]), max(ends[k + 3], more[k + 3])
+        ends[k + 6], ends[k + 9] = min(ends[k + 6], more[k + 6]), max(ends[k + 9], more[k + 9])
+
+
+@jit
+def _cell_ends(needed: Bools, extents: Floats) -> Floats:
+    """Ends of each cell (nx, ny, nz, 12): of its solid in mm, and of the cell where it is needed, in cells.
+
+    Columns 0-2 and 6-8 are the least x, y and z, 3-5 and 9-11 the greatest; 1e9 and -1e9 of no cell.
+    """
+    nx, ny, nz = needed.shape
+    own = np.zeros((nx, ny, nz, 6))
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                for k in range(6):
+                    own[x, y, z, k] = 1e9 if k < 3 else -1e9
+                if needed[x, y, z]:
+                    own[x, y, z, 0], own[x, y, z, 3] = x, x + 1
+                    own[x, y, z, 1], own[x, y, z, 4] = y, y + 1
+                    own[x, y, z, 2], own[x, y, z, 5] = z, z + 1
+    return np.concatenate((extents, own), axis=3)
+
+
+@jit
+def _cut_areas(cuts: tuple[Floats, Floats, Floats], box: Box, areas: Floats) -> float:
+    """Fill in the cut areas (6,) in mm2 of a box's sides, -x +x -y +y -z +z, and return their sum.
+
+    cuts: for each axis the prefix sums of `Grid.cuts` over the two other axes.
+    """
+    x0, y0, z0, x1, y1, z1 = box
+    cut_x, cut_y, cut_z = cuts
+    for i in range(2):
+        x, y, z = (x0, y0, z0) if i == 0 else (x1, y1, z1)
+        areas[i] = cut_x[x, y1, z1] - cut_x[x, y0, z1] - cut_x[x, y1, z0] + cut_x[x, y0, z0]
+        areas[2 + i] = cut_y[x1, y, z1] - cut_y[x0, y, z1] - cut_y[x1, y, z0] + cut_y[x0, y, z0]
+        areas[4 + i] = cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z] + cut_z[x0, y0, z]
+    return float(areas.sum())
+
+
+@jit
+def _least_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, areas: Floats) -> float:
+    """Seconds of a box in the best axis pose that fits all rooms; +inf where none does.
+
+    sums: (SUMS,) of its cells, see `grid.clipping`. ends_mm: (12,), of which 0-5 are its extents.
+    areas: (6,) of its cut sides in mm2.
+    """
+    cut = areas.sum()
+    best = np.inf
+    for up in range(3):
+        width = ends_mm[(up + 1) % 3 + 3] - ends_mm[(up + 1) % 3]
+        depth = ends_mm[(up + 2) % 3 + 3] - ends_mm[(up + 2) % 3]
+        height = ends_mm[up + 3] - ends_mm[up]
+        if not _fits_all(rooms, width, depth, height):
+            continue
+        flat = areas[2 * up] + areas[2 * up + 1]
+        lateral, skin = sums[LATERAL + up] + cut - flat, sums[SKIN + up] + flat
+        for over in range(2):  # as it is, and turned over
+            pose = 2 * up + over
+            column = sums[MOMENT + pose] - sums[OVERHANG + pose] * ends_mm[up]
+            if over == 1:
+                column = sums[OVERHANG + pose] * ends_mm[up + 3] - sums[MOMENT + pose]
+            features = (sums[VOLUME], lateral, skin, sums[SLOPE + up], column)
+            best = min(best, price(prices, features, (width, depth, height)))
+    return best
+
+
+@jit
+def _price_all(
     needed: Bools,
     sums: Floats,
     extents: Floats,
-    cut_x: Floats,
-    cut_y: Floats,
-    cut_z: Floats,
+    cuts: tuple[Floats, Floats, Floats],
     rooms: Floats,
-    c: Floats,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16], npt.NDArray[np.float32]]:
-    """Cost, trimmed box, pieces and cut area of every box: a row, then a layer, then a box is added up.
+    prices: Prices,
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.float32]]:
+    """Price, trimmed box and cut area of every box: a row, then a layer, then a box is added up.
 
-    cut_*: prefix sums of the cut areas over the two axes of each plane.
+    Parameters
+    ----------
+    needed, sums, extents
+        Of `Grid`.
+    cuts
+        For each axis, as `_cut_areas` takes them.
+    rooms
+        (rooms, boxes, 3) in mm, of `room_array`.
+    prices
+        Of `CostModel.prices`.
+
+    Returns
+    -------
+    tuple
+        `seconds`, `trimmed` and `cut_mm2` of `BoxTables`.
     """
     nx, ny, nz = needed.shape
     total = nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2)
     seconds = np.full(total, np.inf, np.float32)
     trimmed = np.full(total, -1, np.int32)
-    pieces = np.ones(total, np.int16)
     cut_mm2 = np.zeros(total, np.float32)
     columns = sums.shape[3]
-    first = np.zeros((nx, ny, nz, 6))  # needed cells: their own indices, as extents
-    for x in range(nx):
-        for y in range(ny):
-            for z in range(nz):
-                for k in range(6):
-                    first[x, y, z, k] = 1e9 if k < 3 else -1e9
-                if needed[x, y, z]:
-                    first[x, y, z, 0], first[x, y, z, 3] = x, x + 1
-                    first[x, y, z, 1], first[x, y, z, 4] = y, y + 1
-                    first[x, y, z, 2], first[x, y, z, 5] = z, z + 1
-    ends = np.concatenate((extents, first), axis=3)  # 12 columns: 0-2 and 6-8 least, 3-5 and 9-11 greatest
-    row = np.zeros((ny, nz, columns))
-    row_ends = np.zeros((ny, nz, 12))
-    layer = np.zeros((nz, columns))
-    layer_ends = np.zeros((nz, 12))
-    s = np.zeros(columns)
-    e = np.zeros(12)
-    face = np.zeros(6)
+    ends = _cell_ends(needed, extents)
+    row, row_ends = np.zeros((ny, nz, columns)), np.zeros((ny, nz, 12))
+    layer, layer_ends = np.zeros((nz, columns)), np.zeros((nz, 12))
+    s, e, areas = np.zeros(columns), np.zeros(12), np.zeros(6)
     for x0 in range(nx):
         row[:] = 0.0
-        for k in range(12):
-            row_ends[:, :, k] = np.inf if k % 6 < 3 else -np.inf
+        for y in range(ny):
+            for z in range(nz):
+                _clear_ends(row_ends[y, z])
         for x1 in range(x0 + 1, nx + 1):
             for y in range(ny):
                 for z in range(nz):
                     for k in range(columns):
                         row[y, z, k] += sums[x1 - 1, y, z, k]
-                    for k in range(12):
-                        v = ends[x1 - 1, y, z, k]
-                        if k % 6 < 3:
-                            row_ends[y, z, k] = min(row_ends[y, z, k], v)
-                        else:
-                            row_ends[y, z, k] = max(row_ends[y, z, k], v)
+                    _widen_ends(row_ends[y, z], ends[x1 - 1, y, z])
             for y0 in range(ny):
                 layer[:] = 0.0
-                for k in range(12):
-                    layer_ends[:, k] = np.inf if k % 6 < 3 else -np.inf
+                for z in range(nz):
+                    _clear_ends(layer_ends[z])
                 for y1 in range(y0 + 1, ny + 1):
                     for z in range(nz):
                         for k in range(columns):
                             layer[z, k] += row[y1 - 1, z, k]
-                        for k in range(12):
-                            v = row_ends[y1 - 1, z, k]
-                            if k % 6 < 3:
-                                layer_ends[z, k] = min(layer_ends[z, k], v)
-                            else:
-                                layer_ends[z, k] = max(layer_ends[z, k], v)
+                        _widen_ends(layer_ends[z], row_ends[y1 - 1, z])
                     for z0 in range(nz):
                         s[:] = 0.0
-                        for k in range(12):
-                            e[k] = np.inf if k % 6 < 3 else -np.inf
+                        _clear_ends(e)
                         for z1 in range(z0 + 1, nz + 1):
                             for k in range(columns):
                                 s[k] += layer[z1 - 1, k]
-                            for k in range(12):
-                                v = layer_ends[z1 - 1, k]
-                                if k % 6 < 3:
-                                    e[k] = min(e[k], v)
-                                else:
-                                    e[k] = max(e[k], v)
+                            _widen_ends(e, layer_ends[z1 - 1])
                             if e[9] < 0.0:
                                 continue  # no needed cell
-                            box = index_of(x0, y0, z0, x1, y1, z1, nx, ny, nz)
-                            tight = index_of(
-                                int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]), nx, ny, nz
-                            )
-                            trimmed[box] = tight
-                            if tight != box:
-                                continue
-                            for i in range(2):
-                                x, y, z = (x0, y0, z0) if i == 0 else (x1, y1, z1)
-                                face[i] = (
-                                    cut_x[x, y1, z1] - cut_x[x, y0, z1] - cut_x[x, y1, z0] + cut_x[x, y0, z0]
-                                )
-                                face[2 + i] = (
-                                    cut_y[x1, y, z1] - cut_y[x0, y, z1] - cut_y[x1, y, z0] + cut_y[x0, y, z0]
-                                )
-                                face[4 + i] = (
-                                    cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z] + cut_z[x0, y0, z]
-                                )
-                            cut = face.sum()
-                            best = np.inf
-                            for up in range(3):
-                                width = e[(up + 1) % 3 + 3] - e[(up + 1) % 3]
-                                depth = e[(up + 2) % 3 + 3] - e[(up + 2) % 3]
-                                height = e[up + 3] - e[up]
-                                if not _fits(rooms, width, depth, height):
-                                    continue
-                                flat = face[2 * up] + face[2 * up + 1]
-                                for over in range(2):  # as it is, and turned over
-                                    pose = 2 * up + over
-                                    column = s[MOMENT + pose] - s[OVERHANG + pose] * e[up]
-                                    if over == 1:
-                                        column = s[OVERHANG + pose] * e[up + 3] - s[MOMENT + pose]
-                                    t = price(
-                                        c,
-                                        s[VOLUME],
-                                        s[LATERAL + up] + cut - flat,
-                                        s[SKIN + up] + flat,
-                                        s[SLOPE + up],
-                                        column,
-                                        width,
-                                        depth,
-                                        height,
-                                    )
-                                    best = min(best, t)
-                            seconds[box] = best
-                            cut_mm2[box] = cut
-    return seconds, trimmed, pieces, cut_mm2
+                            sides = (x0, y0, z0, x1, y1, z1)
+                            box = index_of(sides, (nx, ny, nz))
+                            least = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
+                            trimmed[box] = index_of(least, (nx, ny, nz))
+                            if trimmed[box] == box:
+                                cut_mm2[box] = _cut_areas(cuts, sides, areas)
+                                seconds[box] = _least_price(prices, rooms, s, e, areas)
+    return seconds, trimmed, cut_mm2
+
+
+@jit
+def _join_groups(parent: npt.NDArray[np.int32], a: int, b: int) -> int:
+    """Join the groups of two cells in a forest of parents (cells,); 1 where they were two groups, else 0."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    while parent[b] != b:
+        parent[b] = parent[parent[b]]
+        b = parent[b]
+    if a == b:
+        return 0
+    if a < b:
+        parent[b] = a
+    else:
+        parent[a] = b
+    return 1
 
 
 @jit
 def _count_pieces(
     full: Bools,
-    open_x: Bools,
-    open_y: Bools,
-    open_z: Bools,
+    opened: tuple[Bools, Bools, Bools],
     trimmed: npt.NDArray[np.int32],
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
 ) -> None:
-    """Pieces of every box that may be printed, each cell's solid taken as one: union-find by layers.
+    """Count the pieces of every box that may be printed, each cell's solid taken as one piece.
 
-    open_*: whether solid crosses the near side of a cell along that axis.
+    Union-find by layers: a box is the one below it with one layer of cells more.
+
+    Parameters
+    ----------
+    full
+        (nx, ny, nz) whether a cell has solid.
+    opened
+        For each axis (nx, ny, nz) whether solid crosses the near side of a cell.
+    trimmed, seconds
+        Of `BoxTables`.
+    pieces
+        (boxes,) filled in.
     """
     nx, ny, nz = full.shape
+    open_x, open_y, open_z = opened
     parent = np.zeros(nx * ny * nz, np.int32)
     for x0 in range(nx):
         for x1 in range(x0 + 1, nx + 1):
@@ -224,43 +275,36 @@ def _count_pieces(
                                     me = (x * ny + y) * nz + z
                                     parent[me] = me
                                     k += 1
-                                    for axis in range(3):
-                                        if axis == 0:
-                                            linked = x > x0 and open_x[x, y, z]
-                                            other = me - ny * nz
-                                        elif axis == 1:
-                                            linked = y > y0 and open_y[x, y, z]
-                                            other = me - nz
-                                        else:
-                                            linked = z > z0 and open_z[x, y, z]
-                                            other = me - 1
-                                        if not linked:
-                                            continue
-                                        a = me
-                                        while parent[a] != a:
-                                            parent[a] = parent[parent[a]]
-                                            a = parent[a]
-                                        b = other
-                                        while parent[b] != b:
-                                            parent[b] = parent[parent[b]]
-                                            b = parent[b]
-                                        if a != b:
-                                            parent[max(a, b)] = min(a, b)
-                                            k -= 1
-                            box = index_of(x0, y0, z0, x1, y1, z + 1, nx, ny, nz)
+                                    if x > x0 and open_x[x, y, z]:
+                                        k -= _join_groups(parent, me, me - ny * nz)
+                                    if y > y0 and open_y[x, y, z]:
+                                        k -= _join_groups(parent, me, me - nz)
+                                    if z > z0 and open_z[x, y, z]:
+                                        k -= _join_groups(parent, me, me - 1)
+                            box = index_of((x0, y0, z0, x1, y1, z + 1), (nx, ny, nz))
                             if trimmed[box] == box and seconds[box] < np.inf:
                                 pieces[box] = max(1, k)
 
 
-def room_array(printers: list[PrinterRoom]) -> Floats:
-    """The distinct rooms as (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
+def room_array(printers: Sequence[PrinterRoom]) -> Floats:
+    """Distinct rooms of printers as (rooms, boxes, 3) in mm, padded with boxes that nothing fits."""
     distinct = sorted({p.boxes for p in printers})
     most = max(len(boxes) for boxes in distinct)
     return np.array([list(boxes) + [(-1.0, -1.0, -1.0)] * (most - len(boxes)) for boxes in distinct])
 
 
-def price_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> BoxTables:
-    """Tables over all boxes of a grid; a box fits where it fits every one of the printers."""
+def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) -> BoxTables:
+    """Price every box of a grid.
+
+    Parameters
+    ----------
+    grid
+        With overhangs and skin as the cost has them.
+    printers
+        A box fits where it fits the room of each of them.
+    cost
+        Print time of a part.
+    """
     prefix = []
     for axis, cut in enumerate(grid.cuts):
         table = np.zeros([n + (a != axis) for a, n in enumerate(cut.shape)])
@@ -268,18 +312,12 @@ def price_boxes(grid: Grid, printers: list[PrinterRoom], cost: CostModel) -> Box
         inner = tuple(slice(None) if i == axis else slice(1, None) for i in range(3))
         table[inner] = cut.cumsum(axis=a).cumsum(axis=b)
         prefix.append(table)
-    seconds, trimmed, pieces, cut_mm2 = _all_boxes(
-        grid.needed,
-        grid.sums,
-        grid.extents,
-        prefix[0],
-        prefix[1],
-        prefix[2],
-        room_array(printers),
-        cost.coefficients(),
-    )
+    cuts = (prefix[0], prefix[1], prefix[2])
+    rooms = room_array(printers)
+    seconds, trimmed, cut_mm2 = _price_all(grid.needed, grid.sums, grid.extents, cuts, rooms, cost.prices())
     full = np.isfinite(grid.extents[..., 0])
     nx, ny, nz = grid.shape
-    open_x, open_y, open_z = (c > 0.0 for c in grid.cuts)
-    _count_pieces(full, open_x[:nx], open_y[:, :ny], open_z[:, :, :nz], trimmed, seconds, pieces)
+    open_x, open_y, open_z = (np.ascontiguousarray(c[:nx, :ny, :nz] > 0.0) for c in grid.cuts)
+    pieces = np.ones(len(seconds), np.int16)
+    _count_pieces(full, (open_x, open_y, open_z), trimmed, seconds, pieces)
     return BoxTables(grid.shape, seconds, trimmed, pieces, cut_mm2)

@@ -4,157 +4,187 @@ from __future__ import annotations
 
 import numpy as np
 
-from decompose.arrays import Floats
+from decompose.arrays import Floats, Ints
 from decompose.jit import jit
 
-# Columns of `Grid.sums`, each a sum over a cell. The pose indices are those of `decompose.cost`.
+# Columns of `Grid.sums`, each a sum over a cell. The pose indices are those of `print_time.pose_prices`.
 VOLUME = 0
-
-
 LATERAL = 1  # 3 columns, one for each axis as up
-
-
 SKIN = 4  # 3 columns
-
-
 SLOPE = 7  # 3 columns: lateral area of the faces that have skin
-
-
 OVERHANG = 10  # 6 columns: projected area of faces that look down in a pose
-
-
 MOMENT = 16  # 6 columns: the same times coordinate along the axis
-
-
 SUMS = 22
+
+MIN_FRAGMENT_MM2 = 1e-12
+
+Planes = tuple[Floats, Floats, Floats]
+Sums = tuple[Floats, Floats, Floats, Floats]  # area, flux, sums, extents: see `clip_into_cells`
 
 
 @jit
-def clip_into_cells(
-    triangles: Floats, px: Floats, py: Floats, pz: Floats, skin_cos: float, overhang_cos: float
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Clip every triangle to the cells it crosses and add up.
+def _unit_normal(triangle: Floats, normal: Floats) -> bool:
+    """Fill in the unit normal (3,) of a triangle (3, 3); False where it has no area."""
+    e1 = triangle[1] - triangle[0]
+    e2 = triangle[2] - triangle[0]
+    normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
+    normal[1] = e1[2] * e2[0] - e1[0] * e2[2]
+    normal[2] = e1[0] * e2[1] - e1[1] * e2[0]
+    length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
+    if length == 0.0:
+        return False
+    normal /= length
+    return True
 
-    Returns area (nx, ny, nz), flux (nx, ny, nz, 4) = A n and the moment A nx (x - x0), sums without the
-    volume, extents of the surface.
+
+@jit
+def _slab_range(planes: Floats, polygon: Floats, axis: int) -> tuple[int, int]:
+    """First and last slab between planes (n + 1,) that a polygon (k, 3) crosses along an axis."""
+    lo, hi = np.inf, -np.inf
+    for i in range(len(polygon)):
+        lo = min(lo, polygon[i, axis])
+        hi = max(hi, polygon[i, axis])
+    first = max(0, int(np.searchsorted(planes, lo, side="right")) - 1)
+    last = min(len(planes) - 2, int(np.searchsorted(planes, hi, side="left")) - 1)
+    return first, max(last, first)
+
+
+@jit
+def _clip(polygon: Floats, axis: int, at_mm: float, above: bool, clipped: Floats) -> int:
+    """Clip a polygon (k, 3) by an axis plane (Sutherland and Hodgman 1974).
+
+    clipped: (12, 3) filled in with the corners of the side that is kept. Returns how many they are.
     """
-    nx, ny, nz = len(px) - 1, len(py) - 1, len(pz) - 1
-    area = np.zeros((nx, ny, nz))
-    flux = np.zeros((nx, ny, nz, 4))
-    sums = np.zeros((nx, ny, nz, SUMS))
-    extents = np.full((nx, ny, nz, 6), np.inf)
+    count = 0
+    for i in range(len(polygon)):
+        a, b = polygon[i], polygon[(i + 1) % len(polygon)]
+        if a[axis] >= at_mm if above else a[axis] <= at_mm:
+            clipped[count] = a
+            count += 1
+        if (a[axis] > at_mm and b[axis] < at_mm) or (a[axis] < at_mm and b[axis] > at_mm):
+            s = (at_mm - a[axis]) / (b[axis] - a[axis])
+            clipped[count] = a + s * (b - a)
+            clipped[count, axis] = at_mm
+            count += 1
+    return count
+
+
+@jit
+def _area_and_centre(polygon: Floats, normal: Floats, centre: Floats) -> float:
+    """Area in mm2 of a plane polygon (k, 3) with a unit normal (3,), by a fan of triangles.
+
+    centre: (3,) filled in with its centroid times its area.
+    """
+    whole = 0.0
+    centre[:] = 0.0
+    for i in range(1, len(polygon) - 1):
+        u = polygon[i] - polygon[0]
+        v = polygon[i + 1] - polygon[0]
+        area = (
+            (u[1] * v[2] - u[2] * v[1]) * normal[0]
+            + (u[2] * v[0] - u[0] * v[2]) * normal[1]
+            + (u[0] * v[1] - u[1] * v[0]) * normal[2]
+        ) / 2.0
+        whole += area
+        centre += area * (polygon[0] + polygon[i] + polygon[i + 1]) / 3.0
+    return whole
+
+
+@jit
+def _add_fragment(
+    into: Sums, cell: Ints, polygon: Floats, normal: Floats, west_mm: float, cosines: tuple[float, float]
+) -> None:
+    """Add a fragment, a polygon (k, 3) with a unit normal (3,), to the sums of its cell (3,).
+
+    west_mm: x of the near side of the cell. cosines: of skin and of overhangs, see `clip_into_cells`.
+    """
+    area, flux, sums, extents = into
+    skin_cos, overhang_cos = cosines
+    x, y, z = cell[0], cell[1], cell[2]
+    centre = np.zeros(3)
+    whole = _area_and_centre(polygon, normal, centre)
+    if not whole > MIN_FRAGMENT_MM2:
+        return
+    centre /= whole
+    area[x, y, z] += whole
+    for i in range(len(polygon)):
+        for k in range(3):
+            extents[x, y, z, k] = min(extents[x, y, z, k], polygon[i, k])
+            extents[x, y, z, k + 3] = max(extents[x, y, z, k + 3], polygon[i, k])
+    flux[x, y, z, 3] += whole * normal[0] * (centre[0] - west_mm)
+    for k in range(3):
+        c = normal[k]
+        flux[x, y, z, k] += whole * c
+        upright = whole * np.sqrt(max(0.0, 1.0 - c * c))
+        sums[x, y, z, LATERAL + k] += upright
+        if abs(c) > skin_cos:
+            sums[x, y, z, SKIN + k] += whole * abs(c)
+            sums[x, y, z, SLOPE + k] += upright
+        if abs(c) > overhang_cos:
+            pose = 2 * k if c < 0.0 else 2 * k + 1
+            sums[x, y, z, OVERHANG + pose] += whole * abs(c)
+            sums[x, y, z, MOMENT + pose] += whole * abs(c) * centre[k]
+
+
+@jit
+def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang_cos: float) -> Sums:
+    """Clip every triangle to the cells that it crosses, and add up by cell.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm, outward by the right-hand rule, inside the outermost planes.
+    planes
+        For each axis the ascending coordinates (n + 1,) of the planes in mm.
+    skin_cos, overhang_cos
+        Faces whose normal has a larger component along an axis get skin, count as overhangs.
+
+    Returns
+    -------
+    tuple
+        area
+            (nx, ny, nz) of the surface in mm2.
+        flux
+            (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3, x0 being the cell's near side.
+        sums
+            (nx, ny, nz, SUMS) of `Grid`, without the volume.
+        extents
+            (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf where there is none.
+    """
+    shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
+    extents = np.full((*shape, 6), np.inf)
     extents[:, :, :, 3:] = -np.inf
-    planes = (px, py, pz)
-    poly = np.zeros((4, 12, 3))  # the polygon after 0, 1, 2, 3 axes
+    into = (np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
+    polygons = np.zeros((4, 12, 3))  # the triangle clipped along 0, 1, 2, 3 axes
     half = np.zeros((12, 3))
-    count = np.zeros(4, np.int64)
-    first = np.zeros(3, np.int64)
-    last = np.zeros(3, np.int64)
-    at = np.zeros(3, np.int64)
+    count, last, at = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
     normal = np.zeros(3)
     for t in range(len(triangles)):
-        poly[0, :3] = triangles[t]
-        count[0] = 3
-        e1 = triangles[t, 1] - triangles[t, 0]
-        e2 = triangles[t, 2] - triangles[t, 0]
-        normal[0] = e1[1] * e2[2] - e1[2] * e2[1]
-        normal[1] = e1[2] * e2[0] - e1[0] * e2[2]
-        normal[2] = e1[0] * e2[1] - e1[1] * e2[0]
-        length = np.sqrt(normal[0] ** 2 + normal[1] ** 2 + normal[2] ** 2)
-        if length == 0.0:
+        if not _unit_normal(triangles[t], normal):
             continue
-        normal /= length
+        polygons[0, :3] = triangles[t]
+        count[0] = 3
         axis = 0
         entering = True
         while axis >= 0:  # walk the slabs of x, within each those of y, within each those of z
-            p = planes[axis]
+            polygon = polygons[axis, : count[axis]]
             if entering:
-                lo = np.inf
-                hi = -np.inf
-                for i in range(count[axis]):
-                    lo = min(lo, poly[axis, i, axis])
-                    hi = max(hi, poly[axis, i, axis])
-                first[axis] = max(0, int(np.searchsorted(p, lo, side="right")) - 1)
-                last[axis] = min(len(p) - 2, int(np.searchsorted(p, hi, side="left")) - 1)
-                last[axis] = max(last[axis], first[axis])
-                at[axis] = first[axis]
+                at[axis], last[axis] = _slab_range(planes[axis], polygon, axis)
                 entering = False
             if at[axis] > last[axis]:
                 axis -= 1
                 if axis >= 0:
                     at[axis] += 1
                 continue
-            # Clip by the two planes of the slab (Sutherland-Hodgman).
-            n = count[axis]
-            m = 0
-            low = p[at[axis]]
-            for i in range(n):
-                a = poly[axis, i]
-                b = poly[axis, (i + 1) % n]
-                if a[axis] >= low:
-                    half[m] = a
-                    m += 1
-                if (a[axis] > low and b[axis] < low) or (a[axis] < low and b[axis] > low):
-                    s = (low - a[axis]) / (b[axis] - a[axis])
-                    half[m] = a + s * (b - a)
-                    half[m, axis] = low
-                    m += 1
-            n = m
-            m = 0
-            high = p[at[axis] + 1]
-            for i in range(n):
-                a = half[i]
-                b = half[(i + 1) % n]
-                if a[axis] <= high:
-                    poly[axis + 1, m] = a
-                    m += 1
-                if (a[axis] > high and b[axis] < high) or (a[axis] < high and b[axis] > high):
-                    s = (high - a[axis]) / (b[axis] - a[axis])
-                    poly[axis + 1, m] = a + s * (b - a)
-                    poly[axis + 1, m, axis] = high
-                    m += 1
-            if m < 3:
-                at[axis] += 1
-                continue
-            count[axis + 1] = m
-            if axis < 2:
+            kept = _clip(polygon, axis, planes[axis][at[axis]], True, half)
+            kept = _clip(half[:kept], axis, planes[axis][at[axis] + 1], False, polygons[axis + 1])
+            count[axis + 1] = kept
+            if kept >= 3 and axis < 2:
                 axis += 1
                 entering = True
                 continue
-            # A fragment in one cell: its area and centroid by a fan of triangles.
-            piece = poly[3]
-            whole = 0.0
-            centre = np.zeros(3)
-            for i in range(1, m - 1):
-                u = piece[i] - piece[0]
-                v = piece[i + 1] - piece[0]
-                a2 = (
-                    (u[1] * v[2] - u[2] * v[1]) * normal[0]
-                    + (u[2] * v[0] - u[0] * v[2]) * normal[1]
-                    + (u[0] * v[1] - u[1] * v[0]) * normal[2]
-                ) / 2.0
-                whole += a2
-                centre += a2 * (piece[0] + piece[i] + piece[i + 1]) / 3.0
-            if whole > 1e-12:
-                centre /= whole
-                x, y, z = at[0], at[1], at[2]
-                area[x, y, z] += whole
-                for i in range(m):
-                    for k in range(3):
-                        extents[x, y, z, k] = min(extents[x, y, z, k], piece[i, k])
-                        extents[x, y, z, k + 3] = max(extents[x, y, z, k + 3], piece[i, k])
-                flux[x, y, z, 3] += whole * normal[0] * (centre[0] - px[x])
-                for k in range(3):
-                    c = normal[k]
-                    flux[x, y, z, k] += whole * c
-                    upright = whole * np.sqrt(max(0.0, 1.0 - c * c))
-                    sums[x, y, z, LATERAL + k] += upright
-                    if abs(c) > skin_cos:
-                        sums[x, y, z, SKIN + k] += whole * abs(c)
-                        sums[x, y, z, SLOPE + k] += upright
-                    if abs(c) > overhang_cos:
-                        pose = 2 * k if c < 0.0 else 2 * k + 1
-                        sums[x, y, z, OVERHANG + pose] += whole * abs(c)
-                        sums[x, y, z, MOMENT + pose] += whole * abs(c) * centre[k]
-            at[2] += 1
-    return area, flux, sums, extents
+            if kept >= 3:
+                west_mm = planes[0][at[0]]
+                _add_fragment(into, at, polygons[3, :kept], normal, west_mm, (skin_cos, overhang_cos))
+            at[axis] += 1
+    return into

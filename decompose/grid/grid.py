@@ -169,8 +169,7 @@ def fill_grid(
     skin_cos: float,
 ) -> Grid:
     """The grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`."""
-    px, py, pz = planes
-    area, flux, sums, extents = clip_into_cells(triangles, px, py, pz, skin_cos, overhang_cos)
+    area, flux, sums, extents = clip_into_cells(triangles, planes, skin_cos, overhang_cos)
     surface = extents.copy()  # the solid's extents follow from it
     steps = [np.diff(p) for p in planes]
     cuts = []

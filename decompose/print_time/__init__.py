@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from decompose.print_time.columns import measure_columns
-from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, price
+from decompose.print_time.cost import MAX_INSET_SHARE, CostModel, Prices, price
 from decompose.print_time.footing import REFERENCE_SHRINKAGE
 from decompose.print_time.orientation import find_best_pose
 from decompose.print_time.pose import TOUCHED_MM2, Pose, measure_pose
@@ -20,6 +20,7 @@ __all__ = [
     "TOUCHED_MM2",
     "CostModel",
     "Pose",
+    "Prices",
     "Recipe",
     "axis_prices_s",
     "find_best_pose",

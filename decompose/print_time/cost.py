@@ -12,13 +12,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
 from decompose.arrays import Floats
 from decompose.jit import jit
 from decompose.print_time.recipe import FACTORS, FEATURES, Recipe, time_terms
+
+Prices = np.void
+"""A record of `CostModel.prices`: compiled code reads its fields by name."""
+Additive = tuple[float, float, float, float, float]
+Extents = tuple[float, float, float]
 
 MAX_INSET_SHARE = 0.1
 """Share of the walls that is lost so at most: beyond it they are as thick as the part."""
@@ -96,32 +101,52 @@ class CostModel:
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 
-    def coefficients(self) -> Floats:
-        """The coefficients in the order of the fields, for compiled code."""
-        return np.array([getattr(self, f.name) for f in fields(self)], dtype=np.float64)
+    def prices(self) -> Prices:
+        """The coefficients as a record for compiled code, one float64 a field, by the names of the fields."""
+        record: Prices = np.array([astuple(self)], dtype=_PRICES)[0]
+        return record
 
-    def price_s(self, additive: Sequence[float] | Floats, extents: Sequence[float] | Floats) -> float:
-        """The print time for one pose: `ADDITIVE` features (5,), and width, depth and height in mm."""
-        c = self.coefficients()
-        return float(price(c, *map(float, additive), *map(float, extents)))
+    def price_s(self, additive: Sequence[float] | Floats, extents_mm: Sequence[float] | Floats) -> float:
+        """Print time in one pose: `ADDITIVE` features (5,), and width, depth and height (3,) in mm."""
+        volume, lateral, skin, slope, column = map(float, additive)
+        width, depth, height = map(float, extents_mm)
+        return float(price(self.prices(), (volume, lateral, skin, slope, column), (width, depth, height)))
+
+
+_PRICES = np.dtype([(each.name, np.float64) for each in fields(CostModel)])
 
 
 @jit
-def price(
-    c: Floats,
-    volume: float,
-    lateral: float,
-    skin: float,
-    slope: float,
-    column: float,
-    width: float,
-    depth: float,
-    height: float,
-) -> float:
-    """Seconds, by `CostModel.coefficients`: one formula for tables and parts."""
-    ring = c[8] * (2.0 * (width + depth) + np.pi * c[8])
-    inset = min(c[11] * height, MAX_INSET_SHARE * c[2] * lateral)
-    body = max(c[1] * volume + c[2] * lateral - inset, c[7] * height)
-    flat = max(0.0, c[3] * skin - c[12] * np.sqrt(skin))
-    seconds: float = c[0] + body + flat + c[4] * slope + c[5] * column + c[6] * ring
+def price(prices: Prices, additive: Additive, extents_mm: Extents) -> float:
+    """Price a part in one pose: one formula for tables and parts.
+
+    Parameters
+    ----------
+    prices
+        Of `CostModel.prices`.
+    additive
+        `ADDITIVE` features, in mm3, mm2, mm2, mm2 and mm3.
+    extents_mm
+        Width, depth and height.
+
+    Returns
+    -------
+    float
+        Seconds.
+    """
+    volume, lateral, skin, slope, column = additive
+    width, depth, height = extents_mm
+    ring = prices["brim_mm"] * (2.0 * (width + depth) + np.pi * prices["brim_mm"])
+    inset = min(prices["inset_s_mm"] * height, MAX_INSET_SHARE * prices["lateral_s_mm2"] * lateral)
+    lines = prices["volume_s_mm3"] * volume + prices["lateral_s_mm2"] * lateral - inset
+    body = max(lines, prices["least_s_mm"] * height)
+    flat = max(0.0, prices["skin_s_mm2"] * skin - prices["skin_rim_s_mm"] * np.sqrt(skin))
+    seconds: float = (
+        prices["fixed_s"]
+        + body
+        + flat
+        + prices["slope_s_mm2"] * slope
+        + prices["overhang_s_mm3"] * column
+        + prices["brim_s_mm2"] * ring
+    )
     return seconds

@@ -21,6 +21,12 @@ NOBODY, BARRED = -1, -2
 
 
 @jit
+def _block_index(block: Ints, shape: tuple[int, int, int]) -> int:
+    """Index of a block (6,) among all boxes of a grid."""
+    return index_of((block[0], block[1], block[2], block[3], block[4], block[5]), shape)
+
+
+@jit
 def grown_box_index(
     block: Ints,
     direction: int,
@@ -40,7 +46,6 @@ def grown_box_index(
     owner
         (nx, ny, nz) the block that has a cell, `NOBODY` or `BARRED`.
     """
-    nx, ny, nz = owner.shape
     axis = direction % 3
     grown = block.copy()
     layer = block.copy()
@@ -61,8 +66,8 @@ def grown_box_index(
                 worth = worth or needed[x, y, z]
     if not worth:
         return -1
-    box = index_of(grown[0], grown[1], grown[2], grown[3], grown[4], grown[5], nx, ny, nz)
-    now = index_of(block[0], block[1], block[2], block[3], block[4], block[5], nx, ny, nz)
+    box = _block_index(grown, owner.shape)
+    now = _block_index(block, owner.shape)
     if not np.isfinite(seconds[box]) or pieces[box] > pieces[now]:
         return -1
     return box
@@ -113,7 +118,7 @@ def _grow(
     for i in range(len(blocks)):
         b = blocks[i]
         claim_cells(b, i, owner)
-        cost[i] = printing[index_of(b[0], b[1], b[2], b[3], b[4], b[5], nx, ny, nz)]
+        cost[i] = printing[_block_index(b, owner.shape)]
     while len(blocks):
         cheapest = int(np.argmin(cost))
         if cost[cheapest] == np.inf:
@@ -169,7 +174,7 @@ def _fill(
                 if owner[x, y, z] != -1 or not needed[x, y, z]:
                     continue
                 block = np.array([x, y, z, x + 1, y + 1, z + 1])
-                at = index_of(x, y, z, x + 1, y + 1, z + 1, nx, ny, nz)
+                at = index_of((x, y, z, x + 1, y + 1, z + 1), owner.shape)
                 parts += pieces[at]
                 if parts > most or not np.isfinite(seconds[at]):
                     return False, blocks[:found]

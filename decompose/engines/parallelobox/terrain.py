@@ -113,7 +113,7 @@ def _paper_prices(
                                 area += cut_y[x0, y, z0]
                                 area += cut_z[x1, y1, z] - cut_z[x0, y1, z] - cut_z[x1, y0, z]
                                 area += cut_z[x0, y0, z]
-                            box = index_of(x0, y0, z0, x1, y1, z1, nx, ny, nz)
+                            box = index_of((x0, y0, z0, x1, y1, z1), (nx, ny, nz))
                             printing[box] = speed * (s[0] + area)
                             overhang[box] = s[2:8].min()
     return printing, overhang
