@@ -2,8 +2,9 @@
 
 The firmware searches a line for its letters wherever they stand, takes the first of two, and a letter without
 a number for 0; it ends a line at ``:``, takes any ``N`` for a line number and any ``*`` for a checksum, and
-cuts lines after 94 characters (um2-serial section 1). So what reaches it has one form: ``G1 F1500 X1 E2``,
-each letter once, plain decimal numbers. What cannot be written so is refused with the number of its line.
+cuts lines after 94 characters (docs/explanation/ultimaker2-serial.md, section 1.5). So what reaches it
+has one form: ``G1 F1500 X1 E2``, each letter once, plain decimal numbers. What cannot be written so is
+refused with the number of its line.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """How far back the filament is in the middle of a file, by its lines and where the head stood. Pure.
 
 The firmware acknowledges moves long before it makes them, so the last line that it took does not tell where
-a quick stop (M401) found the feeder. But M114 then tells the real place (um2-serial section 3), and of the
-last moves only those that lead through it can have been under way.
+a quick stop (M401) found the feeder. But M114 then tells the real place
+(docs/explanation/ultimaker2-serial.md, section 3.1), and of the last moves only those that lead through it
+can have been under way.
 """
 
 from __future__ import annotations

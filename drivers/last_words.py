@@ -3,7 +3,8 @@
 They are sent before anything is waited for, as a reset that does not get through is noticed by silence only.
 
 * A newline first: a line that was cut off must not swallow them.
-* M401 empties the planner's queue of moves within 10 ms (um2-serial section 3), then heaters and fan go off.
+* M401 empties the planner's queue of moves within 10 ms (docs/explanation/ultimaker2-serial.md, section 3.1),
+  then heaters and fan go off.
 * They have no numbers, which the firmware takes as they are; a numbered stream is refused after them.
 * No M84: it waits for moves, and would hold up what comes behind it where M401 was lost.
 * They are short: with M105 and the longest line of a print in front they fill the firmware's receive ring of

@@ -73,7 +73,10 @@ class Leaving(Identifying):
         yield from self._cut(homed)
 
     def _abort(self, homed: bool) -> Generator[Wait, bool, bool]:
-        """The safe sequence of um2-serial section 5, with the filament parked. False where it got stuck."""
+        """Abort in the safe sequence, with the filament parked. False where it got stuck.
+
+        Source: docs/explanation/ultimaker2-serial.md, section 5.
+        """
         self.link.halt()
         if not (yield from self._commands(b"M401", b"M104 S0", b"M140 S0", b"M107", limit_s=STOP_S)):
             return False

@@ -1,7 +1,7 @@
 """The serial protocol of the Ultimaker 2+ firmware, without I/O: bytes and the time in, bytes and events out.
 
-Theory of operation (um2-serial sections 1, 3 and 7; all of it holds over a wire that loses and garbles
-bytes):
+Theory of operation (docs/explanation/ultimaker2-serial.md, sections 1, 3 and 7; all of it holds over a wire
+that loses and garbles bytes):
 
 1. Lines are numbered and checksummed, and ONE is in flight. The firmware carries out a number once: what is
    sent twice is refused with the number that it wants, so to send the last line again is always safe.

@@ -27,7 +27,7 @@ from drivers.steps import (
 PARKED_MM = 20.0  # how far back the end code and the printer's own menu leave the filament
 PARKED_SLACK_MM = 0.25
 LIFT_MM = 10.0
-ASIDE_MM = (10.0, 200.0)  # um2-serial section 5
+ASIDE_MM = (10.0, 200.0)  # docs/explanation/ultimaker2-serial.md, section 5
 LAST_PUSH_MM = 6.5  # pushed only when the head is back: a full nozzle oozes on the way
 PAUSE_LIMIT_S = 7200.0
 PAUSE_FEED_S = 4.0  # the display says "Printing with USB" for 5 s after a command: nobody starts an SD print
@@ -107,9 +107,10 @@ class Parking(Steps):
         )
 
     def _pause(self, program: Program, done: int) -> Script:
-        """Park, keep the bed warm, wait for a person, and go back (um2-serial section 5).
+        """Park, keep the bed warm, wait for a person, and go back.
 
-        The filament is drawn back all the way, so that it is parked however the pause ends.
+        The filament is drawn back all the way, so that it is parked however the pause ends. Source:
+        docs/explanation/ultimaker2-serial.md, section 5.
         """
         self.phase = PrintPhase.PAUSED
         self._place = None

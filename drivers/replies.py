@@ -1,6 +1,6 @@
 """What is said on the wire: our numbered lines, and the board's answers sorted into events. Pure.
 
-The wording is that of um2-serial sections 1 and 3.
+The wording is that of docs/explanation/ultimaker2-serial.md, sections 1 and 3.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ A `Session` is told what the link heard (`advance`), and says in turn what it ne
 generator; what it yields is what it waits for. Whatever happens, the last thing it does is to have heaters
 shown off:
 
-- by command, where the firmware listens (the safe sequence of um2-serial section 5);
+- by command, where the firmware listens (the safe sequence of
+  docs/explanation/ultimaker2-serial.md, section 5);
 - by a reset, where it does not, after which M105 must report both targets 0.
 
 The file's own M190 and M109 are never sent: the firmware hears nothing while it carries them out. They

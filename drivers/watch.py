@@ -1,9 +1,10 @@
 """Both heaters against their targets, at every report. Pure.
 
-What the firmware itself does not notice, or notices and goes on after (um2-serial section 3): an M109 that
-would end ``ok`` with a dead heater, an M190 that would wait for ever, a heater that fails in mid-print, one
-that heats on when it is off. Reports carry no checksum, so every value is the median of three. Between two
-reports at most `GAP_S` count: what nobody saw, as behind a long move or with the host asleep, is no fault.
+What the firmware itself does not notice, or notices and goes on after
+(docs/explanation/ultimaker2-serial.md, section 3.2): an M109 that would end ``ok`` with a dead heater, an
+M190 that would wait for ever, a heater that fails in mid-print, one that heats on when it is off. Reports
+carry no checksum, so every value is the median of three. Between two reports at most `GAP_S` count: what
+nobody saw, as behind a long move or with the host asleep, is no fault.
 """
 
 from __future__ import annotations

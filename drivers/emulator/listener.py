@@ -1,7 +1,7 @@
 """The firmware's ``get_command``: lines out of the ring, checked, acknowledged, refused. Pure.
 
 Numbered moves are acknowledged as they are read, all else when it was carried out. What is refused empties
-the ring, and its number is asked for (um2-serial section 1).
+the ring, and its number is asked for (docs/explanation/ultimaker2-serial.md, section 1.4).
 """
 
 from __future__ import annotations

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 from drivers.profiles import Profile
 
-CAPACITY = (
-    16  # moves that are queued before the next one waits (um2-serial section 2: 17 moves are acknowledged)
-)
+# Moves that are queued before the next one waits: 17 are acknowledged at once
+# (docs/explanation/ultimaker2-serial.md, section 2).
+CAPACITY = 16
 STAND_MM_S = 0.05  # MINIMUM_PLANNER_SPEED: what the firmware takes for a stand
 SHORT_S = 0.020  # M205 B: moves that take less are stretched while the queue is less than half full
 DROP_STEPS = 5  # shorter moves are not made, but added to the next one

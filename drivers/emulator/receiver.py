@@ -1,7 +1,8 @@
 """Bytes into lines, as ``get_command`` reads them out of a ring that loses what does not fit. Pure.
 
 A line ends at a line feed, a carriage return or a ``:``, and after 95 characters. A line with a ``;`` is
-dropped, and its comment goes on: it swallows the next one too (um2-serial section 1).
+dropped, and its comment goes on: it swallows the next one too
+(docs/explanation/ultimaker2-serial.md, section 1.5).
 """
 
 from __future__ import annotations

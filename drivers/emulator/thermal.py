@@ -19,7 +19,8 @@ class Heater:
         Gain and time constant.
     period_s
         0: an ideal controller (the nozzle's PID): full power up to the target, then exactly what holds it.
-        Above 0: on or off, decided once every so many seconds (the bed: 5 s, um2-serial section 1).
+        Above 0: on or off, decided once every so many seconds (the bed: 5 s,
+        docs/explanation/ultimaker2-serial.md, section 1.2).
     dead
         The element gives no heat; the sensor works.
 

@@ -1,4 +1,4 @@
-"""The firmware's own words, byte for byte (um2-serial sections 1 and 3)."""
+"""The firmware's own words, byte for byte (docs/explanation/ultimaker2-serial.md, sections 1 and 3)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The firmware's rules, one by one, against what was observed of it (docs: um2-serial)."""
+"""The firmware's rules, one by one, against what was observed of it.
+
+Source: docs/explanation/ultimaker2-serial.md.
+"""
 
 from __future__ import annotations
 

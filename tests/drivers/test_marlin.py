@@ -1,4 +1,7 @@
-"""The link against a small firmware (rules of um2-serial section 1), over wires that lose and garble."""
+"""The link against a small firmware, over wires that lose and garble.
+
+The rules are those of docs/explanation/ultimaker2-serial.md, section 1.
+"""
 
 import math
 import random

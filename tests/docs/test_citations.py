@@ -1,0 +1,21 @@
+"""Citations of the serial protocol: every section that the code names is in the document."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENT = "docs/explanation/ultimaker2-serial.md"
+CITED = re.compile(re.escape(DOCUMENT) + r",\s+sections? ([\d.]*\d(?:(?:, | and )[\d.]*\d)*)")
+
+
+def test_every_section_that_the_code_cites_exists():
+    headings = set(re.findall(r"^##+ ([\d.]*\d) ", (ROOT / DOCUMENT).read_text(), re.MULTILINE))
+    sources = [path for folder in ("drivers", "tests/drivers") for path in (ROOT / folder).rglob("*.py")]
+    cited = {
+        (str(path.relative_to(ROOT)), section)
+        for path in sources
+        for sections in CITED.findall(path.read_text().replace("\n# ", "\n"))
+        for section in re.split(", | and ", sections)
+    }
+    assert len(cited) > 10
+    assert [(path, section) for path, section in sorted(cited) if section not in headings] == []
