@@ -40,7 +40,7 @@ class Room:
 ROOMS = {
     "link": Room(
         ("drivers/marlin.py", "drivers/outbox.py", "drivers/replies.py"),
-        ("tests/drivers/test_marlin.py", "tests/drivers/test_wire.py"),
+        ("tests/drivers/test_link_polls.py", "tests/drivers/test_marlin.py", "tests/drivers/test_wire.py"),
         26,
     ),
     "session": Room(
