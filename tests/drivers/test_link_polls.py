@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from drivers.errors import Fault
-from drivers.marlin import Link, Phase, Report, Trouble
+from drivers.marlin import Link, Report
 
 BANNER = b"start\necho:Marlin 1.0.0\necho:   M301 P10 I1 D70\n"
 REPORT = b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
@@ -91,19 +90,3 @@ def test_a_line_in_flight_is_no_line_that_was_printed():
         board.step()
     assert board.link.take().startswith(b"N3 ")
     assert (board.link.streamed, board.link.drained) == (2, False)
-
-
-@pytest.mark.parametrize("commands", [0, 5])
-def test_ten_repeats_in_two_hundred_lines_are_noise_and_nine_are_not(commands: int):
-    board = Board(1e9)
-    board.link.stream(0.0, lambda a, b: PROGRAM[a:b], 0, len(PROGRAM))
-    troubles: list[Fault] = []
-    for repeat in range(10):
-        for _ in range(commands):
-            board.step()
-        assert board.link.phase is Phase.LIVE
-        board.link.take()
-        board.hear(b"Resend: %d\n" % (board.last + 1))
-        troubles += [event.fault for event in board.hear(b"ok\n") if isinstance(event, Trouble)]
-        assert bool(troubles) == (repeat == 9)
-    assert troubles == [Fault.NOISY_LINE]
