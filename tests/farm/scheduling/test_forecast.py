@@ -125,3 +125,10 @@ def test_the_bound_counts_what_only_some_of_the_printers_can_take():
     plates = [plate(f"1/{i}", "b", need=need, estimated_s=2 * HOUR) for i, need in needs]
     seen = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
     assert seen.lower_bound_s == pytest.approx(3 * HOUR)
+
+
+def test_a_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
+    plates = [plate(f"1/{i}", "a", estimated_s=HOUR, grams=40.0) for i in range(2)]
+    fleet = [printer("a", grams=50.0), printer("b", booked=True, free_s=10 * HOUR)]
+    seen = forecast(plates, fleet, rules(), 0.0)
+    assert (seen.left, [slot.printer for slot in seen.slots]) == ((), ["a", "b"])
