@@ -1,4 +1,4 @@
-"""The manual's table of defects: each row, from the outside, on a farm that goes on working."""
+"""The table in docs/reference/defects.md: each row, from the outside, on a farm that goes on working."""
 
 from __future__ import annotations
 
