@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 INTEROP := $(CURDIR)/$(VENV)/interop
 WITH_PEERS := FARM_INTEROP=$(INTEROP)/bin/python PATH="$$PATH:$(INTEROP)/bin"
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
-SITE := $(BIN)/sphinx-build -E -a -W --keep-going -q -b html docs build/docs
+SITE := rm -rf build/docs && $(BIN)/sphinx-build -W --keep-going -q -b html docs build/docs
 SOURCES := farm drivers decompose slicing
 LOCK_OPTIONS := --quiet --generate-hashes --allow-unsafe --strip-extras --all-build-deps --no-header \
 	--no-emit-index-url --no-emit-find-links --no-emit-trusted-host --no-emit-options
