@@ -39,7 +39,7 @@ demo: install
 	$(BIN)/python examples/demo.py
 
 # Most of the time tests wait for real processes: those run beside the others, and each lot is told when it is over.
-WAITING := tests/interop tests/farm/daemon tests/drivers
+WAITING := tests/interop tests/farm/agents tests/farm/control tests/farm/http tests/drivers
 test: install $(VENV)/.installed-dev peers
 	@$(MAKE) --no-print-directory --jobs=3 --output-sync=target test-system test-waiting test-rest
 

@@ -24,13 +24,13 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers import messages as m
-from drivers.client import AgentClient, spawn
 from drivers.clock import Clock
 from drivers.emulator import wording
 from drivers.emulator.planner import Limits
 from drivers.emulator.port import Port
 from drivers.errors import DriverError
-from drivers.profiles import PROFILES
+from drivers.printers.profiles import PROFILES
+from drivers.remote.client import AgentClient, spawn
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"

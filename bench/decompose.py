@@ -40,14 +40,14 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
-from drivers.profiles import PROFILES, part_room
+from drivers.printers.profiles import PROFILES, part_room
 from farm.errors import FarmError
-from farm.services.booking import SliceTask
-from farm.services.plates import slice_part
+from farm.planning.parts.slice_part import slice_part
+from farm.planning.plan_records import SliceTask
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
-from slicing.resources import find_engine, find_resources
-from slicing.settings import SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
 
 MODELS = (
     "stanford-bunny.stl", "utah-teapot.obj", "3DBenchy.stl", "fandisk.stl",

@@ -18,9 +18,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from drivers import client as agents
 from drivers import messages as m
 from drivers.emulator.launch import alive, control, read_status
+from drivers.remote import client as agents
 
 MODEL = "ultimaker2_plus"
 FARM = Path(sys.executable).with_name("farm")

@@ -11,11 +11,11 @@ import argparse
 import json
 import sys
 
-from slicing.heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_mm
-from slicing.limits import LAYER_SHARE
-from slicing.qualities import OURS
-from slicing.resources import find_resources
-from slicing.settings import SettingsRequest, resolve_settings
+from slicing.settings.layer_heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_mm
+from slicing.settings.limits import LAYER_SHARE
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing.settings.qualities import OURS
+from slicing.settings.resources import find_resources
 
 PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
 CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")

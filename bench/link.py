@@ -31,10 +31,10 @@ from statistics import median
 
 from bench import agent, estop
 from drivers import messages as m
-from drivers.client import AgentClient, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import DriverError
+from drivers.remote.client import AgentClient, spawn
 
 PARTS = ("throughput", "printcore", "agent", "peers", "memory", "estop")
 INTEROP = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "python"

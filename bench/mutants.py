@@ -39,42 +39,35 @@ class Room:
 
 ROOMS = {
     "link": Room(
-        ("drivers/marlin.py", "drivers/outbox.py", "drivers/replies.py"),
-        ("tests/drivers/test_link_polls.py", "tests/drivers/test_marlin.py", "tests/drivers/test_wire.py"),
+        tuple(f"drivers/link/{name}.py" for name in ("link", "outbox", "replies")),
+        ("tests/drivers/link",),
         26,
     ),
     "session": Room(
-        tuple(
-            f"drivers/{name}.py" for name in ("session", "steps", "leaving", "parking", "identify", "watch")
-        ),
         (
-            "tests/drivers/test_watch.py",
-            "tests/drivers/test_session.py",
-            "tests/drivers/test_session_hours.py",
-            "tests/drivers/test_session_identity.py",
-            "tests/drivers/test_session_pause.py",
-            "tests/drivers/test_session_reset.py",
-            "tests/drivers/test_stuck_heater.py",
-            "tests/drivers/test_ways_out.py",
+            *(f"drivers/session/{name}.py" for name in ("session", "steps", "leave", "park", "identify")),
+            "drivers/safety/heater_watch.py",
         ),
+        ("tests/drivers/session", "tests/drivers/safety/test_heater_watch.py"),
         22,
     ),
     "books": Room(
         tuple(
-            f"farm/tracking/{name}.py"
+            f"farm/state/{name}.py"
             for name in (
-                "account", "books", "consequences", "factor", "notices", "outage", "outcome", "reconcile",
-                "recount", "reels", "restored", "rules", "whole",
+                "books", "consequences", "time_factor", "outage", "plate_state", "reconcile", "reels",
+                "transitions", "salvaged_parts", "recovery/restore", "recovery/journal_import",
             )
         ),
-        ("tests/farm/tracking", "tests/farm/daemon/test_desk.py", "tests/farm/daemon/test_copied_books.py"),
+        ("tests/farm/state", "tests/farm/control/test_print_commands.py"),
         28,
     ),
     "scheduling": Room(
         tuple(
             f"farm/scheduling/{name}.py"
             for name in (
-                "again", "assign", "forecast", "front", "holds", "hours", "moments", "rules", "snapshot",
+                "admission", "assign", "forecast", "hold_reasons", "hours", "matching", "situation",
+                "start_rules", "time_expressions",
             )
         ),
         ("tests/farm/scheduling",),
@@ -82,9 +75,6 @@ ROOMS = {
     ),
     "cost": Room(
         tuple(f"decompose/print_time/{name}.py" for name in ("cost", "pose_prices", "recipe")),
-        ("tests/decompose/print_time/test_cost.py",),
-        14,
-    ),
 }  # fmt: skip
 
 

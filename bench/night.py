@@ -25,24 +25,24 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from drivers.agent.journal import JOURNAL
-from drivers.client import kill as kill_agent
 from drivers.emulator.launch import Command, alive, control
 from drivers.errors import DriverError
-from drivers.profiles import PROFILES
+from drivers.printers.profiles import PROFILES
+from drivers.remote.client import kill as kill_agent
 from farm import api
-from farm.cli.client import Client
+from farm.cli.client.daemon_client import Client
 from farm.config import load_fleet
 from farm.errors import DaemonUnreachable, FarmError
 from farm.model import Bed, Job, JobOptions, PrintState
 from farm.paths import StateFolder
-from farm.services.fleet import mistake_in
-from farm.services.gcode import inspect_gcode, plan_gcode
-from farm.services.planning import DecomposeTask, Plan
-from farm.tracking import events as ev
-from farm.tracking.books import Books
-from farm.tracking.outcome import Standing
-from farm.tracking.rules import apply
-from farm.tracking.store import Store
+from farm.planning.fleet_check import mistake_in
+from farm.planning.own_gcode import inspect_gcode, plan_gcode
+from farm.planning.plan import DecomposeTask, Plan
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.plate_state import Standing
+from farm.state.storage.store import Store
+from farm.state.transitions import apply
 
 MODEL = "ultimaker2_plus"
 SIDE_MM, LAYER_MM, MOVES_A_LAYER = 20.0, 0.2, 4

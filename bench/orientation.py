@@ -35,12 +35,12 @@ from decompose.pieces import find_cut_faces
 from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, find_best_pose, measure_pose
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.profiles import PROFILES, part_room
-from farm.services.recipe import recipe
+from drivers.printers.profiles import PROFILES, part_room
+from farm.planning.parts.print_recipe import recipe
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
-from slicing.resources import find_engine, find_resources
-from slicing.settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
 
 Shapes = Mapping[str, Callable[[], Solid]]
 

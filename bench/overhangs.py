@@ -20,10 +20,10 @@ import numpy as np
 import trimesh
 
 from bench.print_time_parts import ANYWHERE, PRINTER, kind_seconds
-from farm.services.recipe import recipe
+from farm.planning.parts.print_recipe import recipe
 from slicing.plate import PlateRequest, slice_plate
-from slicing.resources import find_engine, find_resources
-from slicing.settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
 
 CASES = ((0.25, 45.0), (0.1, 45.0), (0.25, 60.0))  # layer height in mm, support angle in degrees
 YAWS_DEG = (0.0, 33.0)

@@ -1,6 +1,6 @@
 """How long a plate takes beside its layers: cubes printed by a real agent on an emulated printer.
 
-The figures `START_S` and `END_S` of farm/services/estimate.py come from here.
+The figures `START_S` and `END_S` of farm/planning/plate_times.py come from here.
 
 Usage: python -m bench.plate_time [--scale 60] [--json]
 """
@@ -18,14 +18,14 @@ from typing import Any
 import trimesh
 
 from drivers import messages as m
-from drivers.client import AgentClient, spawn
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
-from drivers.profiles import PROFILES
-from farm.services.estimate import plate_seconds
+from drivers.printers.profiles import PROFILES
+from drivers.remote.client import AgentClient, spawn
+from farm.planning.plate_times import plate_seconds
 from slicing.plate import PlateRequest, PlateResult, slice_plate
-from slicing.resources import find_engine, find_resources
-from slicing.settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
 
 MODEL = "ultimaker2_plus"
 SIDES_MM = (10.0, 20.0, 40.0)

@@ -25,12 +25,12 @@ from decompose.geometry import Model, Solid, load_model, round_triangles, write_
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, pose_features
 from decompose.printers import PrinterRoom
-from drivers.profiles import PROFILES, part_room
-from farm.services.recipe import recipe
+from drivers.printers.profiles import PROFILES, part_room
+from farm.planning.parts.print_recipe import recipe
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
-from slicing.resources import find_engine, find_resources
-from slicing.settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
 
 PRINTER = "ultimaker2_plus"
 ANYWHERE = ((-500.0, -500.0, 500.0, 500.0, 500.0),)  # parts are not placed here, only timed

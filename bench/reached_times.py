@@ -20,9 +20,9 @@ import numpy as np
 
 from farm.model import PrintState
 from farm.paths import StateFolder
-from farm.tracking.books import Books
-from farm.tracking.factor import MOST_STARVED, SHORTEST_S, learned
-from farm.tracking.store import Store
+from farm.state.books import Books
+from farm.state.storage.store import Store
+from farm.state.time_factor import MOST_STARVED, SHORTEST_S, learned
 
 
 @dataclass(frozen=True, slots=True)

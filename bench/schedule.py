@@ -21,9 +21,9 @@ from farm.model import Bed, FilamentState, Link
 from farm.scheduling.assign import assign
 from farm.scheduling.forecast import forecast
 from farm.scheduling.hours import Hours
-from farm.scheduling.rules import Rules
-from farm.scheduling.snapshot import Kind, Need, PlateView, PrinterView
-from farm.windows import parse_window
+from farm.scheduling.situation import Kind, Need, PlateView, PrinterView
+from farm.scheduling.start_rules import Rules
+from farm.week_windows import parse_window
 
 NOW_S = 1_790_000_000.0
 LOW = Kind(((-111.0, -104.0, 111.0, 102.0, 205.0),), "generic_pla", None, 0.4)

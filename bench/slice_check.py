@@ -22,8 +22,8 @@ import trimesh
 
 from slicing.errors import SliceRejected
 from slicing.plate import PlateRequest, slice_plate
-from slicing.resources import find_engine, find_resources
-from slicing.settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
 
 MOVE = trimesh.transformations.translation_matrix
 ROOM = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)

@@ -21,8 +21,8 @@ from statistics import median
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
-from drivers.marlin import Link, Phase, Trouble
-from drivers.profiles import PROFILES
+from drivers.link.link import Link, Phase, Trouble
+from drivers.printers.profiles import PROFILES
 
 MODEL = "ultimaker2_plus"
 EVERY_LINES = 30

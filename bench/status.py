@@ -16,10 +16,10 @@ from pathlib import Path
 import httpx
 
 from drivers.clock import Clock
+from farm.compute.worker_pool import Workers
 from farm.config import Fleet
-from farm.daemon.core import Core
-from farm.daemon.server import make_app
-from farm.daemon.workers import Workers
+from farm.control.controller import Core
+from farm.http.app import make_app
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -38,9 +38,9 @@ from farm.model import (
     Verdict,
 )
 from farm.paths import StateFolder
-from farm.services.rooms import bed_boxes
-from farm.tracking.books import Books
-from farm.tracking.store import Store
+from farm.planning.parts.part_rooms import bed_boxes
+from farm.state.books import Books
+from farm.state.storage.store import Store
 
 PARTS = 9
 GOING = 10  # jobs that are being printed, and as many that wait for a verdict

@@ -18,14 +18,14 @@ import yaml
 from pydantic import BaseModel
 
 from drivers.errors import Fault
-from drivers.profiles import PROFILES
+from drivers.printers.profiles import PROFILES
 from farm import api
-from farm.cli.button import Said
+from farm.cli.client.estop_socket import Said
 from farm.cli.main import app
 from farm.config import ComputeSection, FleetSection, PrinterSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
-from farm.tracking.faults import OwnFault
+from farm.state.faults import OwnFault
 from slicing.errors import Rule
 
 FOLDER = Path(__file__).parent / "reference"

@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
-from farm.words import one_line
+from farm.text import one_line
 
 SCHEMA = 1
 Line = Annotated[str, AfterValidator(one_line)]

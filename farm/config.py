@@ -22,8 +22,8 @@ from pydantic import (
 from yaml.constructor import ConstructorError
 
 from farm.errors import FleetFileError
-from farm.mistakes import Misplaced, Place, in_words, line_of, place_of, written, written_twice
-from farm.windows import Window, parse_window
+from farm.fleet_errors import Misplaced, Place, in_words, line_of, place_of, written, written_twice
+from farm.week_windows import Window, parse_window
 
 SIMULATED = "sim://"
 _FORWARDED = "rfc2217://"
@@ -106,7 +106,7 @@ class PrinterSection(_Section):
     price_per_kg: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None  # of its reel
     volume_mm: tuple[Positive, Positive, Positive] | None = None
     host: Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.@-]*$")] | None = None  # as ssh knows it
-    host_command: str = "/opt/farm/.venv/bin/python -m drivers.bridge"  # what ssh starts there
+    host_command: str = "/opt/farm/.venv/bin/python -m drivers.remote.bridge"  # what ssh starts there
     enabled: bool = True
     unattended: bool = True  # it may print while nobody is there
     power_off_cmd: str | None = None  # what takes its mains away; {printer} is its name

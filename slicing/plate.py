@@ -17,16 +17,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from slicing import output, stl
+from slicing import stl
+from slicing.checks import output
+from slicing.checks.outline import Unprinted, check_outline
+from slicing.checks.timeline import with_times
+from slicing.checks.toolpath import read_toolpath
+from slicing.checks.walls import lines_of
 from slicing.engine import Progress, check_versions, engine_version, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
-from slicing.outline import Unprinted, check_outline
-from slicing.settings import Settings
-from slicing.startcode import PARKED_MM
-from slicing.timeline import with_times
-from slicing.toolpath import read_toolpath
-from slicing.walls import lines_of
-from slicing.waves import waved
+from slicing.mesh_waves import waved
+from slicing.settings.plate_settings import Settings
+from slicing.start_code import PARKED_MM
 
 _FORMAT = "farm-slice-4"
 """Part of the cache's key: changes where what is stored or checked changes."""

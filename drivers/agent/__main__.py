@@ -8,14 +8,14 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from drivers import start
-from drivers.agent.inhibit import Inhibitor
+from drivers.agent import start_file
 from drivers.agent.journal import JOURNAL, recall
 from drivers.agent.loop import Agent
+from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
-from drivers.estop import Target, cut
 from drivers.locks import AGENT_LOCK, held, hold, sign
-from drivers.profiles import PROFILES
+from drivers.printers.profiles import PROFILES
+from drivers.safety.estop import Target, cut
 
 
 def main() -> int:
@@ -27,7 +27,7 @@ def main() -> int:
         stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     try:
-        given = start.read(folder)
+        given = start_file.read(folder)
         profile = PROFILES.get(given.model)
         if profile is None:
             raise AgentError(f"no printer model {given.model!r}; use one of {', '.join(sorted(PROFILES))}")
@@ -62,7 +62,7 @@ def _mine(folder: Path) -> bool:
     return lock is not None
 
 
-def _end_heat(given: start.Start, folder: Path) -> None:
+def _end_heat(given: start_file.Start, folder: Path) -> None:
     """Where nothing can be written nothing is printed, but what the last agent heated must not stay hot."""
     if recall(folder / JOURNAL)[0].heat:
         stopped = cut(Target(given.printer, given.port, folder, given.power_off_cmd))

@@ -8,8 +8,8 @@ import math
 from pydantic import BaseModel, ConfigDict
 
 from drivers.clock import wall_s
-from drivers.mains import LOOK_S, NO_COMMAND, PowerOff
-from drivers.session import Session, Suspicion
+from drivers.safety.mains import LOOK_S, NO_COMMAND, PowerOff
+from drivers.session.session import Session, Suspicion
 
 log = logging.getLogger(__name__)
 

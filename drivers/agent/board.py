@@ -7,15 +7,15 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.agent.idle import ASK, CARD, IdleWatch
+from drivers.agent.idle_watch import ASK, CARD, IdleWatch
 from drivers.clock import Clock, wall_s
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
-from drivers.last_words import HEATERS_OFF, LAST_WORDS, end_blind, end_heard
-from drivers.marlin import Event, Events, Link, Phase, Report, Said, Trouble, Up
-from drivers.ports import Port, open_port, plugged_in
-from drivers.session import Pace, Session
+from drivers.link.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
+from drivers.ports.port import Port, open_port, plugged_in
+from drivers.safety.last_words import HEATERS_OFF, LAST_WORDS, end_blind, end_heard
+from drivers.session.session import Pace, Session
 
 log = logging.getLogger(__name__)
 

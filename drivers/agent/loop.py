@@ -10,15 +10,15 @@ import socket
 from pathlib import Path
 
 from drivers.agent.board import NO_RESET, Board
-from drivers.agent.idle import CARD
-from drivers.agent.inhibit import Inhibitor
+from drivers.agent.idle_watch import CARD
 from drivers.agent.journal import JOURNAL, Journal
-from drivers.agent.record import Record
+from drivers.agent.print_record import Record
 from drivers.agent.server import Server
+from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.agent.spool import Spool
 from drivers.clock import Clock, wall_s
 from drivers.errors import AgentError, BadGcode, DriverError, Fault, TooLate
-from drivers.marlin import Phase
+from drivers.link.link import Phase
 from drivers.messages import (
     PROTOCOL,
     BedCleared,
@@ -42,8 +42,8 @@ from drivers.messages import (
     StartPrint,
     Upload,
 )
-from drivers.profiles import Profile
-from drivers.session import PARKED_MM
+from drivers.printers.profiles import Profile
+from drivers.session.session import PARKED_MM
 
 log = logging.getLogger(__name__)
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import AgentError, BadGcode
-from drivers.gcode import LONGEST_LINE_BYTES, Program, strip
+from drivers.gcode.program import LONGEST_LINE_BYTES, Program, strip
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 _PART = ".part"

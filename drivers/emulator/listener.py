@@ -17,7 +17,7 @@ from drivers.emulator.faults import Dice, Faults
 from drivers.emulator.machine import Machine, value
 from drivers.emulator.noise import Noise
 from drivers.emulator.receiver import Receiver
-from drivers.replies import checksum
+from drivers.link.replies import checksum
 
 LINES = 8
 

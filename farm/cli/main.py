@@ -12,15 +12,17 @@ from typing import Annotated
 import typer
 
 import farm
-from drivers.profiles import PROFILES
-from farm.cli import ahead, complete, history, local, operate, pause, ports, render, stop, submit
-from farm.cli.client import Client
+from drivers.printers.profiles import PROFILES
+from farm.cli import completion
+from farm.cli.client.daemon_client import Client
+from farm.cli.commands import discover, estop, history, local, operate, pause, prepare, submit
+from farm.cli.display import tables
+from farm.cli.display.format import say
 from farm.cli.options import Json, placed
-from farm.cli.words import say
 from farm.config import Fleet, load_fleet
 from farm.errors import DaemonUnreachable, ExitCode, FarmError
 from farm.paths import Places
-from farm.words import count
+from farm.text import count
 
 app = typer.Typer(
     help="Turns a fleet of Ultimaker 2+ printers into one fast printer for large models.",
@@ -49,7 +51,7 @@ _END_PATIENCE_S = 180.0
 
 
 def _fleet(places: Places) -> Fleet:
-    from farm.services.fleet import mistake_in
+    from farm.planning.fleet_check import mistake_in
 
     return load_fleet(places.fleet, frozenset(PROFILES), mistake_in)
 
@@ -60,7 +62,7 @@ def up(
     places: Places,
     replace: Annotated[
         list[str] | None,
-        typer.Option(help="Replace the agent of this idle printer.", autocompletion=complete.printers),
+        typer.Option(help="Replace the agent of this idle printer.", autocompletion=completion.printers),
     ] = None,
 ) -> None:
     """Start the daemon, which starts an agent for each printer, or adopts those that are alive."""
@@ -122,7 +124,7 @@ def _start_daemon(places: Places, client: Client) -> None:
 @placed
 def daemon(places: Places) -> None:
     """Run the daemon in the foreground (`farm up` does it in the background)."""
-    from farm.daemon.main import run
+    from farm.daemon import run
 
     run(_fleet(places), places)
 
@@ -163,25 +165,25 @@ def _exists(pid: int) -> bool:
 @placed
 def status(
     places: Places,
-    job: Annotated[int | None, typer.Argument(help="Only this job.", autocompletion=complete.jobs)] = None,
+    job: Annotated[int | None, typer.Argument(help="Only this job.", autocompletion=completion.jobs)] = None,
     watch: Annotated[bool, typer.Option("--watch", help="Show it anew until Ctrl-C.")] = False,
     json: Json = False,
 ) -> None:
     """What a person has to do now, the printers, the jobs, and why each waiting plate waits."""
     client = Client(places.socket)
     if watch and not json:
-        render.watch(client, job)
+        tables.watch(client, job)
     elif job is not None:
         answer = client.job(job)
-        print(answer.model_dump_json(by_alias=True, indent=2)) if json else render.job(answer.job)
+        print(answer.model_dump_json(by_alias=True, indent=2)) if json else tables.job(answer.job)
     else:
         whole = client.status()
-        print(whole.model_dump_json(by_alias=True, indent=2)) if json else render.status(whole)
+        print(whole.model_dump_json(by_alias=True, indent=2)) if json else tables.status(whole)
 
 
 app.command()(submit.submit)
-app.command()(ahead.load)
-app.command()(ahead.approve)
+app.command()(prepare.load)
+app.command()(prepare.approve)
 app.command()(history.history)
 app.command()(history.report)
 app.command()(operate.cleared)
@@ -193,8 +195,8 @@ app.command()(local.decompose)
 app.command("slice")(local.slice_model)
 app.command()(pause.pause)
 app.command()(pause.resume)
-app.command()(ports.discover)
-app.command()(stop.estop)
+app.command()(discover.discover)
+app.command()(estop.estop)
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
-from farm.cli import complete
+from farm.cli import completion
 from farm.paths import Places, find_places
 
 P = ParamSpec("P")
@@ -22,8 +22,8 @@ Socket = Annotated[
 FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
 Why = Annotated[str, typer.Option(help="What you saw; it goes into the history.")]
-Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=complete.printers)]
-Job = Annotated[int, typer.Argument(help="The job.", autocompletion=complete.jobs)]
+Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=completion.printers)]
+Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.jobs)]
 
 
 def placed(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from farm.model import Hold
-from farm.scheduling.holds import Reasons
-from farm.scheduling.rules import Rules, short_of_filament
-from farm.scheduling.snapshot import PlateView, PrinterView
+from farm.scheduling.hold_reasons import Reasons
+from farm.scheduling.situation import PlateView, PrinterView
 from farm.scheduling.spares import spare_printers, takes_spare
+from farm.scheduling.start_rules import Rules, short_of_filament
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
-from farm.scheduling.rules import Rules, Start, short_of_filament
-from farm.scheduling.snapshot import Kind, PlateView, PrinterView
+from farm.scheduling.situation import Kind, PlateView, PrinterView
+from farm.scheduling.start_rules import Rules, Start, short_of_filament
 
 CLEARING_S = 900.0
 """A person takes a part off and says so, once somebody is there."""

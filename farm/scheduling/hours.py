@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 from functools import lru_cache
 
-from farm.windows import Window
+from farm.week_windows import Window
 
 _HORIZON_DAYS = 15  # windows come again every week; twice that holds a span that lasts a week
 _ALWAYS_S = 8 * 86400.0  # windows of a week that leave no gap

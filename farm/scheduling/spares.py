@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 from farm.model import Link
-from farm.scheduling.snapshot import PlateView, PrinterView
+from farm.scheduling.situation import PlateView, PrinterView
 
 
 def spare_printers(printers: Iterable[PrinterView], planned: Collection[str], spares: int) -> frozenset[str]:

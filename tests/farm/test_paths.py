@@ -69,7 +69,7 @@ def test_the_clock_is_kept_whole(tmp_path):
 
 def test_a_state_folder_keeps_the_clock_that_it_was_made_with(tmp_path):
     from farm.config import Fleet
-    from farm.daemon.main import farm_clock
+    from farm.daemon import farm_clock
 
     def fleet(scale):
         printer = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"}

@@ -11,8 +11,8 @@ import pytest
 
 from drivers import messages as m
 from drivers.agent.journal import JOURNAL, Journal
-from farm.services.files import sha256_of, store_file
-from farm.tracking.store import Store
+from farm.state.storage.file_store import sha256_of, store_file
+from farm.state.storage.store import Store
 from power_cut import PowerCut
 
 CC = shutil.which("cc")

@@ -17,8 +17,8 @@ import pytest
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.errors import Fault, PortError
-from drivers.marlin import Link, Phase, Trouble
-from drivers.serialport import SerialPort
+from drivers.link.link import Link, Phase, Trouble
+from drivers.ports.serial_port import SerialPort
 
 HERE = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # of that environment

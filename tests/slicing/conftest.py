@@ -8,8 +8,8 @@ import trimesh
 from make_stl import stl_bytes
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest
-from slicing.resources import find_engine, find_resources
-from slicing.settings import SettingsRequest, resolve_settings
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
 
 WHOLE_BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 

@@ -3,9 +3,9 @@
 import itertools
 
 from farm.model import Bed, FilamentState, Job, JobOptions, Part, Plate, PrintState
-from farm.tracking import events as ev
-from farm.tracking.books import Books
-from farm.tracking.rules import apply
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.transitions import apply
 
 PRINTERS = ("a", "b", "c")
 

@@ -4,9 +4,9 @@ from zoneinfo import ZoneInfo
 
 from farm.model import Bed, FilamentState, Link
 from farm.scheduling.hours import Hours
-from farm.scheduling.rules import Rules
-from farm.scheduling.snapshot import Kind, Need, PlateView, PrinterView
-from farm.windows import parse_window
+from farm.scheduling.situation import Kind, Need, PlateView, PrinterView
+from farm.scheduling.start_rules import Rules
+from farm.week_windows import parse_window
 
 LOW = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
 TALL = ((-111.0, -104.0, 111.0, 102.0, 305.0),)

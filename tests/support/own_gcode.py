@@ -4,12 +4,12 @@ import re
 
 import pytest
 
-from drivers.filament import retracted_mm
-from drivers.gcode import HeaterName, strip
+from drivers.gcode.filament_position import retracted_mm
+from drivers.gcode.program import HeaterName, strip
 from make_gcode import FILAMENT_MM2, Summed
 from slicing.errors import GcodeRefused
-from slicing.foreign.accept import accept
-from slicing.startcode import end_code, start_code
+from slicing.own_gcode.accept import accept
+from slicing.start_code import end_code, start_code
 
 ON_THE_LIST = re.compile(
     rb"(G0|G1|G4|G28|G90|G91|G92|G21|M82|M84|M104|M106|M107|M109|M140|M190|M220 S100|M221 S100)( |\Z)"

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
 from drivers.errors import Fault
-from drivers.gcode import Store, strip
-from drivers.marlin import Link
+from drivers.gcode.program import Store, strip
+from drivers.link.link import Link
 from drivers.messages import Filament, PrintPhase
-from drivers.profiles import PROFILES
-from drivers.session import Pace, Session
+from drivers.printers.profiles import PROFILES
+from drivers.session.session import Pace, Session
 
 PLUS = PROFILES["ultimaker2_plus"]
 GCODE = """;FLAVOR:Marlin

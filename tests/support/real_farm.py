@@ -10,9 +10,9 @@ import sys
 import time
 from pathlib import Path
 
-from drivers.client import kill
 from drivers.emulator.launch import Command, alive, control
 from drivers.emulator.status import read_status
+from drivers.remote.client import kill
 
 FARM = Path(sys.executable).with_name("farm")
 PATIENCE_S = 240.0

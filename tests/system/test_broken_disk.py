@@ -8,9 +8,9 @@ from contextlib import ExitStack
 
 import pytest
 
-from farm.daemon.backups import back_up
 from farm.paths import StateFolder
-from killed_farm import KilledFarm
+from farm.state.storage.backups import back_up
+from killed_daemon_farm import KilledFarm
 from real_farm import wait_for
 from small_disk import SmallDisk
 

@@ -38,7 +38,15 @@ def test_another_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang
     shared = Path(tempfile.mkdtemp())
     shared.chmod(0o755)
     path = shared / "estop.sock"
-    command = [sys.executable, "-m", "farm.cli.estop_server", "--state", farm.state, "--fleet", farm.fleet]
+    command = [
+        sys.executable,
+        "-m",
+        "farm.cli.client.estop_server",
+        "--state",
+        farm.state,
+        "--fleet",
+        farm.fleet,
+    ]
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(path))
         os.chown(path, -1, NOBODY)

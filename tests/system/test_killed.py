@@ -7,8 +7,8 @@ import random
 
 import pytest
 
-from kept_daemon import LATER, MOMENTS
-from killed_farm import KilledFarm
+from killed_daemon_farm import KilledFarm
+from restarted_daemon import LATER, MOMENTS
 
 pytestmark = pytest.mark.system
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from box_tables import Shape, tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from box_tables import Shape, tables
 from decompose.bound.covering import cover_cells
 from decompose.grid import box_index
 

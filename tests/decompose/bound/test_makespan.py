@@ -6,11 +6,11 @@ import math
 from functools import cache
 
 import numpy as np
-from box_tables import Shape, every_box, tables
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from box_tables import Shape, every_box, tables
 from decompose.bound import makespan_bound
 from decompose.bound.makespan import CLOSE, Bound
 from decompose.engines.guillotine import Partitioner

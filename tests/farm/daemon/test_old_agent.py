@@ -10,12 +10,12 @@ from typing import ClassVar
 import pytest
 
 from drivers import messages as m
-from drivers.client import AgentClient
 from drivers.clock import Clock
 from drivers.errors import AgentTooOld
 from drivers.locks import AGENT_LOCK, hold
+from drivers.remote.client import AgentClient
+from farm.agents.manager import Links
 from farm.config import Fleet
-from farm.daemon.links import Links
 from farm.errors import NoSuchThing, Refused
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder

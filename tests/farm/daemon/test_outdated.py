@@ -4,8 +4,8 @@ from pathlib import Path
 
 from farm.model import Link
 from farm.paths import StateFolder
-from farm.tracking.todo import todo
-from one_core import Farm
+from farm.views.tasks import todo
+from recording_controller import Farm
 
 
 def test_an_outdated_agent_is_to_be_replaced_and_not_to_be_cleared(tmp_path: Path):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.assign import assign as assign_by
-from farm.scheduling.snapshot import Need
+from farm.scheduling.situation import Need
 from make_views import LOW, TALL, box, plate, printer, rules
 
 NOW_S = 1_000_000.0

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, Link
 from farm.scheduling.forecast import CLEARING_S, forecast, seconds_on
-from farm.scheduling.snapshot import Need
+from farm.scheduling.situation import Need
 from make_views import LOW, TALL, box, plate, printer, rules
 
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC

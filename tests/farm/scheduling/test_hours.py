@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.scheduling.hours import Hours
-from farm.windows import DAYS, parse_window
+from farm.week_windows import DAYS, parse_window
 
 LONDON = ZoneInfo("Europe/London")
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from box_tables import Shape, tables
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from box_tables import Shape, tables
 from decompose.engines.guillotine import (
     CurvePoint,
     Partitioner,

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from box_tables import Shape, every_box, tables
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from box_tables import Shape, every_box, tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.neighbourhood import improve_locally, sorted_times_s
 from decompose.engines.guillotine.partitioner import UNREACHABLE

@@ -8,10 +8,10 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
-from box_tables import Shape, tables
 from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
+from box_tables import Shape, tables
 from decompose.engines.guillotine import Partitioner
 from decompose.engines.guillotine.partitioner import OtherClass
 from decompose.engines.guillotine.recursion import AREA_MM2, UNREACHABLE

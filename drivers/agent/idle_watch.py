@@ -1,0 +1,93 @@
+"""What an idle board tells of people, cards and faults that the farm did not cause. Pure.
+
+Answers carry no checksum, so that what a garbled digit could have said is believed when it is said twice.
+"""
+
+from __future__ import annotations
+
+import re
+
+from drivers.errors import Fault
+from drivers.link.replies import Report, Trouble
+
+ASK = (b"M114", b"M27")
+CARD = "it prints from its SD card"
+MOVED = "somebody moved it at the printer"
+HEATED = "somebody switched a heater on at the printer"
+COLD_C = 45.0
+RISE_C, WARM_C = 15.0, 60.0  # a heater that is off and gets so much hotter, to more than this, is stuck on
+
+_PLACE = re.compile(rb"X:-?[\d.]+ ?Y:-?[\d.]+ ?Z:-?[\d.]+ ?E:-?[\d.]+ Count")
+_CARD = (b"SD printing byte", b"Not SD printing", b"Card error:")
+
+
+class IdleWatch:
+    """Tell it what the board answers from one reset or print to the next.
+
+    Attributes
+    ----------
+    card
+        The printer prints from its SD card.
+    cold
+        Three reports in a row have shown both heaters off and cold.
+    """
+
+    def __init__(self) -> None:
+        self.card = False
+        self.anew()
+
+    def anew(self) -> None:
+        """The board was reset or printed for us: what was seen before is of no use."""
+        self.card = False
+        self._place: bytes | None = None
+        self._moved_to: bytes | None = None
+        self._heated = False
+        self._coolest_c = [float("inf"), float("inf")]
+        self._hot = 0  # reports in a row with a heater that is stuck on
+        self._cold = 0  # reports in a row with both off and cold
+
+    @property
+    def cold(self) -> bool:
+        return self._cold >= 3
+
+    def said(self, text: bytes) -> tuple[bool, str | None]:
+        """Take an answer to `ASK`.
+
+        Returns
+        -------
+        (bool, str | None)
+            Whether it is one, and what it tells of what the farm did not cause.
+        """
+        if text.startswith(_CARD):
+            self.card = text.startswith(_CARD[0]) or (self.card and text.startswith(_CARD[2]))
+            return True, CARD if self.card else None
+        if _PLACE.match(text) is None:
+            return False, None
+        moved = self._place is not None and text != self._place
+        if moved and text == self._moved_to:
+            self._place, self._moved_to = text, None
+            return True, MOVED
+        self._moved_to = text if moved else None
+        self._place = self._place or text
+        return True, None
+
+    def report(self, report: Report) -> tuple[str | None, Trouble | None]:
+        """Take a report: what it tells of people, and of a heater that is stuck on."""
+        heated = report.nozzle_target_c > 0 or report.bed_target_c > 0
+        cold = not heated and max(report.nozzle_c, report.bed_c) < COLD_C
+        self._cold = self._cold + 1 if cold else 0
+        twice, self._heated = heated and self._heated, heated
+        if heated:
+            self._coolest_c = [float("inf"), float("inf")]
+            self._hot = 0
+            return (HEATED if twice else None), None
+        now_c = (report.nozzle_c, report.bed_c)
+        self._coolest_c = [min(old_c, new_c) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)]
+        risen = [
+            new_c > max(WARM_C, old_c + RISE_C) for old_c, new_c in zip(self._coolest_c, now_c, strict=True)
+        ]
+        self._hot = self._hot + 1 if any(risen) else 0
+        if self._hot < 3:
+            return None, None
+        which, at_c = ("nozzle", now_c[0]) if risen[0] else ("bed", now_c[1])
+        return None, Trouble(Fault.HEATER_STUCK_ON, f"the {which} is off and gets hotter: {at_c:g} C")

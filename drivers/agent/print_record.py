@@ -1,0 +1,188 @@
+"""The journal's view of the board: what is written down before the board is told to go on."""
+
+from __future__ import annotations
+
+import logging
+
+from drivers.agent.alarm import Alarms
+from drivers.agent.board import UNWATCHED, Board
+from drivers.agent.journal import ESTOPPED, Journal
+from drivers.clock import Clock
+from drivers.errors import Fault, JournalError
+from drivers.gcode.program import Program
+from drivers.messages import Filament, PrintPhase, PrintSnapshot
+from drivers.printers.profiles import Profile
+from drivers.session.session import Session
+
+log = logging.getLogger(__name__)
+
+_KEPT = ("look", "doubt", "hot", "opened", "reset_verified", "reset_refuted")  # of the board
+_NEEDS_A_LOOK = frozenset(
+    (
+        Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
+        Fault.THERMAL_RUNAWAY, Fault.HEATER_STUCK_ON, Fault.TARGET_CHANGED, Fault.WRONG_PRINTER,
+    )
+)  # fmt: skip
+
+
+class Record:
+    """Keeps board and journal in step, and the open print with both.
+
+    Parameters
+    ----------
+    printer, profile
+        Its name in the fleet, and its model.
+    board
+        Gets what the journal knows of it.
+    journal
+        Of this agent.
+    clock
+        The farm's clock.
+    power_off_cmd
+        See `mains.PowerOff`.
+
+    Attributes
+    ----------
+    alarms
+        What was found of a heater that cannot be switched off.
+    unsaid
+        Why the journal is behind, where it is.
+    """
+
+    def __init__(
+        self,
+        printer: str,
+        profile: Profile,
+        board: Board,
+        journal: Journal,
+        clock: Clock,
+        power_off_cmd: str | None,
+    ) -> None:
+        self.unsaid: str | None = None
+        self._profile = profile
+        self.alarms = Alarms(printer, power_off_cmd, journal.memory.alarm)
+        self._board, self._journal, self._clock = board, journal, clock
+        self._program: Program | None = None
+        self._starved_before_s = 0.0
+        for name in _KEPT:
+            setattr(board, name, getattr(journal.memory, name))
+        if board.doubt is None and not board.simulated:
+            board.doubt = UNWATCHED
+
+    def begin(
+        self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
+    ) -> None:
+        """Open a print; without a program, recover from one that an agent left behind."""
+        now_s, memory = self._clock.now(), self._journal.memory
+        left = Fault.ESTOP if memory.look == ESTOPPED else Fault.AGENT_DIED
+        session = Session(
+            self._board.link, program, self._profile, filament, self._board.pace, now_s, memory.identity,
+            left, self.alarms.suspicion,
+        )  # fmt: skip
+        session.extruded = extruded
+        session.resets = not self._board.refuted
+        session.ends_by_s = ends_by_s
+        self._program = program
+        status = self._board.status()
+        self._starved_before_s = status.starved_s if status is not None else 0.0
+        self._board.begin(session)
+
+    def remember(self) -> None:
+        """Write down what changed, before the board is told to go on.
+
+        A full disk stops no print: it is tried again at every step, and until then no print is over.
+        """
+        self._look_for_alarm()
+        try:
+            self._write_down()
+        except JournalError as error:
+            if self.unsaid is None:
+                log.error("%s", error)
+            self.unsaid = str(error)
+        else:
+            self.unsaid = None
+        self.alarms.act()
+
+    def _look_for_alarm(self) -> None:
+        session, board, alarms, now_s = self._board.session, self._board, self.alarms, self._clock.now()
+        if board.back:
+            board.back = False
+            alarms.printer_back()
+        if session is not None:
+            alarms.of_session(session, now_s)
+        elif (news := alarms.of_idle(board.stuck, now_s)) is not None:
+            board.look = _joined(board.look, f"{news}: switch it off")
+        board.stuck = None
+        said = alarms.outcome()
+        if said is None:
+            return
+        if session is not None:
+            session.reason = _joined(session.reason, said)
+        else:
+            board.look = _joined(
+                board.look or (alarms.alarm.text if alarms.alarm is not None else None), said
+            )
+
+    def _write_down(self) -> None:
+        session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
+        kept, alarm = {name: getattr(self._board, name) for name in _KEPT}, self.alarms.alarm
+        if alarm != memory.alarm or any(getattr(memory, name) != value for name, value in kept.items()):
+            self._journal.write(now_s, **kept, alarm=None if alarm is None else alarm.model_dump(mode="json"))
+        if session is None or memory.print is None:
+            return
+        if self._held_back(session):
+            return
+        told = memory.print
+        changed = (session.phase, session.extruded) != (told.phase, told.extruded)
+        if not changed and session.filament is memory.filament:
+            return
+        look = session.fault in _NEEDS_A_LOOK or session.wants_power_off or not session.heaters_off
+        if session.ended and look:
+            self._board.look = session.reason
+        if session.ended:
+            self._board.hot = not session.heaters_off
+        shot = self.shot(told, session)
+        self._journal.write(
+            now_s,
+            print=shot.model_dump(mode="json"),
+            filament=session.filament.value,
+            look=self._board.look,
+            identity=session.identity,
+        )
+        log.info("print %s: %s%s", shot.print_id, shot.phase, f" ({shot.reason})" if shot.reason else "")
+        if session.ended:
+            self._board.session = None
+            self._program = None
+
+    def _held_back(self, session: Session) -> bool:
+        """Whether a print has ended whose reason lacks what came of `power_off_cmd`."""
+        return session.ended and self.alarms.pending
+
+    def shot(self, told: PrintSnapshot, session: Session) -> PrintSnapshot:
+        """The open print as it is now."""
+        status = self._board.status()
+        starved_s = told.starved_s if status is None else status.starved_s - self._starved_before_s
+        held_back = self._held_back(session)
+        known: dict[str, object] = {
+            "phase": PrintPhase.ENDING if held_back else session.phase,
+            "fault": session.fault,
+            "reason": session.reason,
+            "extruded": session.extruded,
+            "ended_s": None if held_back else session.ended_s,
+            "ends_by_s": session.ends_by_s,
+            "pause_ends_s": session.pause_ends_s if session.phase is PrintPhase.PAUSED else None,
+            "starved_s": max(0.0, starved_s),
+        }
+        if self._program is not None:
+            known["line"] = session.streamed
+            mark = self._program.at(session.streamed)
+            known["progress_s"] = mark.seconds
+            known["layers"] = self._program.layers
+            if mark.layer is not None:
+                known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
+            known["started_s"] = session.started_s
+        return told.model_copy(update=known)
+
+
+def _joined(text: str | None, more: str) -> str:
+    return more if text is None else f"{text}; {more}"

@@ -1,0 +1,198 @@
+"""What is plugged in, and whether a board can be stopped: by a pulse of DTR it has to start again."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from drivers import messages as m
+from drivers.agent.idle_watch import CARD, IdleWatch
+from drivers.agent.journal import JOURNAL, Journal
+from drivers.clock import Clock
+from drivers.errors import AgentError, DriverError, PortError
+from drivers.link.dialogue import talk
+from drivers.link.link import Link, Report, Said, Up
+from drivers.locks import AGENT_LOCK, hold
+from drivers.ports.port import Port, open_port, plugged_in
+from drivers.ports.serial_port import Device, devices
+from drivers.printers.profiles import PROFILES
+from drivers.remote.client import AgentClient
+
+BY_PATH = Path("/dev/serial/by-path")
+_ANSWER_S = 40.0
+_AGENT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plugged:
+    """A device and the name for `fleet.yaml`.
+
+    Attributes
+    ----------
+    port
+        The name by the socket that it is plugged into, which stays; else the device's own.
+    printer
+        The printer of the fleet that is there, if any.
+    """
+
+    port: Path
+    device: Path
+    what: str
+    printer: str | None
+
+
+def plugged(
+    fleet: Iterable[tuple[str, str]], found: list[Device] | None = None, by_path: Path = BY_PATH
+) -> list[Plugged]:
+    """Everything that is plugged in; nothing is opened for it.
+
+    Parameters
+    ----------
+    fleet
+        Name and port of each printer.
+    found, by_path
+        What the host has.
+
+    Returns
+    -------
+    list[Plugged]
+    """
+    homes = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
+    links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
+    result = []
+    for device in devices() if found is None else found:
+        real = device.path.resolve()
+        result.append(Plugged(links.get(real, device.path), real, device.what, homes.get(real)))
+    return result
+
+
+def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> str:
+    """Pulse DTR on the port of an idle printer and see its board start again.
+
+    Parameters
+    ----------
+    url
+        The port, which no agent has; not a simulated one.
+    folder
+        The agent's folder, where that is written down; None for a printer that is not in the fleet.
+    answer_s
+        Wall seconds for the board to answer, before the pulse and after it.
+
+    Returns
+    -------
+    str
+        The printer's model, by its banner.
+
+    Raises
+    ------
+    DriverError
+        An agent or another program has the port, the printer is not idle, or its board did not start again.
+    """
+    lock = None
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = hold(folder / AGENT_LOCK)
+        if lock is None:
+            raise PortError(f"{url}: its agent is running: ask that")
+    try:
+        port = open_port(url, Path(), Clock())
+        try:
+            _see_idle(port, url, answer_s)
+            port.reset()
+            banner = _see_start(port, url, answer_s)
+        finally:
+            port.close()
+        if folder is not None:
+            journal = Journal(folder / JOURNAL)
+            journal.write(time.time(), reset_verified=url, opened=plugged_in(url))
+    finally:
+        if lock is not None:
+            os.close(lock)
+    return model_of(banner)
+
+
+def commission_by_agent(folder: Path) -> None:
+    """The same by the agent of this folder, which has the port.
+
+    Raises
+    ------
+    DriverError
+        It refuses, or the board did not start again.
+    """
+    asyncio.run(_ask_agent(folder))
+
+
+async def _ask_agent(folder: Path) -> None:
+    """Have the agent do it, and wait until it has seen what came of it. Raises DriverError."""
+    client = AgentClient(folder)
+    try:
+        await client.connect()
+        reply = await client.request(m.Commission(id=0))
+        if reply.error is not None or reply.snapshot is None:
+            raise AgentError(reply.error or "its agent is of another version: restart it")
+        if reply.snapshot.link is not m.LinkState.CONNECTING:
+            raise AgentError(reply.snapshot.reason or "its board was not reset")
+        tried = False  # what was said before the reply is old
+        async with asyncio.timeout(_AGENT_S):
+            async for said in client.snapshots():
+                if said.link is m.LinkState.CONNECTING:
+                    tried = True
+                elif tried and said.reset_verified:
+                    return
+                elif tried:
+                    raise AgentError(said.reason or "it does not answer")
+    except TimeoutError as error:
+        raise AgentError(f"its board did not answer in {_AGENT_S:g} s") from error
+    finally:
+        await client.close()
+
+
+def model_of(banner: bytes) -> str:
+    """The printer model that says this when it starts.
+
+    Raises
+    ------
+    DriverError
+        None that is known.
+    """
+    version = next((line for line in banner.split(b"\n") if b"Vers:" in line), b"")
+    suffix = "ex" if version.rstrip().endswith(b"ex") else ""
+    for profile in PROFILES.values():
+        if version and profile.banner_suffix == suffix:
+            return profile.model
+    raise DriverError(f"the board started again, but says no version that is known: {version!r}")
+
+
+def _see_idle(port: Port, url: str, answer_s: float) -> None:
+    """Where opening the port did not reset the board, it can say that it prints."""
+    link, idle = Link(), IdleWatch()
+    for now_s, event in talk(port, link, answer_s):
+        if isinstance(event, Up):
+            if event.restarted:
+                return
+            link.send(now_s, b"M27")
+            link.poll_soon(now_s + 0.5)
+        elif isinstance(event, Said):
+            idle.said(event.text)
+        elif isinstance(event, Report):
+            if idle.card or not event.off:
+                why = CARD if idle.card else "a heater is on"
+                raise PortError(f"{url}: its printer is not idle: {why}; wait until that has ended")
+            return
+    raise PortError(f"{url}: its printer does not say that it is idle; switch it off and on")
+
+
+def _see_start(port: Port, url: str, answer_s: float) -> bytes:
+    for _, event in talk(port, Link(), answer_s):
+        if isinstance(event, Up):
+            if event.restarted:
+                return event.banner
+            break
+    raise PortError(
+        f"{url}: no `start` after a pulse of DTR: see to its cable; "
+        "a printer that the farm cannot stop prints only while somebody is there"
+    )

@@ -1,0 +1,466 @@
+"""The serial protocol of the Ultimaker 2+ firmware, without I/O: bytes and the time in, bytes and events out.
+
+Theory of operation (docs/explanation/ultimaker2-serial.md, sections 1, 3 and 7; all of it holds over a wire
+that loses and garbles bytes):
+
+1. Lines are numbered and checksummed, and ONE is in flight. The firmware carries out a number once: what is
+   sent twice is refused with the number that it wants, so to send the last line again is always safe.
+2. That holds for M105 too: a bare one with one flipped bit may be an M1, which never comes back.
+3. A plain ``ok`` is the answer to a line, ``ok T:`` that to M105; they are never taken for each other. A
+   lost or doubled ok makes the link at most a few lines early or late, until the firmware refuses one.
+4. Whatever is in doubt is asked: a line with a checksum and no number (`replies.QUESTION`) is answered with
+   the number of the last line that was accepted, does nothing, empties no buffer and has no ok. It is put
+   after `ASK_S` of silence, after words that cannot be read, and after each refusal; the newline before it
+   ends a line that had lost its own. What it says is true of all that was sent before it: a line that is
+   missing is sent again, a move that is not had its ok lost. Until then the oks after a refusal are void.
+5. Silence is no trouble of its own: behind long moves, G28, G4 and M400 the question waits as the line does.
+   A line is never sent twice because it was late.
+6. A number that is neither that of the line in flight nor the one before has to be said twice. One that is
+   not in the history then is that of a board which has lost its count: it was reset.
+7. Where more than 5 % of the lines have to be sent again the link gives up: with an 8-bit checksum some of
+   the garbled lines would be carried out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from enum import StrEnum
+from typing import NamedTuple
+
+from drivers.errors import Fault
+from drivers.link import replies
+from drivers.link.outbox import Outbox, Source
+from drivers.link.replies import Event, Events, Report, Said, Trouble, Up, checksum, frame
+
+__all__ = [
+    "Event",
+    "Events",
+    "Link",
+    "Phase",
+    "Report",
+    "Said",
+    "Source",
+    "Trouble",
+    "Up",
+    "checksum",
+    "frame",
+]
+
+NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
+TRIES = 4
+SILENT = "the board does not answer"
+START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
+HAIL_S = 0.3  # to the first question, where a board may not start at all
+QUIET_S = 1.0  # after ``start``: time for the rest of the banner
+LINE_S = 10.0  # a line is given up after so long, TRIES + 1 times
+ASK_S = 0.3  # of silence; doubled with each question
+ASKS = 4  # more may not fit into the board's ring behind a line
+HINT_S = 0.05  # after something that could not be read and may have been an ok
+CONFIRMATIONS = (
+    3  # one after the other; the board carries out a line between two answers, and holds two at most
+)
+_LONGEST_ANSWER = 512
+
+
+class Phase(StrEnum):
+    """Where the link stands."""
+
+    CLOSED = "closed"
+    OPENING = "opening"  # waits for ``start``
+    BANNER = "banner"  # waits for the end of it
+    LIVE = "live"
+    DEAD = "dead"  # trouble: nothing is sent, and nothing heard
+
+
+class Question(NamedTuple):
+    """Where the link stood when it asked for the board's last line."""
+
+    number: int  # of the line in flight
+    repeated: int  # lines so far
+    top: int  # the highest number that was sent so far
+    confirmations: int  # answers before that the line in flight was accepted
+
+
+class Link:
+    """The conversation with one board.
+
+    Call `opened` when the port was opened, `receive` with what it says, `tick` when `deadline_s` has come,
+    and write what `take` gives after each of them and after `send` and `stream`.
+
+    Parameters
+    ----------
+    floor_s
+        No time-out is shorter, in seconds of the caller's clock: where that clock runs faster than the
+        wall's, the host's own scheduling must not look like a silent board.
+    """
+
+    def __init__(self, floor_s: float = 0.0) -> None:
+        self._floor_s = floor_s
+        self._ask_s = max(ASK_S, floor_s / 8)
+        self.poll_every_s = math.inf
+        self.only_ask = False  # go on over troubles of the firmware: a stopped board still answers M105
+        self._reset()
+
+    def _reset(self) -> None:
+        self.phase = Phase.CLOSED
+        self._out = b""
+        self._hail = b""  # while it opens: words that the board must have heard, started anew or not
+        self._refused = False  # they may be lost
+        self._partial = b""
+        self._banner = b""
+        self._restarted = False
+        self._due_s = math.inf  # of what is in flight, or of the phase
+        self._poll_s = math.inf
+        self._waiting = False  # for the ok of the line at the cursor
+        self._calm = True  # nothing was asked or refused since the line in flight was sent
+        self._refused = False  # oks are void until the board has said its last line
+        self._wanted = -1  # the number of the last Resend since
+        self._questions: deque[Question] = deque(maxlen=2 * ASKS)  # not answered yet
+        self._asks = 0  # since the board was last understood
+        self._confirmations = 0  # that the line in flight, which is no move, was accepted
+        self._doubtful = -1  # a last line that is not believed yet,
+        self._doubts = 0  # and how often that was another one
+        self._tries = 0
+        self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
+        self.repeated = 0
+        self._outbox = Outbox()
+
+    # --- what the caller wants ---
+
+    def opened(self, now_s: float, hail: bytes = b"") -> None:
+        """Forget all that was known of the board: the port was opened or reset.
+
+        Parameters
+        ----------
+        hail
+            Commands that were just sent to a board that may not start anew. It is asked at once whether it
+            does, and told them again where it refuses a line or is silent.
+        """
+        self._reset()
+        self.phase = Phase.OPENING
+        self._hail = hail
+        self._due_s = now_s + (self._hail_s if hail else max(START_S, self._floor_s))
+
+    @property
+    def _hail_s(self) -> float:
+        return max(HAIL_S, self._floor_s / 8)
+
+    def restarted(self, now_s: float) -> None:
+        """The board started by itself, and that is all right: go on with its banner."""
+        self._reset()
+        self.phase = Phase.BANNER
+        self._restarted = True
+        self._due_s = now_s + max(QUIET_S, self._floor_s / 4)
+
+    def closed(self) -> None:
+        """The port is gone."""
+        self._reset()
+
+    def send(self, now_s: float, *commands: bytes) -> None:
+        """Queue commands behind those that wait; not while a program is streamed (`halt` it first)."""
+        if self._outbox.streaming:
+            raise ValueError("a program is under way: halt it first")
+        self._outbox.queue(commands)
+        self._go(now_s)
+
+    def stream(self, now_s: float, source: Source, start: int, stop: int) -> None:
+        """Send lines `start` to `stop` of a program, after all that was queued."""
+        self._outbox.stream(source, start, stop)
+        self._go(now_s)
+
+    def halt(self) -> None:
+        """Forget what was not sent yet; the line in flight stays."""
+        self._outbox.halt()
+
+    def poll(self, now_s: float) -> None:
+        """Ask for a report as soon as the wire is free."""
+        self._poll_s = now_s
+        self._go(now_s)
+
+    def poll_soon(self, at_s: float) -> None:
+        """Ask for a report at `at_s` at the latest."""
+        self._poll_s = min(self._poll_s, at_s)
+
+    def take(self) -> bytes:
+        """What is to be written now."""
+        out, self._out = self._out, b""
+        return out
+
+    @property
+    def drained(self) -> bool:
+        """Every line was acknowledged; a poll may be under way."""
+        return not (self._waiting or self._outbox.ahead)
+
+    @property
+    def streamed(self) -> int:
+        """Lines of the program that were acknowledged, counted from its first line."""
+        return self._outbox.streamed(self._waiting)
+
+    @property
+    def deadline_s(self) -> float:
+        """When `tick` wants to be called."""
+        if self.phase is Phase.LIVE and not self._waiting:
+            return self._poll_s
+        return self._due_s  # of what is in flight, or of the phase; never where the link is closed or dead
+
+    # --- what the board says ---
+
+    def receive(self, data: bytes, now_s: float) -> Events | None:
+        """Take bytes from the port. Never raises, whatever they are.
+
+        None says that the next line of the program is on its way and there is nothing else to look at.
+        """
+        # The one path that has to be cheap: the ok to a line of a program, and the next line is encoded
+        # already.
+        if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s and self._calm:
+            line = self._outbox.quick()
+            if line is not None:
+                self._out = line
+                self._due_s = now_s + self._ask_s
+                return None
+        *heard, self._partial = (self._partial + data).split(b"\n")
+        if len(self._partial) > _LONGEST_ANSWER:
+            self._partial = b""
+        events: list[Event] = []
+        for words in heard:
+            self._hear(words, now_s, events)
+        return events
+
+    def _hear(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        if self.phase in (Phase.OPENING, Phase.BANNER):
+            self._hear_boot(line, now_s, events)
+        elif self.phase is not Phase.LIVE:
+            pass  # closed, or dead: what comes now is of no use
+        elif line.endswith(b"start"):  # a reset puts noise before it
+            self._give_up(Fault.REBOOT, "the board started again by itself", events)
+        else:
+            for words in replies.words(line):
+                if self.phase is Phase.LIVE:
+                    self._hear_words(words, now_s, events)
+
+    def _hear_words(self, words: bytes, now_s: float, events: list[Event]) -> None:
+        if words.startswith(b"ok"):
+            if words != b"ok":
+                self._hear_report(words, now_s, events)
+            elif not self._asked:
+                self._hear_ok(now_s)
+        elif (number := replies.wanted(words)) is not None:
+            self._hear_refusal(number, now_s)
+        elif (number := replies.last_line(words)) is not None:
+            self._hear_last_line(number, now_s, events)
+        elif replies.refused(words):
+            self._hear_refusal(-1, now_s)  # its Resend comes next, or is lost
+        elif (trouble := replies.trouble(words)) is not None:
+            self._give_up(trouble.fault, trouble.text, events)
+        elif words:
+            events.append(Said(words))
+            if not words.startswith((b"echo:", b"Error:", b"T:")):
+                self._hurry(now_s)
+
+    def _hear_boot(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        if line.endswith(b"start"):
+            self._restarted, self._banner = True, b""
+            self.phase = Phase.BANNER
+            self._due_s = now_s + max(QUIET_S, self._floor_s / 4)
+        elif self._restarted:
+            self._banner += line + b"\n"
+            if b"M301" in line:  # the banner's last line
+                self._greet(now_s, events)
+        elif self._hail and b"Resend" in line:
+            self._refused = True
+            self._due_s = now_s
+        elif line.startswith(b"ok T:" if self._hail else b"ok") and self._tries:
+            self._greet(now_s, events)
+
+    def _greet(self, now_s: float, events: list[Event]) -> None:
+        self.phase = Phase.LIVE
+        self._tries = 0
+        self._poll_s = now_s + self.poll_every_s
+        self._outbox.begin()
+        events.append(Up(self._restarted, self._banner))
+        self._go(now_s)
+
+    def _hear_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
+        if (report := replies.report(line)) is not None:
+            events.append(report)  # else it is garbled: the next one comes soon
+        if self._asked:
+            self._hear_ok(now_s)
+
+    @property
+    def _asked(self) -> bool:
+        """Whether an M105 is in flight."""
+        return self._waiting and self._outbox.polls
+
+    def _hear_ok(self, now_s: float) -> None:
+        if self._waiting and not self._refused:
+            self._land(now_s)
+
+    def _land(self, now_s: float) -> None:
+        """The line in flight was accepted, and is no longer waited for."""
+        self._waiting = self._refused = False
+        self._calm = True
+        self._go(now_s)
+
+    def _hear_refusal(self, wanted: int, now_s: float) -> None:
+        """Something that was sent was refused; what came behind it may be lost."""
+        if self._outbox.number < 0:
+            return
+        self._waiting = self._refused = True
+        self._calm = False
+        asked = wanted < 0 or bool(self._questions)
+        if wanted >= 0:
+            self._wanted = wanted
+            self._questions.clear()  # the ring was emptied, with all that were in it
+            self._asks = min(self._asks, 1)
+        if asked:
+            self._hurry(now_s)
+        else:
+            self._ask(now_s)
+
+    def _hear_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
+        """An answer to a question; or the refusal of a line that has lost its number."""
+        questions = self._questions
+        while questions and 0 < questions[0].top < last:
+            questions.popleft()  # its answer was lost
+        if not questions:
+            self._hear_refusal(-1, now_s)
+            return
+        question, place = questions.popleft(), self._place
+        if question == place and self._waiting:
+            self._settle(last, now_s, events)
+        elif question.number == place.number:
+            self._hurry(now_s)
+
+    def _settle(self, last: int, now_s: float, events: list[Event]) -> None:
+        """The board had accepted line `last` when all of ours had reached it."""
+        number, top = self._outbox.number, self._outbox.top
+        self._asks = 0
+        if number > 0 and last not in (number - 1, number, self._doubtful):
+            self._doubtful = last
+            self._doubts += 1
+            if self._doubts > TRIES:
+                self._give_up(Fault.NOISY_LINE, "the board says another last line each time", events)
+            else:
+                self._ask(now_s)
+            return
+        self._doubtful = self._wanted = -1
+        self._doubts = 0
+        self._refused = False
+        if last == number:
+            self._confirmations += 1
+            if not (self._outbox.moves or self._confirmations >= CONFIRMATIONS):
+                self._hurry(now_s)  # it waits its turn, or its ok was lost
+            elif self._repaired(number, events):
+                self._land(now_s)
+        elif number == 0:
+            self._repeat(0, now_s, events)  # it had not heard that it has to count from 0
+        elif number < last <= top:
+            self._outbox.back_to(last)
+            self._land(now_s)
+        elif last > top or last < 0 or not self._outbox.holds(last + 1):
+            self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
+        else:
+            self._repeat(last + 1, now_s, events)
+
+    # --- time ---
+
+    def tick(self, now_s: float) -> Events:
+        """Look whether something is due."""
+        if now_s < self.deadline_s:
+            return ()
+        events: list[Event] = []
+        if self.phase is Phase.BANNER:
+            self._greet(now_s, events)
+        elif self._waiting:
+            self._press(now_s, events)
+        elif self.phase is Phase.OPENING:
+            self._tries += 1
+            if self._tries > TRIES:
+                self._give_up(Fault.NO_ANSWER, SILENT, events)
+            else:  # it did not restart, and nobody knows its line number
+                if self._refused or self._tries > 1:
+                    self._out += self._hail
+                self._refused = False
+                self._out += b"M105\n"
+                self._due_s = now_s + max(START_S if self._hail else START_S / 2, self._floor_s)
+        else:
+            self._go(now_s)
+        return events
+
+    def _press(self, now_s: float, events: list[Event]) -> None:
+        """Nothing was understood for too long."""
+        if self._asks >= ASKS:
+            self._give_up(Fault.NO_ANSWER, SILENT, events)
+        elif self._wanted >= 0 and self._asks >= 2:  # it answers no questions: believe its Resend
+            self._settle(self._wanted - 1, now_s, events)
+        else:
+            self._ask(now_s)
+
+    def _ask(self, now_s: float) -> None:
+        """Ask for the last line that the board accepted."""
+        self._calm = False
+        self._asks += 1
+        self._questions.append(self._place)
+        self._out += replies.QUESTION
+        wait_s = self._ask_s * 2**self._asks
+        if self._asks == ASKS:
+            wait_s = (TRIES + 1) * self._patience_s() - (wait_s - self._ask_s)
+        self._due_s = now_s + wait_s
+
+    def _hurry(self, now_s: float) -> None:
+        """Ask soon, where there is something to ask for and room for it."""
+        if self._waiting and self._asks < ASKS:
+            self._due_s = min(self._due_s, now_s + max(HINT_S, self._floor_s / 40))
+
+    @property
+    def _place(self) -> Question:
+        """What was sent last; an answer to a question from another place is out of date."""
+        return Question(self._outbox.number, self.repeated, self._outbox.top, self._confirmations)
+
+    # --- sending ---
+
+    def _go(self, now_s: float) -> None:
+        """Send the next thing, where nothing is in flight."""
+        if self._waiting or self.phase is not Phase.LIVE:
+            return
+        if now_s >= self._poll_s and self._outbox.fresh:
+            self._outbox.insert_poll()
+            self._poll_s = now_s + self.poll_every_s
+        line = self._outbox.step()
+        if line is not None:
+            self._launch(line, now_s)
+
+    def _launch(self, line: bytes, now_s: float) -> None:
+        self._waiting = self._calm = True
+        self._asks = self._confirmations = 0
+        self._out += line
+        self._due_s = now_s + self._ask_s
+
+    def _patience_s(self) -> float:
+        return max(self._outbox.patience_s(LINE_S), LINE_S, self._floor_s)
+
+    def _repeat(self, number: int, now_s: float, events: list[Event]) -> None:
+        self.repeated += 1
+        if self._repaired(self._outbox.number, events):
+            self._launch(self._outbox.back_to(number), now_s)
+
+    def _repaired(self, number: int, events: list[Event]) -> bool:
+        """Count a line that did not get through, or whose ok did not; False where these are too many."""
+        self._repairs.append(number)
+        if len(self._repairs) == NOISE_REPAIRS and number - self._repairs[0] < NOISE_LINES:
+            text = f"{NOISE_REPAIRS} lines of {NOISE_LINES} sent again"
+            self._give_up(Fault.NOISY_LINE, text, events)
+        return self.phase is Phase.LIVE
+
+    def _give_up(self, fault: Fault, text: str, events: list[Event]) -> None:
+        if self.phase is Phase.DEAD:
+            return
+        events.append(Trouble(fault, text))
+        if self.only_ask and fault not in (Fault.NO_ANSWER, Fault.REBOOT, Fault.NOISY_LINE):
+            return
+        self.halt()
+        self.phase = Phase.DEAD
+        self._waiting = self._refused = False
+        self._wanted = -1
+        self._due_s = math.inf

@@ -1,0 +1,242 @@
+"""Both heaters against their targets, at every report. Pure.
+
+What the firmware itself does not notice, or notices and goes on after
+(docs/explanation/ultimaker2-serial.md, section 3.2): an M109 that would end ``ok`` with a dead heater, an
+M190 that would wait for ever, a heater that fails in mid-print, one that heats on when it is off. Reports
+carry no checksum, so every value is the median of three. Between two reports at most `GAP_S` count: what
+nobody saw, as behind a long move or with the host asleep, is no fault.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from statistics import median
+
+from drivers.errors import Fault
+from drivers.gcode.program import HeaterName
+from drivers.link.replies import Report
+
+__all__ = ["Finding", "Rule", "Watch"]
+
+NEARER_C = 1.0  # less than this in `Rule.stall_s` is no progress
+GAP_S = 15.0
+RISES_C, RISES_S = 10.0, 10.0  # off so long, and so much hotter: [assumed] more than any overshoot
+BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, of which the firmware says nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What a heater in good health does. [assumed; the nozzle's are wider than what a fan costs]
+
+    Attributes
+    ----------
+    band_c
+        It has arrived when it is so near to its target.
+    stall_s
+        Until it has, it comes `NEARER_C` nearer within this time.
+    hold_c, away_s
+        Once arrived, it is never further away than this for so long.
+    cold_c
+        Below this it is off, and nobody can tell whether it still cools.
+    falls_c, falls_s
+        Switched off above that, it falls by so much within this time: the rate at which 'off' is believed.
+    """
+
+    band_c: float
+    stall_s: float
+    hold_c: float
+    away_s: float
+    cold_c: float
+    falls_c: float
+    falls_s: float
+
+
+RULES = {
+    HeaterName.NOZZLE: Rule(3.0, 60.0, 10.0, 30.0, 50.0, 2.0, 90.0),
+    HeaterName.BED: Rule(2.0, 150.0, 6.0, 120.0, 45.0, 0.5, 90.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What is wrong with a heater.
+
+    Attributes
+    ----------
+    off
+        Its target is 0 already: no command can switch it off.
+    """
+
+    fault: Fault
+    text: str
+    off: bool = False
+
+
+class Watch:
+    """Tell it every report with what the heaters were set to.
+
+    Parameters
+    ----------
+    patience_s
+        No rule's time is shorter: an accelerated clock must not take the host's scheduling for a fault.
+    """
+
+    def __init__(self, patience_s: float) -> None:
+        self._gap_s = max(GAP_S, patience_s / 4)
+        self._heard_s = math.nan
+        self._watched_s = 0.0  # time in which reports came
+        self._heaters = {name: _Heater(name, rule, patience_s) for name, rule in RULES.items()}
+
+    def look(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
+        """Take in a report; the first thing found wrong, or None.
+
+        Parameters
+        ----------
+        set_c
+            What each heater was told, which is never garbled.
+        """
+        if not math.isnan(self._heard_s):
+            self._watched_s += min(max(now_s - self._heard_s, 0.0), self._gap_s)
+        self._heard_s = now_s
+        told_c = {
+            HeaterName.NOZZLE: (report.nozzle_c, report.nozzle_target_c),
+            HeaterName.BED: (report.bed_c, report.bed_target_c),
+        }
+        found = [
+            heater.look(*told_c[name], set_c[name], self._watched_s) for name, heater in self._heaters.items()
+        ]
+        return next((finding for finding in found if finding is not None), None)
+
+    def now_c(self, name: HeaterName) -> float:
+        """The median of the last three reports; NaN before the first."""
+        return self._heaters[name].now_c
+
+    @property
+    def cools(self) -> bool:
+        """Both were switched off, and since then each was seen to fall or to be cold."""
+        return all(heater.cools for heater in self._heaters.values())
+
+    def again(self) -> None:
+        """Both were switched off now: what was seen before tells nothing of that."""
+        for heater in self._heaters.values():
+            heater.forget()
+
+
+class _Heater:
+    def __init__(self, name: HeaterName, rule: Rule, patience_s: float) -> None:
+        self._name, self._rule, self._patience_s = name, rule, patience_s
+        self._last: deque[float] = deque(maxlen=3)
+        self._rise = _Rise(rule, patience_s)
+        self.aim(0.0)
+
+    def forget(self) -> None:
+        self._last.clear()
+        self.aim(0.0)
+
+    def aim(self, set_c: float) -> None:
+        """From now on it has another target."""
+        self.cools = False
+        self._set_c = set_c
+        self._arrived = False
+        self._since_s = math.nan  # the first report since then
+        self._nearest_c, self._nearer_s = math.inf, math.nan
+        self._away_s = math.inf  # since when it has been away again
+        self._hottest_c = -math.inf  # since it was switched off
+        self._coolest_c = math.inf  # since it was seen to cool
+
+    @property
+    def now_c(self) -> float:
+        return median(self._last) if self._last else math.nan
+
+    def look(self, is_c: float, target_c: float, set_c: float, now_s: float) -> Finding | None:
+        self._last.append(is_c)
+        if set_c != self._set_c:
+            self.aim(set_c)
+        if math.isnan(self._since_s):
+            self._since_s = now_s
+        if len(self._last) < 3:
+            return None
+        now_c = self.now_c
+        rises = self._rise.look(now_c, max(target_c, set_c), now_s)
+        if now_c <= BROKEN_C:
+            self.cools = False
+            return self._finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
+        if set_c == 0.0:
+            if rises:
+                self.cools = False
+                from_c = self._rise.coolest_c
+                return self._stuck_on(f"is off, and gets hotter: from {from_c:g} to {now_c:g} C")
+            return self._off(now_c, now_s)
+        if abs(now_c - set_c) <= self._rule.band_c:
+            self._arrived = True
+        return self._hold(now_c, now_s) if self._arrived else self._approach(now_c, now_s)
+
+    def _approach(self, now_c: float, now_s: float) -> Finding | None:
+        away_c = abs(now_c - self._set_c)
+        if away_c < self._nearest_c - NEARER_C:
+            self._nearest_c, self._nearer_s = away_c, now_s
+        elif now_s - self._nearer_s > max(self._rule.stall_s, self._patience_s):
+            if now_c > self._set_c:
+                return self._finding(Fault.HEATER_STUCK_ON, f"stays at {now_c:g} C, above {self._set_c:g}")
+            reached = f"got to {now_c:g} of {self._set_c:g} C and no further"
+            return self._finding(Fault.HEATER_TIMEOUT, reached)
+        return None
+
+    def _hold(self, now_c: float, now_s: float) -> Finding | None:
+        if abs(now_c - self._set_c) <= self._rule.hold_c:
+            self._away_s = math.inf
+            return None
+        self._away_s = min(self._away_s, now_s)
+        if now_s - self._away_s <= max(self._rule.away_s, self._patience_s):
+            return None
+        if now_c > self._set_c:
+            return self._finding(Fault.HEATER_STUCK_ON, f"went up to {now_c:g} C, above {self._set_c:g}")
+        return self._finding(Fault.THERMAL_RUNAWAY, f"fell from {self._set_c:g} to {now_c:g} C")
+
+    def _off(self, now_c: float, now_s: float) -> Finding | None:
+        rule = self._rule
+        if self.cools:
+            self._coolest_c = max(rule.cold_c, min(self._coolest_c, now_c))
+            if now_c > self._coolest_c + rule.hold_c:  # more than a hot neighbour gives
+                self.cools, self._since_s, self._hottest_c = False, now_s, now_c
+        elif now_c < rule.cold_c or now_c <= self._hottest_c - rule.falls_c:
+            self.cools, self._coolest_c = True, now_c
+        else:
+            self._hottest_c = max(self._hottest_c, now_c)
+            if now_s - self._since_s > max(rule.falls_s, self._patience_s):
+                return self._stuck_on(f"is off, and does not cool from {now_c:g} C")
+        return None
+
+    def _stuck_on(self, what: str) -> Finding:
+        return replace(self._finding(Fault.HEATER_STUCK_ON, what), off=True)
+
+    def _finding(self, fault: Fault, what: str) -> Finding:
+        return Finding(fault, f"the {self._name} {what}")
+
+
+class _Rise:
+    """Finds a heater that gets hotter after it was switched off.
+
+    It counts from the first report that shows the target 0, so that a command on its way is no fault, and it
+    goes on over a reset of the board.
+    """
+
+    def __init__(self, rule: Rule, patience_s: float) -> None:
+        self._cold_c, self._after_s = rule.cold_c, max(RISES_S, patience_s)
+        self._targets: deque[float] = deque(maxlen=3)
+        self._since_s = math.nan
+        self.coolest_c = math.inf  # since it was shown to be off
+
+    def look(self, now_c: float, target_c: float, now_s: float) -> bool:
+        """Take in a report; whether the heater is stuck on."""
+        self._targets.append(target_c)
+        if median(self._targets) != 0.0:
+            self._since_s, self.coolest_c = math.nan, math.inf
+            return False
+        if math.isnan(self._since_s):
+            self._since_s = now_s
+        self.coolest_c = min(self.coolest_c, now_c)
+        hotter = now_c > max(self._cold_c, self.coolest_c) + RISES_C
+        return hotter and now_s - self._since_s >= self._after_s

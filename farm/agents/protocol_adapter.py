@@ -1,0 +1,109 @@
+"""An agent's words in the farm's. Pure."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from drivers import messages as m
+from drivers.clock import Clock
+from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+from farm.text import one_line
+
+_CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
+_LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
+_PHASES = {
+    m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
+    m.PrintPhase.CONNECTING: PrintState.HEATING,
+    m.PrintPhase.HEATING: PrintState.HEATING,
+    m.PrintPhase.PRINTING: PrintState.PRINTING,
+    m.PrintPhase.PAUSED: PrintState.PAUSED,
+    m.PrintPhase.ENDING: PrintState.ENDING,
+    m.PrintPhase.DONE: PrintState.DONE,
+    m.PrintPhase.FAILED: PrintState.FAILED,
+    m.PrintPhase.CANCELLED: PrintState.CANCELLED,
+}
+
+
+def shift_s(said: m.Snapshot, clock: Clock) -> float:
+    """What the farm's clock is ahead of the agent's, but for what may be a word's way alone.
+
+    An agent's clock is never set: what was taken over since the daemon began is all the daemon's.
+    """
+    if not said.now_s:
+        return 0.0
+    late_s = clock.now() - clock.ahead_s - said.now_s
+    apart = abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S
+    return clock.ahead_s + (late_s if apart else 0.0)
+
+
+def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:
+    """A request with its moments on the agent's clock; a print begins by `latest_s` at the latest."""
+    match request:
+        case m.StartPrint(not_after_s=not_after_s, ends_by_s=ends_by_s):
+            latest_s = latest_s if not_after_s is None else min(latest_s, not_after_s)
+            moments = {"not_after_s": latest_s - shift_s}
+        case m.EndPrintBy(ends_by_s=ends_by_s):
+            moments = {}
+        case m.ListPrints(since_s=since_s):
+            return request.model_copy(update={"since_s": since_s - shift_s})
+        case _:
+            return request
+    if ends_by_s is not None:
+        moments["ends_by_s"] = ends_by_s - shift_s
+    return request.model_copy(update=moments)
+
+
+def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
+    """An agent's words in the farm's, and its moments on the farm's clock where its own is another."""
+    return AgentSnapshot(
+        printer=said.printer,
+        link=Link(said.link),
+        agent_pid=said.agent_pid,
+        reason=_line(said.reason),
+        nozzle_c=said.nozzle.now_c if said.nozzle else None,
+        bed_c=said.bed.now_c if said.bed else None,
+        nozzle_target_c=said.nozzle.target_c if said.nozzle else None,
+        bed_target_c=said.bed.target_c if said.bed else None,
+        heaters_off=said.heaters_off,
+        filament=FilamentState(said.filament),
+        bed_clear=said.bed_clear,
+        doubt=_line(said.doubt),
+        alarm=_line(said.alarm),
+        reset_verified=said.reset_verified,
+        print=None if said.print is None else translate_print(said.print, shift_s(said, clock)),
+    )
+
+
+def translate_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
+    """An agent's word on a print in the farm's, where the farm's clock is so far ahead of its own.
+
+    Whatever it says, the moments have a date, and no span is negative: both are shown to people.
+    """
+
+    def moment(at_s: float | None) -> float | None:
+        return None if at_s is None else min(max(0.0, at_s + ahead_s), _LATEST_S)
+
+    return AgentPrint(
+        print_id=said.print_id,
+        state=_PHASES[said.phase],
+        fault=said.fault,
+        reason=_line(said.reason),
+        progress_s=max(0.0, said.progress_s),
+        print_time_s=max(0.0, said.print_time_s),
+        extruded=said.extruded,
+        started_s=moment(said.started_s),
+        ended_s=moment(said.ended_s),
+        starved_s=max(0.0, said.starved_s),
+        layer=said.layer,
+        layers=said.layers,
+        z_mm=said.z_mm,
+        feature=said.feature,
+        pause_ends_s=moment(said.pause_ends_s),
+        ends_by_s=moment(said.ends_by_s),
+        sha256=said.sha256,
+    )
+
+
+def _line(text: str | None) -> str | None:
+    """Fit for a terminal: noise on a serial line may be in it."""
+    return None if text is None else one_line(text)

@@ -1,0 +1,157 @@
+"""The CLI's way to the daemon: `farm.api` over the daemon's Unix socket."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+import uuid
+from collections.abc import Mapping
+from contextlib import closing, suppress
+from http.client import HTTPException
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+from urllib.parse import quote, urlencode
+
+from pydantic import BaseModel, ValidationError
+
+from farm import api
+from farm.cli.client.unix_http import DaemonConnection
+from farm.errors import DaemonUnreachable, ErrorCode, FarmError
+from farm.model import JobOptions
+from farm.text import first_of
+
+View = TypeVar("View", bound=BaseModel)
+CONNECT_S, ANSWER_S = 5.0, 60.0
+SUBMISSION_S = 600.0
+"""A large broken model is repaired before its submission is answered."""
+_LONGEST_NAME = 200
+
+
+class Client:
+    """One daemon. Methods raise DaemonUnreachable, or the FarmError that the daemon answered."""
+
+    def __init__(self, socket: Path, answer_s: float = ANSWER_S) -> None:
+        self._socket, self._answer_s = socket, answer_s
+
+    def status(self) -> api.Status:
+        return self._ask(api.Status, "GET", "/status")
+
+    def job(self, number: int) -> api.JobStatus:
+        return self._ask(api.JobStatus, "GET", f"/jobs/{number}")
+
+    def cancel(self, number: int) -> api.JobStatus:
+        return self._ask(api.JobStatus, "POST", f"/jobs/{number}/cancel")
+
+    def cleared(self, printer: str, request: api.ClearedRequest) -> api.Cleared:
+        return self._ask(api.Cleared, "POST", f"/printers/{printer}/cleared", body=request)
+
+    def history(self, job: int | None, printer: str | None, last: int) -> api.History:
+        asked = {"job": job, "printer": printer, "last": last}
+        params = {name: value for name, value in asked.items() if value is not None}
+        return self._ask(api.History, "GET", "/history", params=params)
+
+    def tell(self, path: str, why: str | None = None) -> str:
+        """Ask something of a job, a part or a printer; the name of what was meant."""
+        body = None if why is None else api.Reason(why=why)
+        answer = self._call("POST", path, body=body)
+        return _read(api.Named, answer).name if answer else ""
+
+    def load(self, printer: str, request: api.LoadRequest) -> api.Reel:
+        return self._ask(api.Reel, "POST", f"/printers/{printer}/load", body=request)
+
+    def approve(self, number: int, request: api.ApproveRequest) -> None:
+        self._call("POST", f"/jobs/{number}/approve", body=request)
+
+    def night(self, number: int) -> api.Night:
+        return self._ask(api.Night, "GET", f"/jobs/{number}/night")
+
+    def down(self, now: bool, wait: bool) -> None:
+        self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
+
+    def submit(self, model: Path, options: JobOptions, patience_s: float = 60.0) -> api.Submitted:
+        """Upload a model. Tried again with the same request id while the daemon is away, for `patience_s`."""
+        params = {
+            "request_id": uuid.uuid4().hex,
+            "name": os.fsencode(model.name).decode(errors="replace")[:_LONGEST_NAME],
+            "size": str(model.stat().st_size),
+            "options": options.model_dump_json(exclude_none=True),
+        }
+        self.status()  # where no daemon is there at all, say so at once
+        give_up = time.monotonic() + patience_s
+        while True:
+            try:
+                with model.open("rb") as file:
+                    answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
+                return _read(api.Submitted, answer)
+            except DaemonUnreachable:
+                if time.monotonic() > give_up:
+                    raise
+                time.sleep(0.5)
+
+    def _ask(
+        self,
+        view: type[View],
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, str | int] | None = None,
+        body: BaseModel | None = None,
+    ) -> View:
+        return _read(view, self._call(method, path, params=params, body=body))
+
+    def _call(
+        self,
+        method: str,
+        path: str,
+        *,
+        params: Mapping[str, str | int] | None = None,
+        body: BaseModel | None = None,
+        upload: BinaryIO | None = None,
+        answer_s: float | None = None,
+    ) -> Any:
+        target = quote(path) + (f"?{urlencode(params)}" if params else "")
+        content = upload if body is None else body.model_dump_json().encode()
+        headers = {} if body is None else {"Content-Type": "application/json"}
+        patience_s = answer_s or self._answer_s
+        try:
+            with closing(DaemonConnection(self._socket, CONNECT_S, patience_s)) as way:
+                with suppress(BrokenPipeError):  # it may answer before it has read all: it is going down
+                    way.request(method, target, content, headers)
+                answer = way.getresponse()
+                text = answer.read()
+        except TimeoutError as error:
+            raise DaemonUnreachable(
+                f"the daemon has not answered for {patience_s:g} s, and may hang; what was asked may still "
+                "be done: look at `farm status`; `farm estop` does without it"
+            ) from error
+        except PermissionError as error:
+            raise DaemonUnreachable(
+                f"{self._socket} is closed to you: the farm's owner and the members of its group may use it"
+            ) from error
+        except (OSError, HTTPException) as error:
+            why = (error.strerror if isinstance(error, OSError) else None) or error
+            raise DaemonUnreachable(
+                f"no daemon answers on {self._socket} ({why}); `farm up` starts one"
+            ) from error
+        try:
+            said = json.loads(text)
+            if answer.status < 400:
+                return said
+            problem = api.Problem.model_validate(said)
+            code = ErrorCode(problem.code)
+        except ValueError:
+            words = text.decode(errors="replace")[:200]
+            raise FarmError(f"the daemon answered {answer.status}: {words}") from None
+        raise FarmError(problem.error, code)
+
+
+def _read(view: type[View], answer: object) -> View:
+    """What the daemon answered. Raises FarmError where that is of another version."""
+    try:
+        return view.model_validate(answer)
+    except ValidationError as error:
+        raise FarmError(
+            f"the daemon is of another version than this command ({first_of(error.errors())}): restart it; a "
+            "SIGTERM ends the daemon and no print, and `farm up` starts it"
+        ) from error

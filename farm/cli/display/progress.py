@@ -1,0 +1,106 @@
+"""Following a job to its end: a progress bar on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from farm import api
+from farm.cli.client.daemon_client import Client
+from farm.cli.display.console import console
+from farm.cli.display.format import filament, from_cache, planning
+from farm.errors import DaemonUnreachable
+from farm.model import JobState, PlanStep, PrintState
+from farm.text import count, span
+
+T = TypeVar("T")
+_PATIENCE_S = 60.0  # a daemon that is being restarted comes back within this
+_EVERY_S = 0.5
+
+
+def patiently(ask: Callable[[], T]) -> T:
+    """Ask the daemon, over a restart of it.
+
+    Raises
+    ------
+    DaemonUnreachable
+        When it has been away for a minute.
+    """
+    give_up: float | None = None
+    while True:
+        try:
+            return ask()
+        except DaemonUnreachable:
+            now = time.monotonic()
+            give_up = give_up or now + _PATIENCE_S
+            if now > give_up:
+                raise
+            time.sleep(_EVERY_S)
+
+
+def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
+    """Follow a job until its last part is printed, or until it ends otherwise. Ctrl-C leaves it running."""
+    screen = console(stderr=True)
+    lines = Lines(screen, quiet)
+    columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
+    with Progress(*columns, console=screen, disable=quiet or not sys.stderr.isatty()) as bar:
+        task = bar.add_task(f"job {number}", total=1.0, text="")
+        while True:
+            answer = patiently(lambda: client.job(number))
+            view = answer.job
+            lines.tell(view)
+            share, text = _progress(view)
+            bar.update(task, completed=share, text=text)
+            if JobState(view.state).ended:
+                return answer
+            time.sleep(_EVERY_S)
+
+
+class Lines:
+    """Says each thing once, when it becomes true."""
+
+    def __init__(self, screen: Console, quiet: bool) -> None:
+        self._screen = screen
+        self._quiet = quiet
+        self._said: set[str] = set()
+
+    def tell(self, view: api.JobView) -> None:
+        if view.waits_for_person:
+            holds = [view.hold, *(plate.hold for plate in view.plates)]
+            for text in sorted({hold.text for hold in holds if hold is not None}):
+                self._say(f"waits for a person: {text}", loud=True)
+        elif view.hold is not None and view.state == JobState.QUEUED:
+            self._say(f"waits: {view.hold.text}")
+        if view.progress is not None:
+            slicing = view.progress.step is PlanStep.SLICING
+            self._say(f"slicing {count(view.progress.of, 'plate')}" if slicing else planning(view.progress))
+        if view.estimated_s is not None:
+            amount = filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
+            parts = count(len(view.parts), "part")
+            cached = sum(plate.cached for plate in view.plates)
+            sliced = f"; {from_cache(cached)}" if cached else ""
+            self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}{sliced}")
+        if view.printed:
+            self._say(f"printed {view.printed} of {len(view.plates)} parts")
+        for attempt in view.prints:
+            if attempt.state == PrintState.FAILED:
+                self._say(f"{attempt.part} failed on {attempt.printer}: {attempt.reason}")
+
+    def _say(self, line: str, loud: bool = False) -> None:
+        if line not in self._said and (loud or not self._quiet):
+            self._said.add(line)
+            self._screen.print(f"  {line}")
+
+
+def _progress(view: api.JobView) -> tuple[float, str]:
+    if view.progress is not None:
+        return view.progress.done / (view.progress.of or 1), planning(view.progress)
+    if view.state != JobState.PRINTING or not view.estimated_s:
+        return (1.0 if view.state in (JobState.PRINTED, JobState.DONE) else 0.0), str(view.state)
+    share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)
+    return share, f"{view.printed}/{len(view.plates)} parts, ends {view.eta or '?'}"

@@ -1,0 +1,209 @@
+"""The worker processes for decomposition and slicing: polite, bounded, and never outliving the daemon.
+
+Each piece of work has a process to itself. It is ended (a person cancels its job, its time is over) by ending
+that process, which a new one replaces; and a process that dies takes no other work with it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import shutil
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from farm.compute.worker_process import Raised, Warm, Worker
+from farm.errors import ErrorCode, FarmError
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+_TRIES = 2
+_RETRY_S = 5.0
+_GB = 2**30
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """How long a kind of work may take, in wall seconds from when a worker has it."""
+
+    what: str
+    seconds: float
+    urgent: bool = False  # a person waits for it: it goes before all that is not
+
+
+CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
+DECOMPOSING = Limit("decomposing", 1800.0)
+SLICING = Limit("slicing a part", 2400.0)  # CuraEngine's own limit (slicing.plate) and what is around it
+
+
+def memory_for_each(count: int, memory_gb: float | None) -> int:
+    """What a worker may use, in bytes: a share of the machine, but enough for one large model.
+
+    Parameters
+    ----------
+    count
+        How many workers there are.
+    memory_gb
+        What a person gives each; None for the default.
+    """
+    if memory_gb is not None:
+        return int(memory_gb * _GB)
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return int(max(0.8 * machine / count, min(4 * _GB, machine / 2)))
+
+
+class Workers:
+    """As many processes as cores. All methods are called on the event loop's thread.
+
+    Parameters
+    ----------
+    scratch
+        A folder of the pool's own: each worker has its temporary files in a folder there, which goes with it.
+    count
+        How many; as many as cores by default.
+    memory_gb
+        What each may use; see `memory_for_each`.
+    warm
+        What every worker does first: import what it will need, before somebody waits for it.
+    """
+
+    def __init__(
+        self,
+        scratch: Path,
+        count: int | None = None,
+        memory_gb: float | None = None,
+        warm: Warm | None = None,
+    ) -> None:
+        count = count or len(os.sched_getaffinity(0))
+        self._scratch = scratch
+        self._memory = memory_for_each(count, memory_gb)
+        self._warm = warm
+        self._closed = False
+        self._threads = ThreadPoolExecutor(count, thread_name_prefix="worker")
+        self._alive: set[Worker] = set()
+        self._idle: list[Worker] = []
+        self._urgent: deque[asyncio.Future[Worker]] = deque()
+        self._patient: deque[asyncio.Future[Worker]] = deque()
+        shutil.rmtree(scratch, ignore_errors=True)
+        scratch.mkdir(parents=True)
+        for _ in range(count):
+            self._start()
+
+    @property
+    def pids(self) -> frozenset[int]:
+        """The processes that there are now."""
+        return frozenset(worker.pid for worker in self._alive)
+
+    async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
+        """Run a function, which may be run more than once, in a worker; cancelled, the worker is ended.
+
+        Raises
+        ------
+        FarmError
+            What the work raised, or `limit` where its time or its memory did not suffice, or that its workers
+            died.
+        """
+        ended = ""
+        for _ in range(_TRIES):
+            worker = await self._take(limit.urgent)
+            fit = False
+            try:
+                async with asyncio.timeout(limit.seconds):
+                    loop = asyncio.get_running_loop()
+                    answer = await loop.run_in_executor(self._threads, worker.call, work, args)
+                fit = not isinstance(answer, MemoryError)
+            except TimeoutError:
+                raise FarmError(
+                    f"{limit.what} did not end within {limit.seconds / 60:g} min: scale the model down or "
+                    "simplify its mesh",
+                    ErrorCode.LIMIT,
+                ) from None
+            except EOFError:
+                if self._closed:
+                    raise FarmError(f"{limit.what} was given up: the daemon ends") from None
+                ended = worker.wait()
+                log.warning("worker %d ended by itself (%s)", worker.pid, ended)
+                continue
+            finally:
+                self._release(worker, fit)
+            if isinstance(answer, MemoryError):
+                raise FarmError(
+                    f"not enough memory for {limit.what} (a worker may use {self._memory / _GB:.1f} GB): "
+                    "scale the model down, simplify its mesh, or raise `memory_gb` in fleet.yaml",
+                    ErrorCode.LIMIT,
+                )
+            if isinstance(answer, Raised):
+                raise answer.error
+            return answer  # type: ignore[no-any-return]
+        raise FarmError(
+            f"{limit.what} ended its worker process {_TRIES} times ({ended}): most often too little memory; "
+            "scale the model down or simplify its mesh"
+        )
+
+    def close(self) -> None:
+        """Give up whatever is being worked on; no process is left when this returns."""
+        self._closed = True
+        for worker in self._alive:
+            worker.end()
+        self._alive.clear()
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        shutil.rmtree(self._scratch, ignore_errors=True)
+
+    def _start(self) -> None:
+        worker = Worker(self._scratch, self._memory, self._warm)
+        self._alive.add(worker)
+        self._give(worker)
+
+    def _replace(self) -> None:
+        """Start a worker, or try again until one can be started (the disk may be full)."""
+        if self._closed:
+            return
+        try:
+            self._start()
+        except OSError as error:
+            log.error("no worker can be started: %s; it is tried again", error)
+            asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
+
+    async def _take(self, urgent: bool) -> Worker:
+        """The next worker that is free; work that is as urgent gets one in the order in which it came."""
+        if self._idle:
+            return self._idle.pop()
+        turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
+        (self._urgent if urgent else self._patient).append(turn)
+        try:
+            return await turn
+        except asyncio.CancelledError:
+            if turn.done() and not turn.cancelled():  # cancelled just when it was its turn
+                self._give(turn.result())
+            raise
+
+    def _give(self, worker: Worker) -> None:
+        for queue in (self._urgent, self._patient):
+            while queue:
+                turn = queue.popleft()
+                if not turn.done():
+                    turn.set_result(worker)
+                    return
+        self._idle.append(worker)
+
+    def _release(self, worker: Worker, fit: bool) -> None:
+        """Give back a worker that is fit for more work, else put a new one in its place."""
+        if self._closed:
+            return
+        if fit:
+            self._give(worker)
+            return
+        worker.end()
+        self._alive.discard(worker)
+        self._replace()
+        # An engine that dies with its worker may have written after the folder was removed: all at once.
+        kept = {one.folder for one in self._alive}
+        for left in self._scratch.iterdir():
+            if left not in kept:
+                shutil.rmtree(left, ignore_errors=True)

@@ -1,0 +1,412 @@
+"""The one event loop's heart: events in, books committed, instructions out.
+
+Everything here runs on one thread and never waits. `happened` is the only way in which the books change:
+event, new state, commit, and only then what follows from it.
+"""
+
+from __future__ import annotations
+
+import logging
+import uuid
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from drivers.clock import Clock
+from farm.config import Fleet, PrinterSection
+from farm.control.admission import Front
+from farm.control.forecast_cache import Foresight
+from farm.errors import FarmError
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Bed,
+    Hold,
+    Job,
+    JobOptions,
+    JobState,
+    Link,
+    PlanProgress,
+    Plate,
+    Print,
+    PrintState,
+)
+from farm.paths import StateFolder
+from farm.planning.plan import Inspected, Plan, TooFewPrinters
+from farm.planning.planned_event import planned_event
+from farm.planning.replanning.coordinator import Otherwise
+from farm.planning.replanning.replan import Remade
+from farm.scheduling.assign import assign
+from farm.scheduling.situation import PlateView, PrinterView
+from farm.scheduling.situation_builder import (
+    Rooms,
+    Span,
+    may_begin,
+    own_holds,
+    plate_views,
+    printer_views,
+    span,
+)
+from farm.scheduling.spares import spare_printers
+from farm.scheduling.start_rules import Rules
+from farm.scheduling.time_expressions import wished_s
+from farm.state import events as ev
+from farm.state.outage import window_s
+from farm.state.reconcile import alarmed, not_begun, observe, owed, reconcile, unexpected
+from farm.state.recovery.journal_import import recount
+from farm.state.reels import with_reels
+from farm.state.storage.store import Store, StoreError
+from farm.state.transitions import apply
+from farm.views.context import Scene
+
+log = logging.getLogger(__name__)
+
+PATIENCE_S = 30.0
+"""Wall seconds in which printers are expected to connect after the farm has started."""
+REFUSALS = 5
+"""How often an agent may refuse to start a print; a port that is just opening refuses too."""
+
+
+class Hands(Protocol):
+    """What carries out instructions: it starts things and returns at once."""
+
+    def perform(self, instruction: ev.AnyInstruction) -> None: ...
+
+    def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None: ...
+
+    def remake(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None: ...
+
+
+class Core:
+    """The farm's state and its rules, without any I/O but the store's."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        store: Store,
+        clock: Clock,
+        rooms: Rooms,
+        hands: Hands,
+    ) -> None:
+        self._written = fleet
+        self.clock = clock
+        self.since_s = clock.now()
+        self.snapshots: dict[str, AgentSnapshot] = {}
+        self.progress: dict[int, PlanProgress] = {}
+        self.stopping = False
+        self._warning: str | None = None  # what is wrong with the farm itself, for a person
+        self._unbooked: dict[str, str] = {}  # by printer: why its agent's last word is not in the books
+        self._store = store
+        self._room = rooms
+        self.rules = Rules.of(fleet.fleet)
+        self._hands = hands
+        self._front = Front(self, hands.plan)
+        self._foresight = Foresight(self.rules, clock.scale)
+        self._otherwise = Otherwise(self.rules, clock, self._remake)
+        self._refusals: Counter[str] = Counter()
+        self.books = replace(store.load(), outage_window_s=window_s(clock.scale))
+        self.fleet = with_reels(fleet, self.books.printers)
+
+    # -- events -----------------------------------------------------------------------------------------
+
+    def happened(self, *happenings: ev.AnyEvent) -> None:
+        """Take events into the books, commit each, and carry out what follows."""
+        for event in happenings:
+            after, instructions = apply(event, self.books)
+            self._store.commit(event, self.books, after)
+            self.books = after
+            if isinstance(event, ev.ReelLoaded):
+                self.fleet = with_reels(self._written, after.printers)
+            log.info(
+                "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
+            )
+            for instruction in instructions:
+                if isinstance(instruction, ev.StopPlanning):
+                    self._no_longer_planned(instruction.job)
+                self._hands.perform(instruction)
+
+    def start(self, restored_s: float | None = None) -> None:
+        """Bring yesterday's books in line with today's fleet, and give up plans that died with a daemon.
+
+        `restored_s` is when the books were copied, where they are a copy because they were damaged.
+        """
+        now_s = self.clock.now()
+        for section in self.fleet.printers:
+            if section.name not in self.books.printers:
+                bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
+                self.happened(ev.PrinterAdded(at_s=now_s, name=section.name, bed=bed))
+        if restored_s is not None:
+            self.happened(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
+        for job in list(self.books.jobs.values()):
+            if job.state is JobState.PLANNING:
+                self.happened(ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None))
+
+    def untold_since_s(self, printer: str) -> float | None:
+        """From when on an agent has to say what it printed before its word counts; None: it need not."""
+        return self.books.printer(printer).untold_since_s
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        """An agent said what it printed since the books were copied."""
+        self.happened(*recount(self.books, snapshot, prints, self.clock.now()))
+
+    def heard(self, snapshot: AgentSnapshot) -> None:
+        """An agent said how things are."""
+        before = self.snapshots.get(snapshot.printer)
+        try:
+            self._book(snapshot, before)
+            self.snapshots[snapshot.printer] = snapshot
+            self.settle()
+        except StoreError as error:
+            self._unbooked[snapshot.printer] = str(error)
+            if before is not None:  # a person sees how hot it is; all else is news when said again
+                self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": before.link})
+            raise
+        self._unbooked.pop(snapshot.printer, None)
+
+    def _book(self, snapshot: AgentSnapshot, before: AgentSnapshot | None) -> None:
+        """Bring the books in line with an agent's word."""
+        now_s = self.clock.now()
+        self.happened(*alarmed(self.books.printer(snapshot.printer), snapshot, now_s))
+        attempt = self.books.open_print_on(snapshot.printer)
+        if attempt is not None:
+            wanted = attempt.cancel_asked is None and self.view(snapshot.printer) is not None
+            if wanted and self.untold_since_s(snapshot.printer) is not None:
+                return  # there is no agent now that could tell what became of it
+            self.happened(*reconcile(attempt, snapshot, now_s))
+        else:
+            if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:
+                self.happened(ev.PrinterLost(at_s=now_s, printer=snapshot.printer))
+            self.happened(*observe(self.books.printer(snapshot.printer), snapshot, now_s))
+        said = snapshot.print
+        if said is not None and (attempt is None or said.print_id != attempt.id):
+            printer = self.books.printer(snapshot.printer)
+            known = self.books.prints.get(said.print_id)
+            for follows in unexpected(printer, known, snapshot, now_s):
+                if isinstance(follows, ev.Event):
+                    self.happened(follows)
+                else:
+                    self._hands.perform(follows)
+
+    def clock_set(self, by_s: float) -> None:
+        """The host's clock was set, and `clock` follows it: hours are others, spans go on.
+
+        `by_s` are the farm seconds by which it is ahead of what it was.
+        """
+        self.since_s += by_s
+        self._foresight.clock_set()
+        self._otherwise.clock_set()
+        try:
+            self.happened(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
+            self.settle()
+        except StoreError as error:
+            log.error("%s", error)
+
+    # -- decisions --------------------------------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Give plates to printers, and begin the job in front, as far as both can be done now."""
+        self._remind()
+        if self.stopping:
+            return
+        now_s = self.clock.now()
+        held_back = own_holds(self.books, self.fleet.printers, now_s)
+        offered = self._offered(held_back)
+        views = self.printer_views()
+        self._otherwise.look_at_failures(self.books, offered, views)
+        held_back |= self._otherwise.holds()
+        waiting = [plate for plate in offered if plate.id not in held_back]
+        given, holds = assign(waiting, views, self.rules, now_s, self.spares())
+        for assignment in given:
+            self.happened(
+                ev.PlateAssigned(
+                    at_s=now_s, plate=assignment.plate, printer=assignment.printer, print_id=uuid.uuid4().hex
+                )
+            )
+        news = {
+            name: hold for name, hold in (holds | held_back).items() if self.books.plates[name].hold != hold
+        }
+        if news:
+            self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
+        if holds:
+            planned = frozenset(plate.planned for plate in waiting)
+            kept = spare_printers(views, planned, self.spares())
+            self._otherwise.look_at_waits(self.books, waiting, holds, self.printer_views(), kept)
+        self._front.settle(holds, self._otherwise.promised)
+
+    def _offered(self, held_back: Mapping[str, Hold]) -> list[PlateView]:
+        """The waiting plates that may go to a printer."""
+        waiting = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
+        return list(plate_views(waiting, self.books))
+
+    def _remake(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> None:
+        self._hands.remake(plate, [self.fleet.printer(name) for name in printers], cut)
+
+    def remade(self, plate: str, result: Remade | FarmError) -> None:
+        """A plate was made otherwise, or could not be."""
+        offered = self._offered(own_holds(self.books, self.fleet.printers, self.clock.now()))
+        event = self._otherwise.ended(plate, result, self.books, offered, self.printer_views())
+        if event is not None:
+            self.happened(event)
+        self.settle()
+
+    def _remind(self) -> None:
+        """Tell agents again what they were told while they were away, and when hours have changed."""
+        for attempt in list(self.books.open_prints()):
+            snapshot = self.snapshots.get(attempt.printer)
+            if snapshot is not None:
+                for instruction in owed(attempt, snapshot, self._ends_by_s(snapshot)):
+                    if isinstance(instruction, ev.SendStart) and not self._may_begin(attempt):
+                        continue
+                    self._hands.perform(instruction)
+
+    def _ends_by_s(self, snapshot: AgentSnapshot) -> float | None:
+        """When what is printed there has to be ended; as it was told, where it has left the fleet since."""
+        view, said = self.view(snapshot.printer), snapshot.print
+        if view is None:
+            return None if said is None else said.ends_by_s
+        return self.rules.ends_by_s(view, self.clock.now())
+
+    def _may_begin(self, attempt: Print) -> bool:
+        """Nothing heats in an outage that nobody has confirmed, nor out of hours."""
+        views, now_s = self.printer_views(), self.clock.now()
+        return self.books.outage is None and may_begin(attempt, self.books, views, self.rules, now_s)
+
+    def span(self, print_id: str) -> Span:
+        """When hours let a print begin and go on."""
+        views, now_s = self.printer_views(), self.clock.now()
+        return span(self.books.prints[print_id], self.books, views, self.rules, now_s)
+
+    def view(self, printer: str) -> PrinterView | None:
+        """A printer as the scheduler sees it; None where it is not used."""
+        sections = [section for section in self.fleet.printers if section.name == printer]
+        views = printer_views(sections, self.books, self.snapshots, self._room)
+        return views[0] if views else None
+
+    def refused(self, print_id: str, reason: str, late: bool = False) -> None:
+        """An agent would not start a print; where it still will not after several times, the print failed.
+
+        One that came too `late` was never begun, and its plate is given a printer by what holds now.
+        """
+        attempt = self.books.prints[print_id]
+        self._refusals[print_id] += 1
+        if attempt.state is not PrintState.ASSIGNED or not (late or self._refusals[print_id] >= REFUSALS):
+            return
+        printer = self.books.printer(attempt.printer)
+        self.happened(not_begun(attempt, printer, reason, late, self.clock.now()))
+        self.settle()
+
+    def spares(self) -> int:
+        """How many printers are kept for what fails while nobody is there, by the jobs that are printed."""
+        if self.rules.somebody_is_there(self.clock.now()):
+            return 0
+        jobs = self.books.jobs.values()
+        return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
+
+    def next_edge_s(self) -> float | None:
+        """When hours or start times next change what may start; None where they never do."""
+        now_s = self.clock.now()
+        starts = (j.not_before_s for j in self.books.jobs.values() if not j.state.ended and j.not_before_s)
+        edges = [self.rules.attended.edge_s(now_s), self.rules.quiet.edge_s(now_s), *starts]
+        return min((edge for edge in edges if edge is not None and edge > now_s), default=None)
+
+    def progressed(self, number: int, progress: PlanProgress) -> None:
+        """The planner is so far with a job."""
+        self.progress[number] = progress
+
+    def planned(self, number: int, result: Plan | FarmError) -> None:
+        """A plan was made, or could not be made."""
+        now_s = self.clock.now()
+        self._no_longer_planned(number)
+        job = self.books.job(number)
+        if job.state is not JobState.PLANNING:
+            return  # cancelled meanwhile
+        if isinstance(result, TooFewPrinters):
+            self._front.needs(number, result.needed)
+            self.happened(ev.PlanningAbandoned(at_s=now_s, job=number, hold=None))
+        elif isinstance(result, FarmError):
+            self.happened(ev.JobFailed(at_s=now_s, job=number, error=result.code, reason=str(result)))
+        else:
+            made = planned_event(job, result, self.printer_views(), self.books, self.rules, now_s)
+            self.happened(made)
+        self.settle()
+
+    def _no_longer_planned(self, number: int) -> None:
+        self.progress.pop(number, None)
+        self._front.planned(number)
+
+    # -- jobs -------------------------------------------------------------------------------------------
+
+    def submitted(self, request_id: str) -> int | None:
+        """The job that this request made, if it was heard before."""
+        return next((job.id for job in self.books.jobs.values() if job.request_id == request_id), None)
+
+    def submit(
+        self, request_id: str, name: str, model: Inspected, options: JobOptions, by: str | None = None
+    ) -> tuple[int, bool]:
+        """Take a job; the same request id gives the same job. Returns its number, and whether it is old."""
+        known = self.submitted(request_id)
+        if known is not None:
+            return known, True
+        number = max(self.books.jobs, default=0) + 1
+        now_s = self.clock.now()
+        not_before_s, done_by_s = wished_s(options, self.rules, now_s)
+        if self.fleet.fleet.approve:
+            options = options.model_copy(update={"hold": True})
+        job = Job(
+            id=number,
+            request_id=request_id,
+            name=name,
+            model_file=model.file,
+            options=options,
+            own_gcode=model.own_gcode,
+            repairs=model.repairs,
+            scale=model.scale,
+            not_before_s=not_before_s,
+            done_by_s=done_by_s,
+            submitted_s=now_s,
+            submitted_by=by,
+        )
+        self.happened(ev.JobSubmitted(at_s=now_s, job=job))
+        self.settle()
+        return number, False
+
+    def abort_all(self) -> None:
+        """End every job that is being printed."""
+        for number in sorted({attempt.job for attempt in self.books.open_prints()}):
+            if not self.books.job(number).state.ended:
+                self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
+        for attempt in list(self.books.open_prints()):  # of a part that a person has found whole meanwhile
+            if attempt.cancel_asked is None:
+                self.happened(ev.PlateCancelled(at_s=self.clock.now(), plate=attempt.plate, by=ev.A_PERSON))
+
+    def copied(self, trouble: str | None) -> None:
+        """The books were copied, or why they could not be."""
+        self._warning = trouble
+
+    # -- views ------------------------------------------------------------------------------------------
+
+    def printer_views(self) -> list[PrinterView]:
+        return printer_views(self.fleet.printers, self.books, self.snapshots, self._room)
+
+    def scene(self, state: StateFolder) -> Scene:
+        """All that a view is drawn from."""
+        now_s = self.clock.now()
+        unbooked = next(iter(self._unbooked.values()), None)
+        if unbooked is not None:
+            unbooked += f"; nothing is booked until there is room in {state.root}"
+        return Scene(
+            self.fleet,
+            self.books,
+            self.snapshots,
+            state,
+            now_s,
+            ends_s=self._foresight.ends_s(self.books, self.printer_views, now_s),
+            settled=not self.arriving(),
+            progress=self.progress,
+            warning=unbooked or self._warning,
+        )
+
+    def arriving(self) -> bool:
+        """Whether the farm has just started: printers that do not answer yet are still expected."""
+        return self.clock.now() - self.since_s < PATIENCE_S * self.clock.scale

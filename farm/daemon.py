@@ -1,0 +1,279 @@
+"""The daemon's wiring: clock, store, core, links, planner, timers and server, and how it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import logging
+import math
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from typing import IO
+
+import uvicorn
+
+from drivers.clock import Clock
+from farm.agents.manager import Links
+from farm.compute.tasks import warm
+from farm.compute.worker_pool import Workers
+from farm.config import Fleet, PrinterSection
+from farm.control.controller import Core
+from farm.control.notifier import Notifier, forget
+from farm.control.timers import Timers
+from farm.errors import FarmError, Refused
+from farm.http.app import make_app
+from farm.http.callers import PeerProtocol, check_operators, listen
+from farm.http.connections import BoundedServer, descriptor_limit, most_connections
+from farm.model import Job, Plate
+from farm.paths import Places, StateFolder, read_anchor, write_anchor
+from farm.planning.job_planner import Planner
+from farm.planning.parts.part_rooms import bed_boxes
+from farm.planning.plan import file_names
+from farm.planning.replanning.replan import AgainTask
+from farm.planning.replanning.worker import Remaker
+from farm.state import events as ev
+from farm.state.storage.backups import Nightly, open_books
+from farm.state.storage.file_store import name_files
+from slicing.cache import trim_cache
+
+log = logging.getLogger(__name__)
+
+_WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
+_SETTLE_S = 1.0
+_NOTIFY_S = 2.0
+_FORGET_S = 5.0
+_FOLLOW_S = 1.0  # wall seconds: as long as a clock that is set back may delay what is due
+_ABORT_S = 150.0  # wall seconds in which every print can be ended safely
+_GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
+
+
+class Daemon:
+    """One farm. `run` returns when it is told to go down or gets a SIGTERM; prints go on then."""
+
+    def __init__(self, fleet: Fleet, places: Places) -> None:
+        self._fleet = fleet
+        self._places = places
+        self._state = places.state
+        self._clock = farm_clock(fleet, self._state)
+        self._store, self._restored_s = open_books(self._state, self._clock.now())
+        compute = fleet.fleet.compute
+        self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
+        self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
+        self._links = Links(fleet, self._state, self._clock, self._core)
+        self._planner = Planner(
+            self._state, self._workers, compute.budget_s, self._core.planned, self._core.progressed
+        )
+        self._remaker = Remaker(self._state, self._workers, self._core.remade)
+        self._timers = Timers(self._clock)
+        self._notifier: Notifier | None = None
+        if fleet.fleet.notify:
+            urls, name = fleet.fleet.notify, fleet.fleet.name
+            self._notifier = Notifier(urls, name, self._state.told, self._clock.now())
+        else:
+            forget(self._state.told)
+        self._edge_s: float | None = None  # for which a timer is set
+        self._server: uvicorn.Server | None = None
+        self._ending: asyncio.Task[None] | None = None
+
+    # -- the core's hands -------------------------------------------------------------------------------
+
+    def perform(self, instruction: ev.AnyInstruction) -> None:
+        if isinstance(instruction, ev.StopPlanning):
+            self._planner.stop(instruction.job)
+        elif isinstance(instruction, ev.NameFiles):
+            self._name_files(self._core.books.job(instruction.job))
+        else:
+            self._links.perform(instruction, self._core.books, self._state.files, self._core.span)
+
+    def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
+        factors = {p.name: self._core.books.printer(p.name).time_factor for p in printers}
+        begins_s = max(self._clock.now(), job.not_before_s or 0.0)
+        within_s = None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s)
+        self._planner.start(job, printers, rounds, factors, within_s)
+
+    def remake(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None:
+        books = self._core.books
+        (part,) = (books.parts[name] for name in plate.parts)
+        job = books.job(plate.job)
+        task = AgainTask(
+            plate=plate,
+            part=part,
+            options=job.options,
+            printers=tuple(printers),
+            files=self._state.files,
+            folder=self._state.work / f"again-{plate.id.replace('/', '-')}",
+            factors={p.name: books.printer(p.name).time_factor for p in printers},
+            others=tuple(books.parts[name] for name in job.parts if name != part.id),
+        )
+        self._remaker.start(task, cut)
+
+    def _name_files(self, job: Job) -> None:
+        books = self._core.books
+        names = file_names(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
+        try:
+            name_files(self._state.job(job.id), self._state.files, names)
+        except OSError as error:  # a convenience: no reason to stop a job
+            log.warning("job %d: its files could not be named: %s", job.id, error)
+
+    # -- life -------------------------------------------------------------------------------------------
+
+    async def run(self) -> None:
+        """Serve until told to stop."""
+        listening = listen(self._places.socket, self._fleet.fleet.group)
+        app = make_app(
+            self._core,
+            self._state,
+            self._places.fleet,
+            self._clock.now(),
+            self._workers,
+            self._down,
+            self._links.replace,
+        )
+        config = uvicorn.Config(
+            app,
+            http=PeerProtocol,
+            log_config=None,
+            access_log=False,
+            lifespan="off",
+            timeout_graceful_shutdown=_GRACE_S,
+        )
+        workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
+        most = most_connections(descriptor_limit(), len(self._fleet.printers), workers)
+        self._server = BoundedServer(config, most)
+        self._core.start(self._restored_s)
+        self._links.start({attempt.printer for attempt in self._core.books.open_prints()})
+        timers = self._timers
+        timers.every(_WATCH_S, "watch agents", self._links.watch)
+        timers.every(_SETTLE_S, "settle", self._turn)
+        timers.every(_NOTIFY_S, "notify", self._notify)
+        forgotten = app.state.dry_runs.end_forgotten
+        timers.every(_FORGET_S, "dry runs", lambda: forgotten(time.monotonic()))
+        timers.start()
+        following = asyncio.get_running_loop().create_task(self._follow_clock())
+        await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
+        try:
+            await self._server.serve(sockets=[listening])
+        finally:
+            following.cancel()
+            timers.stop()
+            self._planner.stop()
+            self._remaker.stop()
+            await self._links.close()
+            self._workers.close()
+            listening.close()
+            self._places.socket.unlink(missing_ok=True)
+            self._store.close()
+
+    async def _follow_clock(self) -> None:
+        """Take over that the host's clock was set, as by NTP after a start without a network."""
+        while True:
+            await asyncio.sleep(_FOLLOW_S)  # by the loop's own clock, which nobody sets
+            step_s = self._clock.follow_host()
+            if step_s:
+                log.warning("the host's clock was set by %+.0f s: hours are kept by it from now on", step_s)
+                self._timers.clock_set()
+                if self._notifier is not None:
+                    self._notifier.clock_set(step_s)
+                self._core.clock_set(step_s)
+
+    def _notify(self) -> None:
+        if self._notifier is not None:
+            self._notifier.tell(self._core.books, self._clock.now())
+
+    def _turn(self) -> None:
+        """Settle, and be awake when hours or start times change."""
+        self._core.settle()
+        edge_s = self._core.next_edge_s()
+        if edge_s is not None and edge_s != self._edge_s:
+            self._timers.at(edge_s, "edge of hours", self._turn)
+        self._edge_s = edge_s
+
+    async def _down(self, now: bool) -> None:
+        """End the farm: every print first (with `now`), then the agents, then the daemon."""
+        self._core.stopping = True
+        if now:
+            self._core.abort_all()
+        give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
+        self._ending = asyncio.get_running_loop().create_task(self._end(give_up))
+
+    async def _end(self, give_up: float) -> None:
+        """Wait for open prints, then end. Prints that do not end keep the farm up: somebody has to look."""
+        while open_prints := sorted({attempt.printer for attempt in self._core.books.open_prints()}):
+            if asyncio.get_running_loop().time() > give_up:
+                log.error("not going down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
+                self._core.stopping = False
+                return
+            await asyncio.sleep(0.1)
+        await self._links.shut_down_agents()
+        if self._server is not None:
+            self._server.should_exit = True
+
+
+def run(fleet: Fleet, places: Places) -> None:
+    """Run the daemon in the foreground.
+
+    Raises
+    ------
+    Refused
+        Where another daemon has this state folder.
+    FarmError
+        Where that cannot be read or written.
+    """
+    logging.basicConfig(level=logging.INFO, force=True, format="%(asctime)s %(name)s %(message)s")
+    logging.getLogger("apscheduler").setLevel(logging.WARNING)
+    check_operators(fleet.fleet.operators)
+    places.state.make()
+    try:
+        with _only_one(places.state):
+            shutil.rmtree(places.state.work, ignore_errors=True)
+            places.state.make()
+            for partial in places.state.slices.glob(".*"):  # of a worker that was killed while it wrote
+                partial.unlink()
+            trim_cache(places.state.slices)
+            asyncio.run(Daemon(fleet, places).run())
+    except OSError as error:
+        raise FarmError(
+            f"the state folder {places.state.root} cannot be used ({error}): has its disk room, and may it "
+            "be written?"
+        ) from error
+
+
+@contextlib.contextmanager
+def _only_one(state: StateFolder) -> Iterator[None]:
+    lock: IO[str] = state.lock.open("a+")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        raise Refused(
+            f"another daemon (pid {lock.read().strip()}) has the state folder {state.root}"
+        ) from None
+    with lock:
+        lock.truncate(0)
+        lock.write(str(os.getpid()))
+        lock.flush()
+        yield
+
+
+def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
+    """The farm's clock, the same over restarts: agents and emulators that are alive live on it too.
+
+    Raises
+    ------
+    Refused
+        Where the state folder lives on a clock of another scale.
+    """
+    scale = fleet.fleet.time_scale
+    saved = read_anchor(state.clock)
+    if saved is None:
+        saved = (scale, time.time())
+        write_anchor(state.clock, *saved)
+    if saved[0] != scale:
+        raise Refused(
+            f"the state folder {state.root} lives on a clock of time_scale {saved[0]:g}, not {scale:g}: "
+            "set it back, or name another folder with --state"
+        )
+    return Clock(*saved)

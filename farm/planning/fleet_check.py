@@ -1,0 +1,31 @@
+"""What `fleet.yaml` says of a printer, against Cura's files: what a submission would stumble over."""
+
+from __future__ import annotations
+
+from farm.config import PrinterSection
+from slicing.errors import BadSetting, SlicingError
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing.settings.resources import find_resources
+
+
+def mistake_in(section: PrinterSection) -> tuple[str, str] | None:
+    """The first key of a printer that Cura's files have nothing for, and what there is instead.
+
+    None where all is well, or where there are no files of Cura's to look into (a submission says so).
+    """
+    request = SettingsRequest(
+        printer_model=section.model, material=section.material, nozzle_mm=section.nozzle_mm
+    )
+    try:
+        resources = find_resources()
+        for key, look in (("model", resources.machine), ("material", resources.material)):
+            try:
+                look(getattr(section, key))
+            except BadSetting as error:
+                return key, str(error)
+        resolve_settings(request, resources)
+    except BadSetting as error:
+        return ("nozzle_mm" if str(error).startswith("nozzle ") else "material"), str(error)
+    except SlicingError:
+        return None
+    return None

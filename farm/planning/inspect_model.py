@@ -1,0 +1,51 @@
+"""A submitted model, read, repaired and scaled once, before its job is taken."""
+
+from __future__ import annotations
+
+import uuid
+from pathlib import Path
+
+import numpy as np
+
+from decompose.geometry import Model, Solid, load_model
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions
+from farm.planning.error_translation import in_farm_words
+from farm.planning.plan import Inspected
+from farm.state.storage.file_store import store_file
+from slicing.settings.resources import find_engine, find_resources
+
+
+def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> Inspected:
+    """Read, repair and scale a model, which a person knows by `name`; runs in a worker.
+
+    Raises
+    ------
+    FarmError
+        With code `model` and the reason, where it cannot be made a solid; with code `engine` where there is
+        nothing to slice it with later.
+    """
+    with in_farm_words():
+        find_engine()
+        find_resources()
+        model = load_model(path, name=name, scale=options.scale, longest_side_mm=options.longest_side_mm)
+        vertices, faces = model.solid.arrays()
+    temporary = path.with_name(f"solid-{uuid.uuid4().hex}.npz")
+    np.savez_compressed(
+        temporary,
+        vertices=vertices,
+        faces=faces,
+        scale=model.scale,
+        repairs=np.array(model.repairs, dtype=np.str_),
+    )
+    return Inspected(store_file(files, temporary), tuple(model.repairs), float(model.scale))
+
+
+def read_inspected(path: Path) -> Model:
+    """The model that `inspect_model` stored, to the last bit."""
+    try:
+        with np.load(path) as saved:
+            solid = Solid.from_arrays(saved["vertices"], saved["faces"])
+            return Model(solid, tuple(map(str, saved["repairs"])), float(saved["scale"]))
+    except (OSError, ValueError, KeyError) as error:
+        raise FarmError(f"the stored model {path} cannot be read: {error}", ErrorCode.MODEL) from error

@@ -1,0 +1,191 @@
+"""`farm slice`: one model as one plate, without a daemon."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from decompose.geometry import load_model
+from drivers.printers.profiles import BEDS, RoomBox, part_room, place
+from farm.errors import ErrorCode, FarmError
+from farm.planning.error_translation import in_farm_words
+from farm.planning.parts.slice_part import settings_of, slice_part
+from farm.planning.plan_records import SliceTask
+from farm.planning.plate_times import plate_seconds
+from slicing.cache import trim_cache
+from slicing.errors import nearest
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
+
+Tell = Callable[[str], None]
+_SPARE = 0.99  # of the largest size that fits: what is proposed is a rounded figure
+
+
+def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
+    """The cache of `farm slice` in the XDG cache folder; None where that cannot be written."""
+    folder = Path(env.get("XDG_CACHE_HOME") or Path(env.get("HOME", "/")) / ".cache") / "farm" / "slices"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def slice_to_file(
+    path: Path,
+    out: Path,
+    *,
+    printer_model: str,
+    quality: str,
+    material: str,
+    nozzle_mm: float,
+    overrides: Mapping[str, str],
+    scale: float | None = None,
+    longest_side_mm: float | None = None,
+    cache: Path | None = None,
+    tell: Tell = lambda _: None,
+) -> dict[str, Any]:
+    """Slice a model as it stands, in the middle of the bed; what `farm slice --json` says.
+
+    Parameters
+    ----------
+    out
+        The G-code file. It appears whole or not at all.
+    printer_model, quality, material, nozzle_mm, overrides
+        As `slicing.settings.plate_settings.SettingsRequest` takes them.
+    scale, longest_side_mm
+        As `decompose.mesh.load_model` takes them.
+    cache
+        A folder for slices by content, as `slicing.plate` takes it.
+    tell
+        Is told what is being done.
+
+    Raises
+    ------
+    FarmError
+        With the reason, in one line.
+    """
+    if printer_model not in BEDS:
+        hint = nearest(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
+        raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
+    profile = BEDS[printer_model]
+    request = SettingsRequest(printer_model, quality, material, nozzle_mm, overrides)
+    _check_writable(out, path)
+    with in_farm_words():
+        resources, engine = find_resources(), find_engine()
+        settings = resolve_settings(request, resources)
+        tell(f"reading {path.name}")
+        model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
+    x, y, z = map(float, model.extents_mm)
+    size = (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z)  # as printed
+    room = part_room(profile, settings.brim_width_mm)
+    if place(size, room) is None:
+        raise FarmError(
+            f"{path.name} ({_by(size)} mm as printed) does not fit the {profile.title}: "
+            + _what_fits(size, room, max(x, y, z), model.scale),
+            ErrorCode.NO_FIT,
+        )
+    with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
+        stl = Path(folder) / "model.stl"
+        model.mesh.export(stl)
+        task = SliceTask(
+            part=path.name,
+            stl=stl,
+            request=request,
+            resources=resources,
+            settings=settings,
+            room=room,
+            engine=engine,
+            out=Path(folder) / "model.gcode",
+            cache=cache,
+        )
+        tell(f"slicing {path.name}")
+        result = slice_part(task, lambda share: tell(f"slicing {path.name}, {share:.0%}"))
+        with in_farm_words():
+            settings = settings_of(task, size[2])
+        _put(result.gcode, out)
+    if cache is not None:
+        trim_cache(cache)
+    expected_s = plate_seconds(profile, result.print_time_s, settings.nozzle_c, settings.bed_c)
+    return {
+        "schema": 1,
+        "repairs": list(model.repairs),
+        "scale": model.scale,
+        "print_time_s": result.print_time_s,
+        "estimated_s": expected_s,
+        "filament_mm": result.filament_mm,
+        "filament_mm3": result.filament_mm3,
+        "grams": result.grams,
+        "layers": result.layers,
+        "cached": result.cached,
+        "unprinted": [asdict(wall) for wall in result.unprinted],
+        "warnings": [str(wall) for wall in result.unprinted],
+        "settings": {"global": settings.global_, "extruder": settings.extruder},
+    }
+
+
+def _what_fits(
+    size_mm: tuple[float, float, float], room: tuple[RoomBox, ...], longest_mm: float, scale: float
+) -> str:
+    """The room that there is, and the largest that the model can be in it."""
+    x, y, z = size_mm
+    shares = [
+        (min(width / dx, depth / dy, height / z), (width, depth, height))
+        for width, depth, height in (box.size_mm for box in room)
+        for dx, dy in ((x, y), (y, x))
+    ]
+    if not shares:
+        return "its brim leaves no room on that bed; make the brim narrower (--set brim_width=4)"
+    share, largest_mm = max(shares)
+    share *= _SPARE
+    return (
+        f"there is room for {_by(largest_mm)} mm beside the brim; `farm decompose` cuts it into parts, "
+        f"or make it smaller with --scale {scale * share:.3g} or --longest-side {longest_mm * share:.0f}"
+    )
+
+
+def _by(size_mm: tuple[float, float, float]) -> str:
+    return " x ".join(f"{side:.1f}" for side in size_mm)
+
+
+def _check_writable(out: Path, model: Path) -> None:
+    """Say so before minutes of work, where the file cannot be written; nothing is made yet."""
+    try:
+        if out.is_dir():
+            raise _unwritable(out, "it is a folder")
+        if out.exists() and model.exists() and out.samefile(model):
+            raise _unwritable(out, "it is the model")
+        there = next(place for place in (out, *out.absolute().parents) if place.exists())
+        if there is not out and not there.is_dir():
+            raise _unwritable(out, f"{there} is no folder")
+    except OSError as error:
+        raise _unwritable(out, error.strerror) from error
+    if not os.access(there, os.W_OK):
+        raise _unwritable(out, "no permission")
+
+
+def _put(gcode: Path, out: Path) -> None:
+    """The file under its name, whole or not at all; a device or a pipe is written to."""
+    try:
+        if out.exists() and not out.is_file():
+            shutil.copyfile(gcode, out)
+            return
+        target = out.resolve()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = target.with_name(f".{target.name}.{os.getpid()}")
+        try:
+            shutil.copyfile(gcode, temporary)
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(out, error.strerror) from error
+
+
+def _unwritable(out: Path, why: str | None) -> FarmError:
+    return FarmError(f"{out}: cannot be written ({why}); name another file with --out")

@@ -1,0 +1,31 @@
+"""How long moves take on a printer: the stopwatch with which a person's own G-code is read."""
+
+from __future__ import annotations
+
+from drivers.emulator.planner import CAPACITY, Limits, Planner
+from drivers.printers.profiles import Profile
+from slicing.start_code import READY_MM
+
+
+class FirmwareTime:
+    """The time that the firmware's own planner takes over moves that never wait for the host."""
+
+    def __init__(self, profile: Profile) -> None:
+        self._planner = Planner(Limits.of(profile), (*READY_MM, 0.0), lambda _e_mm, _z_mm: None)
+        self._now_s = 0.0
+
+    def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
+        planner = self._planner
+        if len(planner) >= CAPACITY:
+            self._now_s = planner.free_s()
+            planner.advance(self._now_s)
+        planner.add((x, y, z, e), speed_mm_s, self._now_s)
+
+    def wait(self, seconds: float) -> None:
+        self._now_s = self.seconds(finish=True) + seconds
+
+    def seconds(self, finish: bool = False) -> float:
+        while finish and len(self._planner):
+            self._now_s = self._planner.end_s
+            self._planner.advance(self._now_s)
+        return self._now_s

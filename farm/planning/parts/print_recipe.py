@@ -1,0 +1,52 @@
+"""What the decomposition is told of a printer's settings: a recipe."""
+
+from __future__ import annotations
+
+from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
+from farm.config import PrinterSection
+from farm.planning.plate_times import prelude_seconds
+from slicing.settings.plate_settings import Settings
+
+
+def recipe(settings: Settings, prelude_s: float) -> Recipe:
+    """The numbers of the slicer's settings that decide print time, for the decomposition's cost.
+
+    `prelude_s` is what each plate takes beside its layers (heat-up, start and end code).
+    """
+    extruder, shared = settings.extruder, settings.global_
+    connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
+    return Recipe(
+        layer_height_mm=settings.layer_height_mm,
+        line_width_mm=settings.line_width_mm,
+        outer_line_width_mm=settings.line_width_0_mm,
+        wall_count=settings.wall_count,
+        skin_layers=(settings.top_layers + settings.bottom_layers) / 2,
+        infill_line_distance_mm=settings.infill_line_distance_mm,
+        infill_connected=connected,
+        support_line_distance_mm=settings.support_line_distance_mm,
+        outer_wall_mm_s=settings.speed_wall_0_mm_s,
+        inner_wall_mm_s=settings.speed_wall_x_mm_s,
+        infill_mm_s=settings.speed_infill_mm_s,
+        skin_mm_s=settings.speed_topbottom_mm_s,
+        support_mm_s=settings.speed_support_mm_s,
+        support_angle_deg=settings.support_angle_deg,
+        brim_mm=settings.brim_width_mm if shared["adhesion_type"] == "brim" else 0.0,
+        brim_mm_s=settings.speed_layer_0_mm_s,
+        speeding_layers=int(float(shared["speed_slowdown_layers"])),
+        travel_mm_s=settings.speed_travel_mm_s,
+        acceleration_mm_s2=float(shared["machine_acceleration"]),
+        least_layer_s=float(extruder["cool_min_layer_time"]),
+        shrinkage=settings.scale_xy - 1.0 or REFERENCE_SHRINKAGE,
+        prelude_s=prelude_s,
+    )
+
+
+def printer_cost(section: PrinterSection, settings: Settings) -> CostModel:
+    """What a part costs on this printer, heat-up, start and end code included."""
+    return CostModel.from_recipe(recipe(settings, prelude_seconds(section, settings)))
+
+
+def slower(cost: CostModel, than: CostModel) -> float:
+    """How many times as long a part takes at one printer's settings as at another's: a cube of 50 mm."""
+    sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
+    return cost.price_s(sums, size) / than.price_s(sums, size)

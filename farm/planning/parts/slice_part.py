@@ -1,0 +1,73 @@
+"""From a part in its printing pose to a plate: placed on the bed, sliced, checked. Runs in a worker."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+from drivers.printers.profiles import Placement, place
+from farm.errors import ErrorCode, FarmError
+from farm.planning.error_translation import in_farm_words
+from farm.planning.plan_records import SliceTask
+from slicing.plate import PlateRequest, PlateResult, slice_plate
+from slicing.settings.plate_settings import PartSettings, Settings, resolve_settings
+
+
+def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
+    """Place a part on its bed and slice it; `progress` is told how far the engine is, from 0 to 1.
+
+    Raises
+    ------
+    FarmError
+        `no_fit` where the bed has no place for it, `engine` or `slice` with CuraEngine's trouble.
+    """
+    mesh = trimesh.load_mesh(task.stl)
+    scale = np.array((task.settings.scale_xy, task.settings.scale_xy, task.settings.scale_z))
+    extents = tuple(map(float, mesh.extents * scale))  # as printed
+    placement = place((extents[0], extents[1], extents[2]), task.room)
+    if placement is None:
+        size = " x ".join(f"{side:.1f}" for side in extents)
+        raise FarmError(
+            f"part {task.part} ({size} mm) has no place on the bed of its printer", ErrorCode.NO_FIT
+        )
+    placed = task.out.with_suffix(".placed.stl")
+    mesh.apply_transform(_transform(mesh, placement, scale))
+    mesh.export(placed)
+    bed = tuple(
+        (r.min_x_mm, r.min_y_mm, r.max_x_mm, r.max_y_mm, box.height_mm)
+        for box in task.room
+        for r in (box.rect.grown(task.settings.brim_width_mm),)
+    )
+    with in_farm_words():
+        settings = settings_of(task, extents[2])
+        request = PlateRequest(
+            stl=placed, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
+        )
+        return slice_plate(request, progress)
+
+
+def settings_of(task: SliceTask, height_mm: float) -> Settings:
+    """The settings for this part, which is printed so high. Raises the errors of `resolve_settings`."""
+    chosen = PartSettings(
+        height_mm=height_mm,
+        brim_width_mm=task.brim_width_mm,
+        layer_0_expansion_mm=task.layer_0_expansion_mm,
+    )
+    return resolve_settings(task.request, task.resources, chosen)
+
+
+def _transform(
+    mesh: trimesh.Trimesh, placement: Placement, scale: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """(4, 4) To the placement, larger by `scale` (3,): centre of the bounding box there, underside at Z 0."""
+    centre = mesh.bounds.mean(axis=0)
+    transform = np.eye(4)
+    if placement.turned:
+        transform[:2, :2] = ((0.0, -1.0), (1.0, 0.0))
+    transform[:3, :3] *= scale
+    transform[:3, 3] = -transform[:3, :3] @ (centre[0], centre[1], mesh.bounds[0][2])
+    transform[:2, 3] += (placement.x_mm, placement.y_mm)
+    return transform

@@ -1,0 +1,66 @@
+"""A plan that was made, as the event that books it: with the night that it needs, and the hash of it all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import replace
+
+from farm.model import Job, Part, Plate
+from farm.planning.plan import Plan
+from farm.scheduling.forecast import forecast, idle
+from farm.scheduling.situation import PrinterView
+from farm.scheduling.situation_builder import plate_views
+from farm.scheduling.start_rules import Rules
+from farm.state import events as ev
+from farm.state.books import Books
+
+
+def planned_event(
+    job: Job, plan: Plan, printers: Iterable[PrinterView], books: Books, rules: Rules, now_s: float
+) -> ev.JobPlanned:
+    """What is booked of a plan: rounds, hours and the breaker may make it longer than its longest plate."""
+    used = {plate.printer for plate in plan.plates}
+    printers = list(printers)
+    fleet = [idle(view) for view in printers if view.name in used]
+    books = replace(books, plates={plate.id: plate for plate in plan.plates})
+    waiting = list(plate_views(plan.plates, books))
+    seen = forecast(waiting, fleet, rules, now_s)
+    notices = plan.repairs
+    materials = sorted({plate.material for plate in plan.plates})
+    if len(materials) > 1:
+        of = " and ".join(materials)
+        notices = (*notices, f"Its parts are of {of}, as the printers have it: `--material` takes one.")
+    if job.done_by_s is not None:
+        ends_s = forecast(waiting, printers, rules, now_s).ends_s  # on printers as they are: beds may be full
+        if ends_s > job.done_by_s:
+            asked, ends = rules.words(job.done_by_s), rules.words(ends_s)
+            notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")
+    beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
+    at_once = seen.left or (beside and rules.max_heating is None)
+    return ev.JobPlanned(
+        at_s=now_s,
+        job=job.id,
+        parts=plan.parts,
+        plates=plan.plates,
+        repairs=notices,
+        scale=plan.scale,
+        serial_s=plan.serial_s,
+        estimated_s=plan.estimated_s if at_once else seen.ends_s - seen.starts_s,
+        lower_bound_s=max(0.0, seen.lower_bound_s - seen.starts_s),
+        picture=plan.picture,
+        assembly=plan.assembly,
+        decomposition=plan.decomposition,
+        plan=plan_hash(plan.parts, plan.plates),
+        held=job.options.hold,
+    )
+
+
+def plan_hash(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
+    """Names a plan by all that is printed and where: 12 hexadecimal digits."""
+    facts = [
+        sorted((part.id, part.plate, part.file) for part in parts),
+        sorted((plate.id, plate.sha256, plate.printer, plate.material, plate.nozzle_mm) for plate in plates),
+    ]
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:12]

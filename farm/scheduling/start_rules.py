@@ -1,0 +1,183 @@
+"""The house's rules for starting a print: hours, the breaker, and enough on the reel. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from datetime import datetime, tzinfo
+from zoneinfo import ZoneInfo
+
+from farm.config import FleetSection
+from farm.model import Hold, HoldCode, ShortReel
+from farm.scheduling.hours import Hours
+from farm.scheduling.situation import PlateView, PrinterView
+from farm.text import span
+
+LATE = 1.05
+"""A print may take this much longer than expected."""
+GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
+"""What must be on a reel beside a plate's grams: priming, and what a ledger does not see."""
+FIRST_LAYER_S = 3600.0
+"""Before the end of the attended hours, for first layers that need somebody."""
+ENDED_BEFORE_S = 900.0
+"""Before the end of the attended hours, for a print that is ended: to cool, and to be seen to."""
+_FARTHEST_S = 15 * 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """When a plate may start on a printer; never where `at_s` is None. `why` says what made it wait."""
+
+    at_s: float | None
+    why: Hold | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What `fleet.yaml` says of the house."""
+
+    attended: Hours
+    quiet: Hours
+    first_layers_attended: bool = False
+    max_heating: int | None = None
+
+    @staticmethod
+    def of(section: FleetSection) -> Rules:
+        zone = ZoneInfo(section.timezone)
+        return Rules(
+            attended=Hours(section.attended, zone),
+            quiet=Hours(section.quiet, zone),
+            first_layers_attended=section.first_layers_attended,
+            max_heating=section.max_heating,
+        )
+
+    @property
+    def zone(self) -> tzinfo:
+        return self.attended.zone
+
+    def words(self, at_s: float) -> str:
+        """A moment as a person reads it."""
+        return datetime.fromtimestamp(at_s, self.zone).strftime("%a %H:%M")
+
+    def start(self, plate: PlateView, printer: PrinterView, from_s: float) -> Start:
+        """The first moment from `from_s` on at which a plate may start there, as far as hours decide it.
+
+        Nothing starts that would print into quiet hours, nothing that needs somebody who is not there.
+        """
+        at_s, why = from_s, None
+        if plate.not_before_s is not None and plate.not_before_s > at_s:
+            at_s = plate.not_before_s
+            why = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.words(at_s)}")
+        while at_s < from_s + _FARTHEST_S:
+            for moved in (self._out_of_quiet(plate, at_s), self._attended(plate, printer, at_s)):
+                if moved is not None:
+                    break
+            else:
+                return Start(at_s, why)
+            why = moved.why
+            if moved.at_s is None:
+                return moved
+            at_s = moved.at_s
+        text = f"it takes {span(plate.estimated_s)}: longer than the hours of fleet.yaml ever let it print"
+        return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
+
+    def _out_of_quiet(self, plate: PlateView, at_s: float) -> Start | None:
+        """When these quiet hours end, or those into which it would print; None where there are none."""
+        quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
+        if quiet is None or at_s + plate.estimated_s * LATE <= quiet[0]:
+            return None
+        text = f"it takes {span(plate.estimated_s)}, quiet hours are from {self.words(quiet[0])}"
+        if quiet[1] == float("inf"):
+            return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
+        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.words(quiet[1])}"))
+
+    def _attended(self, plate: PlateView, printer: PrinterView, at_s: float) -> Start | None:
+        """When somebody comes, where somebody has to be there and is not, or not long enough."""
+        needed_s = self._attended_s(plate, printer)
+        if needed_s is None:
+            return None
+        asks = "first layers are printed only while somebody is there"
+        if not printer.unattended:
+            asks = f"{printer.name} prints only while somebody is there ({printer.why_attended})"
+        span = self.attended.span(at_s)
+        if span is not None and at_s + needed_s <= span[1]:
+            return None
+        then = self.attended.following(at_s)
+        if then is None:
+            text = f"{asks}, and fleet.yaml names no such hours (`attended`)"
+            return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
+        text = f"{asks}: from {self.words(then[0])}"
+        return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
+
+    def _attended_s(self, plate: PlateView, printer: PrinterView) -> float | None:
+        """How long somebody has to be there from the start on; None: not at all."""
+        if not printer.unattended:
+            return plate.estimated_s * LATE + ENDED_BEFORE_S
+        return plate.first_layer_s if self.first_layers_attended else None
+
+    def latest_s(self, plate: PlateView, printer: PrinterView, at_s: float) -> float:
+        """Until when a plate that may start there at `at_s` still may; infinity where hours do not end it."""
+        quiet = self.quiet.following(at_s)
+        latest_s = math.inf if quiet is None else quiet[0] - plate.estimated_s * LATE
+        needed_s = self._attended_s(plate, printer)
+        span = None if needed_s is None else self.attended.span(at_s)
+        if needed_s is not None and span is not None:
+            latest_s = min(latest_s, span[1] - needed_s)
+        return latest_s
+
+    def ends_by_s(self, printer: PrinterView, at_s: float) -> float | None:
+        """When what prints there at `at_s` has to be ended; None where it may print on with nobody there."""
+        span = self.attended.span(at_s)
+        if printer.unattended or (span is not None and math.isinf(span[1])):
+            return None
+        return at_s if span is None else span[1] - ENDED_BEFORE_S
+
+    def away(self, printer: PrinterView, now_s: float) -> str | None:
+        """Why nothing may print on there now, in words; None where it may."""
+        ends_by_s = self.ends_by_s(printer, now_s)
+        if ends_by_s is None or now_s < ends_by_s:
+            return None
+        then = self.attended.following(now_s)
+        again = "" if then is None else f": from {self.words(then[0])}"
+        return f"{printer.name} prints only while somebody is there ({printer.why_attended}){again}"
+
+    def evening_s(self, now_s: float) -> float | None:
+        """When the night begins: the end of the attended hours, or earlier where first layers need somebody.
+
+        None where it has begun already.
+
+        Raises
+        ------
+        ValueError
+            Where nobody said when somebody is there.
+        """
+        if not self.attended.windows:
+            raise ValueError("--overnight needs to know when somebody is there: `attended` in fleet.yaml")
+        span = self.attended.span(now_s)
+        if span is None:
+            return None
+        return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
+
+    def somebody_is_there(self, at_s: float) -> bool:
+        """Whether it is within the attended hours; never where none are named."""
+        return self.attended.span(at_s) is not None
+
+    def cleared_s(self, ended_s: float, clearing_s: float) -> float:
+        """When the bed of a print that ended can be clear: somebody has to be there."""
+        if not self.attended.windows or self.attended.span(ended_s) is not None:
+            return ended_s + clearing_s
+        then = self.attended.following(ended_s)
+        return (then[0] if then is not None else ended_s) + clearing_s
+
+
+def short_of_filament(plate: PlateView, printer: PrinterView, grams: float | None) -> Hold | None:
+    """Whether a reel with so many grams has too little for a plate; of an unknown one nothing is said."""
+    needed = max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
+    if grams is None or grams >= needed:
+        return None
+    has, needs = f"{printer.name} has {grams:.0f} g", f"needs {needed:.0f} g"
+    return Hold(
+        code=HoldCode.REEL_TOO_SHORT,
+        text=f"{has}, it {needs}: load a reel, then `farm load {printer.name}`",
+        reel=ShortReel(printer=printer.name, text=f"{has}, {plate.id} {needs}"),
+    )

@@ -1,1 +1,0 @@
-"""model -> plan -> plates: the one place where decompose, slicing and drivers are combined."""

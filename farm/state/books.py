@@ -1,0 +1,180 @@
+"""The books: every job, part, plate, print and printer. Pure.
+
+Nothing is changed in place: `put` gives new books, so the store can tell what to write by identity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+from farm.errors import NoSuchThing
+from farm.model import (
+    Entity,
+    Job,
+    JobState,
+    Outage,
+    Part,
+    Plate,
+    Print,
+    Printer,
+    PrintState,
+)
+from farm.state.outage import WINDOW_S
+from farm.state.plate_state import Standing, standing
+
+E = TypeVar("E", bound=Entity)
+
+
+@dataclass(frozen=True, slots=True)
+class Books:
+    jobs: Mapping[int, Job] = field(default_factory=dict)
+    parts: Mapping[str, Part] = field(default_factory=dict)
+    plates: Mapping[str, Plate] = field(default_factory=dict)
+    prints: Mapping[str, Print] = field(default_factory=dict)
+    printers: Mapping[str, Printer] = field(default_factory=dict)
+    outages: Mapping[int, Outage] = field(default_factory=dict)
+    outage_window_s: float = WINDOW_S  # as the farm's clock has it (`outage.window_s`)
+    _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
+    _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer: what ended last
+
+    @classmethod
+    def of(cls, entities: Iterable[Entity]) -> Books:
+        """The books with these entries."""
+        return put(cls(), *entities)
+
+    @property
+    def outage(self) -> Outage | None:
+        """The one that no person has confirmed."""
+        return next((o for o in self.outages.values() if o.confirmed_s is None), None)
+
+    def job(self, number: int) -> Job:
+        try:
+            return self.jobs[number]
+        except KeyError:
+            raise NoSuchThing(f"there is no job {number}; `farm status` lists them") from None
+
+    def printer(self, name: str) -> Printer:
+        try:
+            return self.printers[name]
+        except KeyError:
+            known = ", ".join(sorted(self.printers)) or "none"
+            raise NoSuchThing(f"there is no printer {name}; the fleet has {known}") from None
+
+    def prints_of(self, plate: Plate) -> Iterator[Print]:
+        """The attempts at a plate, oldest first."""
+        return (self.prints[name] for name in plate.prints)
+
+    def prints_of_job(self, job: Job) -> list[Print]:
+        """The attempts at a job's plates, each once: plates cut of one another share those before the cut."""
+        return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
+
+    def standing(self, plate: Plate) -> Standing:
+        """Where a plate is."""
+        return standing(plate, list(self.prints_of(plate)))
+
+    def plates_of(self, job: Job) -> Iterator[Plate]:
+        return (self.plates[name] for name in job.plates)
+
+    def open_prints(self, job: int | None = None) -> Iterator[Print]:
+        """Prints that have not ended, of one job or of all."""
+        return (p for p in self._open.values() if job in (None, p.job))
+
+    def open_print_on(self, printer: str) -> Print | None:
+        return next((p for p in self._open.values() if p.printer == printer), None)
+
+    def to_judge(self, printer: str) -> Print | None:
+        """The last print that was done on a printer, where nobody has said yet how it is."""
+        last = self._last.get(printer)
+        return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
+
+    def lost_verdicts(self, printer: str) -> Iterator[Print]:
+        """Prints that were done after the books were copied, of which nobody knows what a person said."""
+        done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
+        return (p for p in done if p.restored and p.verdict is None)
+
+    @property
+    def next_number(self) -> int:
+        """Of the next print."""
+        return len(self.prints) + 1
+
+    def last_on(self, printer: str) -> Print | None:
+        """The print that began on a printer, and ended there last."""
+        return self._last.get(printer)
+
+    def waiting_plates(self) -> Iterator[Plate]:
+        """Plates of printing jobs to be printed that are not being printed, in order of submission."""
+        printing = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
+        for job in sorted(printing, key=lambda j: j.id):
+            yield from (p for p in self.plates_of(job) if self.standing(p) is Standing.WAITING)
+
+    def queue(self) -> list[Job]:
+        """The jobs that are being planned, and those that are to be, by priority and order of submission."""
+        jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
+        return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, -j.options.priority, j.id))
+
+
+def edited(entity: E, **changes: object) -> E:
+    """The entity with some fields replaced; itself where nothing changes."""
+    if all(getattr(entity, name) == value for name, value in changes.items()):
+        return entity
+    return entity.model_copy(update=changes)
+
+
+def put(books: Books, *entities: Entity) -> Books:
+    """The books with these entities in place of those of the same id."""
+    changed: dict[str, dict[object, Entity]] = {}
+
+    def page(kind: str) -> dict[object, Entity]:
+        return changed.setdefault(kind, dict(getattr(books, kind)))
+
+    for entity in entities:
+        kind, key = _place(entity)
+        if changed.get(kind, getattr(books, kind)).get(key) is entity:
+            continue
+        page(kind)[key] = entity
+        if isinstance(entity, Print) and not entity.state.ended:
+            page("_open")[entity.id] = entity
+        elif isinstance(entity, Print):
+            page("_open").pop(entity.id, None)
+            if _ended_last(entity, page("_last").get(entity.printer)):
+                page("_last")[entity.printer] = entity
+    return replace(books, **changed) if changed else books  # type: ignore[arg-type]
+
+
+def _ended_last(attempt: Print, before: Entity | None) -> bool:
+    """Whether a print that has ended is its printer's last; one that never began is none."""
+    if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
+        return False
+    return not isinstance(before, Print) or _order(attempt) >= _order(before)
+
+
+def _order(attempt: Print) -> tuple[int, float]:
+    """Of two prints on one printer, the later one's is larger; those of older farms have no number."""
+    return attempt.number, attempt.ended_s or 0.0
+
+
+def _place(entity: Entity) -> tuple[str, object]:
+    match entity:
+        case Job():
+            return "jobs", entity.id
+        case Part():
+            return "parts", entity.id
+        case Plate():
+            return "plates", entity.id
+        case Print():
+            return "prints", entity.id
+        case Printer():
+            return "printers", entity.name
+        case Outage():
+            return "outages", entity.id
+    raise TypeError(f"the books keep no {type(entity).__name__}")
+
+
+def changed(before: Books, after: Books) -> Iterable[Entity]:
+    """The entities of `after` that `before` has not, or has otherwise."""
+    for kind in ("jobs", "parts", "plates", "prints", "printers", "outages"):
+        old, new = getattr(before, kind), getattr(after, kind)
+        if new is not old:
+            yield from (entity for key, entity in new.items() if old.get(key) is not entity)

@@ -1,0 +1,177 @@
+"""Bringing the books in line with what an agent says. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from farm.model import AgentSnapshot, Bed, FilamentState, Link, Print, Printer, PrintState
+from farm.state import events as ev
+from farm.state.faults import OwnFault
+
+CLOCKS_APART_S = 60.0
+"""Moments on the clocks of two hosts that are no further apart are the same."""
+
+
+def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """What has happened to an open print, by its agent's word.
+
+    Parameters
+    ----------
+    attempt
+        An open print of the books, on the printer of the snapshot.
+    snapshot
+        The agent's latest word. An agent that has just been started has read its journal before it speaks.
+    now_s
+        Farm time, for what has no time of its own.
+    """
+    said = snapshot.print
+    if said is None or said.print_id != attempt.id:
+        if snapshot.link is Link.STARTING:
+            return
+        begun = attempt.state is not PrintState.ASSIGNED
+        reason = attempt.cancel_asked or snapshot.reason or f"its printer is {snapshot.link}"
+        # What it was told may be on its way: it is done with the print when it has heard of the end too.
+        if not begun and not (_over(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
+            if attempt.cancel_asked is None and snapshot.link in (Link.FAULT, Link.ABSENT):
+                yield ev.PrintTakenBack(at_s=now_s, print_id=attempt.id, reason=reason)
+            return
+        unknown = "its agent has no record of this print"
+        if attempt.restored:
+            unknown += " any more, and the books are a copy: look what became of it"
+        yield ev.PrintEnded(
+            at_s=now_s,
+            print_id=attempt.id,
+            state=PrintState.FAILED if begun else PrintState.CANCELLED,
+            fault=OwnFault.PRINT_LOST if begun else None,
+            reason=unknown if begun or attempt.restored else f"never begun: {reason}",
+            started_s=None,
+            ended_s=now_s,
+            extruded=False,
+            filament=snapshot.filament,
+        )
+    elif said.state.ended:
+        yield ev.PrintEnded(
+            at_s=now_s,
+            print_id=attempt.id,
+            state=said.state,
+            fault=said.fault,
+            reason=said.reason,
+            started_s=said.started_s,
+            ended_s=said.ended_s if said.ended_s is not None else now_s,
+            extruded=said.extruded,
+            filament=snapshot.filament,
+            starved_s=said.starved_s,
+            printed_share=said.progress_s / said.print_time_s if said.print_time_s else None,
+        )
+    elif said.state is not attempt.state or said.extruded != attempt.extruded or attempt.restored:
+        yield ev.PrintProgressed(
+            at_s=now_s,
+            print_id=attempt.id,
+            state=said.state,
+            started_s=said.started_s,
+            extruded=said.extruded,
+        )
+
+
+def not_begun(attempt: Print, printer: Printer, reason: str, late: bool, now_s: float) -> ev.PrintEnded:
+    """The end of a print that its agent did not start: never begun where it came too `late`, else failed."""
+    return ev.PrintEnded(
+        at_s=now_s,
+        print_id=attempt.id,
+        state=PrintState.CANCELLED if late else PrintState.FAILED,
+        fault=None if late else OwnFault.REFUSED,
+        reason=f"never begun: {reason}" if late else f"its agent would not start it: {reason}",
+        started_s=None,
+        ended_s=now_s,
+        extruded=False,
+        filament=printer.filament,
+        printed_share=0.0,  # its reel is as it was
+    )
+
+
+def _over(snapshot: AgentSnapshot) -> bool:
+    """Whether there is no agent any more that could begin anything."""
+    return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
+
+
+def owed(
+    attempt: Print, snapshot: AgentSnapshot, ends_by_s: float | None = None
+) -> Iterator[ev.AnyInstruction]:
+    """What the agent of an open print has to be told (again): every message is idempotent by print id.
+
+    `ends_by_s` is when the print has to be ended; None where it takes what it takes.
+    """
+    said = snapshot.print if snapshot.print is not None and snapshot.print.print_id == attempt.id else None
+    if snapshot.link is Link.STARTING:
+        return  # nobody hears it
+    if said is not None and not said.state.ended and not _same(said.ends_by_s, ends_by_s):
+        yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
+    if attempt.cancel_asked is not None:
+        if said is None or not said.state.ended:
+            reason = attempt.cancel_asked
+            yield ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
+    elif said is not None:
+        if said.state is (PrintState.PRINTING if attempt.pause_asked else PrintState.PAUSED):
+            wanted = attempt.pause_asked
+            yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
+    elif attempt.state is PrintState.ASSIGNED and not attempt.restored and snapshot.link is Link.READY:
+        yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
+
+
+def _same(one_s: float | None, other_s: float | None) -> bool:
+    """Whether two moments are one, as far as clocks of two hosts can tell."""
+    if one_s is None or other_s is None:
+        return one_s is other_s
+    return abs(one_s - other_s) <= CLOCKS_APART_S
+
+
+def observe(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """What an idle printer's snapshot says of its bed and filament.
+
+    An agent that saw something happen which it did not cause (a reset, a lost port, a heater that somebody
+    switched on) says so until a person has cleared the bed. An emulator, and nothing else, is asked where the
+    books do not know.
+    """
+    if snapshot.doubt is not None:
+        if printer.bed is not Bed.UNKNOWN or printer.look is None:
+            yield ev.PrinterDoubted(at_s=now_s, printer=printer.name, reason=snapshot.doubt)
+    elif snapshot.link is Link.READY and snapshot.bed_clear is not None:
+        unknown = printer.bed is Bed.UNKNOWN or printer.filament is FilamentState.UNKNOWN
+        if unknown and printer.look is None:
+            bed = Bed.CLEAR if snapshot.bed_clear else Bed.NOT_CLEAR
+            yield ev.PrinterSeen(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
+
+
+def alarmed(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """What is news of a heater that cannot be switched off, whatever the printer is doing."""
+    if snapshot.alarm is not None and snapshot.alarm != printer.alarm:
+        yield ev.PrinterAlarmed(at_s=now_s, printer=printer.name, reason=snapshot.alarm)
+
+
+def unexpected(
+    printer: Printer, known: Print | None, snapshot: AgentSnapshot, now_s: float
+) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
+    """What to do about a print that an agent has and the books do not have open.
+
+    Parameters
+    ----------
+    known
+        That print in the books, where it has ended; None where they never had it (they were put back from a
+        backup, say).
+    """
+    said = snapshot.print
+    if said is None:
+        return
+    name = printer.name
+    if known is not None and said.extruded and not known.extruded and printer.bed is Bed.CLEAR:
+        reason = "it began a print that the farm had taken back: look whether its bed is clear"
+        yield ev.PrinterDoubted(at_s=now_s, printer=name, reason=reason)
+    if known is not None and not said.state.ended:
+        reason = "the farm has booked this print as ended"
+        yield ev.SendCancel(print_id=said.print_id, printer=name, reason=reason)
+        return
+    if known is None and printer.bed is not Bed.UNKNOWN:
+        reason = "it made a print that the books do not know: look whether its bed is clear"
+        yield ev.PrinterDoubted(at_s=now_s, printer=name, reason=reason)
+    if said.state.ended:
+        yield ev.SendForget(print_id=said.print_id, printer=name)

@@ -1,0 +1,82 @@
+"""Books that were restored from a copy: what is not known any more, and what the agents make up for. Pure."""
+
+from __future__ import annotations
+
+from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Print, Printer
+from farm.state import events as ev
+from farm.state.books import Books, edited, put
+from farm.state.reels import doubted
+
+HOLD = Hold(
+    code=HoldCode.APPROVAL,
+    text="the books were restored from a copy: look what of it is printed that they do not know, "
+    "`farm cancel` those parts, then `farm approve` lets the rest be printed",
+)
+
+
+def restore(event: ev.BooksRestored, books: Books) -> Books:
+    """No bed is known to be clear, and no job goes on before a person has looked what is printed of it.
+
+    What the agents print, or have printed since, is taken over by their word (`tracking.recount`).
+    """
+    printers = [_unsure(printer, event, books) for printer in books.printers.values()]
+    prints = [edited(attempt, restored=True) for attempt in books.open_prints()]
+    jobs = [_frozen(job) for job in books.jobs.values() if not job.state.ended]
+    return put(books, *printers, *prints, *jobs)
+
+
+def _unsure(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
+    """A printer of which nobody knows what it did since."""
+    since_s = event.copied_s
+    if printer.untold_since_s is not None:
+        since_s = min(since_s, printer.untold_since_s)
+    attempt = books.open_print_on(printer.name)
+    if attempt is not None:  # it may have ended before, and the copy was made before that was heard
+        since_s = min(since_s, attempt.assigned_s)
+    return edited(
+        printer,
+        bed=Bed.NOT_CLEAR,
+        filament=FilamentState.UNKNOWN,
+        reel=doubted(printer.reel),
+        restored_s=event.at_s,
+        untold_since_s=since_s,
+    )
+
+
+def _frozen(job: Job) -> Job:
+    """A job that goes on when a person has approved it; it may have been planned, and approved, since."""
+    if job.state in (JobState.QUEUED, JobState.PLANNING):
+        return edited(job, options=job.options.model_copy(update={"hold": True}), restored=True)
+    return edited(job, state=JobState.HELD, hold=HOLD, restored=True)
+
+
+def find(event: ev.PrintFound, books: Books) -> Books:
+    """Book a print that its agent knows of; what became of it comes after."""
+    plate = books.plates[event.plate]
+    if books.open_print_on(event.printer) is not None:
+        raise ValueError(f"{event.printer} is booked already")
+    attempt = Print(
+        id=event.print_id,
+        plate=plate.id,
+        job=plate.job,
+        printer=event.printer,
+        number=books.next_number,
+        assigned_s=event.at_s,
+        restored=True,
+    )
+    return put(books, edited(plate, prints=(*plate.prints, attempt.id), hold=None), attempt)
+
+
+def know(event: ev.JournalTold, books: Books) -> Books:
+    """An agent has said all; a person looks where that is of no plate in the books."""
+    printer = edited(books.printer(event.printer), untold_since_s=None)
+    if event.unknown:
+        prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"
+        printer = edited(
+            printer,
+            bed=Bed.UNKNOWN,
+            filament=FilamentState.UNKNOWN,
+            look=f"it made {prints} after the books were copied that no plate waits for: see what it was",
+            look_s=event.at_s,
+        )
+    return put(books, printer)

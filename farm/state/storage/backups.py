@@ -1,0 +1,149 @@
+"""The nightly copies of the books, and their way back where the books are damaged."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+from datetime import UTC, datetime, timedelta, tzinfo
+from pathlib import Path
+
+from drivers.clock import Clock
+from farm.errors import FarmError
+from farm.paths import StateFolder
+from farm.state.storage.store import DamagedBooks, Store, StoreError, copy_books
+
+log = logging.getLogger(__name__)
+
+KEPT = 7
+_LEAST_S = 60.0  # wall seconds between two copies, however fast the clock is
+_HOUR = 4  # local: changes of the clock are over by then
+_STAMP = "books-%Y%m%dT%H%M%SZ"
+_NAMES = f"books-{'[0-9]' * 8}T{'[0-9]' * 6}Z.db"
+
+
+def back_up(state: StateFolder, now_s: float) -> Path:
+    """Copy the books into a folder beside them, and drop the oldest copies. It may run in a thread.
+
+    Raises
+    ------
+    StoreError
+        Where they cannot be copied; the copies that are there stay.
+    """
+    try:
+        state.backups.mkdir(mode=0o700, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"no copy of the books can be kept: {error}") from error
+    target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
+    copy_books(state.books, target, now_s)
+    for old in copies(state)[KEPT:]:
+        old.unlink(missing_ok=True)
+    return target
+
+
+class Nightly:
+    """Copies the books every night; where that cannot be done it is told, and tried again the next night.
+
+    Parameters
+    ----------
+    state, clock, zone
+        Where the books are, the farm's clock, and whose nights it keeps.
+    at
+        Sets a timer: farm time, its name, what to call.
+    tell
+        Is given a sentence for a person where a copy could not be made, None once one was made.
+    """
+
+    def __init__(
+        self,
+        state: StateFolder,
+        clock: Clock,
+        zone: tzinfo,
+        at: Callable[[float, str, Callable[[], Awaitable[None]]], None],
+        tell: Callable[[str | None], None],
+    ) -> None:
+        self._state, self._clock, self._zone = state, clock, zone
+        self._at, self._tell = at, tell
+
+    async def begin(self) -> None:
+        """Copy the books where there is no copy of the last day, and set the timer for the next one."""
+        await self.turn(only_if_due=True)
+
+    async def turn(self, only_if_due: bool = False) -> None:
+        """Copy the books now, and set the timer for the next night, whatever goes wrong."""
+        now_s = self._clock.now()
+        try:
+            if not only_if_due or is_due(self._state, now_s):
+                copy = await asyncio.to_thread(back_up, self._state, now_s)
+                log.info("the books are copied to %s", copy)
+            self._tell(None)
+        except Exception as error:  # a copy is for the worst case: what goes wrong with it must end nothing
+            log.exception("the nightly copy of the books")
+            self._tell(f"the nightly copy of the books failed ({error}): look at {self._state.backups}")
+        finally:
+            least_s = self._clock.now() + _LEAST_S * self._clock.scale
+            self._at(max(next_s(now_s, self._zone), least_s), "copy the books", self.turn)
+
+
+def copies(state: StateFolder) -> list[Path]:
+    """The newest first; files that a person put there have names of another form."""
+    return sorted(state.backups.glob(_NAMES), reverse=True)
+
+
+def made_s(copy: Path) -> float:
+    """When a copy was made, in farm time."""
+    return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
+
+
+def next_s(now_s: float, zone: tzinfo) -> float:
+    """When the next copy is due."""
+    now = datetime.fromtimestamp(now_s, zone)
+    due = now.replace(hour=_HOUR, minute=0, second=0, microsecond=0, fold=0)
+    return (due if due.timestamp() > now_s else due + timedelta(days=1)).timestamp()
+
+
+def is_due(state: StateFolder, now_s: float) -> bool:
+    """Whether there is no copy of the last day: a farm may be off every night."""
+    newest = next(iter(copies(state)), None)
+    return newest is None or made_s(newest) < now_s - 86400.0
+
+
+def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
+    """The books; where they are damaged, the newest copy that is whole. Damaged ones are kept, renamed.
+
+    With them comes when they were copied, where they are a copy that has not been restored yet: put there
+    now, by a daemon that died over it, or by a person.
+
+    Raises
+    ------
+    FarmError
+        Where they cannot be opened for another reason, or where no copy is whole.
+    """
+    try:
+        if copies(state) and not (state.books.is_file() and state.books.stat().st_size):
+            raise DamagedBooks(f"the books {state.books} are gone")
+        store = Store(state.books)
+        if store.copied_s is not None:
+            log.error("the books %s do not know what was after %.0f s", state.books, store.copied_s)
+        return store, store.copied_s
+    except DamagedBooks as error:
+        damage = error
+    log.error("%s", damage)
+    for copy in copies(state):
+        try:
+            Store(copy).close()
+        except StoreError as error:
+            log.error("the copy %s cannot be used: %s", copy, error)
+            continue
+        aside = state.books.with_name(f"{state.books.name}.damaged-{now_s:.0f}")
+        for suffix in ("-wal", "-shm", "-count", ""):
+            path = state.books.with_name(state.books.name + suffix)
+            if path.exists():
+                path.rename(aside.with_name(aside.name + suffix))
+        copy_books(copy, state.books, made_s(copy))
+        log.error("the books were restored from %s; the damaged ones are %s", copy, aside)
+        return Store(state.books), made_s(copy)
+    raise FarmError(
+        f"{damage}, and {state.backups} has no copy of them that is whole: move {state.books} away, and the "
+        "farm begins with empty books"
+    )

@@ -1,0 +1,240 @@
+"""The books on disk: SQLite in WAL mode, one transaction an event. The only import of sqlite3."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import zlib
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import Self, TypeVar
+
+from pydantic import ValidationError
+
+from farm.errors import FarmError
+from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
+from farm.state.books import Books, changed
+from farm.state.events import BooksRestored, Event
+from farm.state.storage.migrations import CHANGED, COPIED, FORM, STEPS, TABLES, WRITTEN
+from farm.text import first_of
+
+E = TypeVar("E", bound=Entity)
+
+
+class StoreError(FarmError):
+    """The books cannot be opened or written."""
+
+
+class DamagedBooks(StoreError):
+    """What is on the disk are no books any more."""
+
+
+_COUNT = "-count"  # after the books' name: how many events they had when the last one was committed
+_OUTER = frozenset(
+    (
+        *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_NOMEM),
+        *(sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN),
+    )
+)
+"""SQLite's words for a full disk, no right to write, no memory: at any other, the books are damaged."""
+
+
+def copy_books(source: Path, target: Path, at_s: float) -> None:
+    """Copy books that may be in use, whole or not at all. Raises StoreError.
+
+    The copy says of itself that it is one, made at `at_s`, until a `BooksRestored` is committed to it: so no
+    bed is taken for clear, whoever puts it in the place of the books, and if a daemon dies over it.
+    """
+    half = target.with_name(f".{target.name}.half")
+    try:
+        half.unlink(missing_ok=True)
+        with closing(sqlite3.connect(source)) as books, closing(sqlite3.connect(half)) as copy:
+            books.backup(copy)
+            # So that no damage to the write-ahead log takes the books back behind their copy.
+            books.execute("PRAGMA wal_checkpoint(PASSIVE)")
+            with copy:
+                copy.execute(COPIED)
+                copy.execute("DELETE FROM copied")
+                copy.execute("INSERT INTO copied VALUES (?)", (at_s,))
+        with half.open("rb") as file:
+            os.fsync(file.fileno())
+        half.replace(target)
+    except (sqlite3.Error, OSError) as error:
+        half.unlink(missing_ok=True)
+        raise StoreError(f"the books {source} cannot be copied to {target}: {error}") from error
+
+
+class Store:
+    """Where the books are kept. Every method may raise StoreError.
+
+    Each entity is a row of its kind's table, with its fields as JSON: the books are read whole at start and
+    live in memory, so that nothing but the daemon's own model needs to know them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._count: int | None = None  # a descriptor
+        new = not path.exists() or not path.stat().st_size
+        try:
+            self._db = sqlite3.connect(path, isolation_level=None)
+            self._db.create_function("crc32", 1, zlib.crc32, deterministic=True)
+        except sqlite3.Error as error:
+            raise StoreError(f"the books {path} cannot be opened: {error}") from error
+        try:
+            self._open(new)
+        except BaseException:
+            self._db.close()
+            raise
+
+    def _open(self, new: bool) -> None:
+        path = self._path
+        try:
+            self._db.execute("PRAGMA journal_mode = WAL")
+            self._db.execute("PRAGMA synchronous = FULL")
+            (found,) = self._db.execute("PRAGMA integrity_check(1)").fetchone()
+            if found != "ok":
+                raise DamagedBooks(f"the books {path} are damaged: {' '.join(found.split())}")
+            self._create()
+            self._compare()
+            if new:  # a person moved the old ones away
+                path.with_name(path.name + _COUNT).unlink(missing_ok=True)
+            self._lost = self._committed() < self._counted()
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # its very complaint may not be text
+            outer = getattr(error, "sqlite_errorcode", 0) & 0xFF in _OUTER
+            said = f"the books {path} cannot be opened: {error}"
+            if outer:
+                raise StoreError(f"{said}; has their disk room, and may it be written?") from error
+            raise DamagedBooks(said) from error
+        except OSError as error:
+            raise StoreError(f"the books {path} cannot be opened: {error}") from error
+
+    def _create(self) -> None:
+        """Empty books, or those of an older farm in today's form."""
+        (version,) = self._db.execute("PRAGMA user_version").fetchone()
+        if version not in STEPS:
+            raise StoreError(
+                f"the books {self._path} are of a newer farm ({version}): upgrade, or use another --state"
+            )
+        self._db.execute("BEGIN IMMEDIATE")
+        for statement in STEPS[version]:
+            self._db.execute(statement)
+        self._db.execute(COPIED)
+        self._db.execute(f"PRAGMA user_version = {FORM}")
+        self._db.execute("COMMIT")
+
+    def _compare(self) -> None:
+        """Raise where a row is not as it was written: SQLite checks pages, not what is in them."""
+        tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
+        if {sql for (sql,) in tables} != WRITTEN:
+            raise DamagedBooks(f"the books {self._path} are damaged: they have other tables")
+        for table in TABLES.values():
+            bad = self._db.execute(CHANGED.format(table)).fetchone()
+            if bad is not None:
+                raise DamagedBooks(f"the books {self._path} are damaged: {table} {bad[0]} was changed")
+
+    def _committed(self) -> int:
+        """How many events these books have."""
+        (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
+        return int(number)
+
+    def _counted(self) -> int:
+        """How many events were committed; 0 where nobody knows."""
+        with suppress(OSError, ValueError):
+            return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
+        return 0
+
+    def _note(self, number: int) -> None:
+        """Keep how many events were committed, beside the books.
+
+        SQLite takes a write-ahead log for ended where a checksum in it is wrong, and says nothing: what was
+        committed after that is gone. The note is not synced: it may lag behind after a power cut, never lead.
+        """
+        with suppress(OSError):
+            if self._count is None:
+                path = self._path.with_name(self._path.name + _COUNT)
+                self._count = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            os.pwrite(self._count, b"%020d" % number, 0)
+
+    @property
+    def copied_s(self) -> float | None:
+        """Until when these books know all; None where they are neither a copy nor have lost their end.
+
+        Once a `BooksRestored` is committed they are neither.
+        """
+        (at_s,) = self._db.execute("SELECT max(at_s) FROM copied").fetchone()
+        if at_s is None and self._lost:
+            (at_s,) = self._db.execute("SELECT coalesce(max(at_s), 0) FROM event").fetchone()
+        return None if at_s is None else float(at_s)
+
+    def load(self) -> Books:
+        """The books as last committed."""
+        return Books.of(entity for kind in TABLES for entity in self._rows(kind))
+
+    def _rows(self, kind: type[E]) -> list[E]:
+        try:
+            rows = self._db.execute(f"SELECT id, body FROM {TABLES[kind]}").fetchall()
+        except sqlite3.Error as error:
+            raise StoreError(f"the books cannot be read: {error}") from error
+        entities = []
+        for key, body in rows:
+            try:
+                entities.append(kind.model_validate_json(body))
+            except ValidationError as error:
+                raise StoreError(
+                    f"the books cannot be read: {TABLES[kind]} {key}, {first_of(error.errors())}; "
+                    "were they written by another version of farm?"
+                ) from error
+        return entities
+
+    def commit(self, event: Event, before: Books, after: Books) -> None:
+        """Write an event and all that it changed, in one transaction, to the disk itself."""
+        try:
+            self._db.execute("BEGIN IMMEDIATE")
+            try:
+                number = self._db.execute(
+                    "INSERT INTO event (at_s, kind, body) VALUES (?, ?, ?)",
+                    (event.at_s, type(event).__name__, event.model_dump_json()),
+                ).lastrowid
+                for entity in changed(before, after):
+                    body = entity.model_dump_json()
+                    self._db.execute(
+                        f"INSERT OR REPLACE INTO {TABLES[type(entity)]} VALUES (?, ?, ?)",
+                        (_key(entity), body, zlib.crc32(body.encode())),
+                    )
+                if isinstance(event, BooksRestored):
+                    self._db.execute("DELETE FROM copied")
+            except BaseException:
+                if self._db.in_transaction:  # SQLite rolls back by itself where the disk is full
+                    self._db.execute("ROLLBACK")
+                raise
+            self._db.execute("COMMIT")
+        except sqlite3.Error as error:
+            raise StoreError(f"the books cannot be written: {error}; nothing was started") from error
+        self._note(number or 0)
+        if isinstance(event, BooksRestored):
+            self._lost = False
+
+    def events(self) -> list[tuple[float, str, str]]:
+        """The event log: farm time, name, JSON."""
+        return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
+
+    def close(self) -> None:
+        self._db.close()
+        if self._count is not None:
+            os.close(self._count)
+            self._count = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _key(entity: Entity) -> str:
+    match entity:
+        case Printer():
+            return entity.name
+        case Job() | Part() | Plate() | Print() | Outage():
+            return str(entity.id)
+    raise TypeError(f"the store keeps no {type(entity).__name__}")

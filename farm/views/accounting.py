@@ -1,0 +1,93 @@
+"""What a job, and a night, came to: what is printed and good, and what was wasted. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from farm.model import Job, Print, PrintState, Verdict
+from farm.state.books import Books
+from farm.state.plate_state import Standing
+
+NIGHT_S = 16 * 3600.0
+"""How far back a person looks in the morning: to the afternoon before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Account:
+    """Time and plastic of the prints of a job."""
+
+    printed: int = 0  # plates, a person's verdict or not
+    good: int = 0
+    wasted_s: float = 0.0
+    wasted_grams: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Night:
+    """What was printed since a moment."""
+
+    since_s: float
+    printed: int = 0  # plates
+    failed: int = 0
+    printing: int = 0
+    waiting: int = 0  # not started
+    grams: float = 0.0
+    wasted_grams: float = 0.0
+
+    @property
+    def plates(self) -> int:
+        return self.printed + self.failed + self.printing + self.waiting
+
+
+def took_s(attempt: Print) -> float:
+    """How long a print that has ended kept its printer; 0 where it never began."""
+    if attempt.started_s is None or attempt.ended_s is None:
+        return 0.0
+    return max(0.0, attempt.ended_s - attempt.started_s)
+
+
+def wasted(attempt: Print) -> bool:
+    """Whether a print that has ended made nothing that anybody wants."""
+    return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
+
+
+def job_account(books: Books, job: Job) -> Account:
+    """What became of a job's plates so far."""
+    stand = [books.standing(plate) for plate in books.plates_of(job)]
+    waste = [(took_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if wasted(attempt)]
+    return Account(
+        printed=stand.count(Standing.PRINTED) + stand.count(Standing.GOOD),
+        good=stand.count(Standing.GOOD),
+        wasted_s=sum(s for s, _ in waste),
+        wasted_grams=sum(grams for _, grams in waste),
+    )
+
+
+def night(books: Books, recent: Iterable[Print], now_s: float) -> Night | None:
+    """What was printed since the afternoon before; None where nothing ended since.
+
+    Parameters
+    ----------
+    recent
+        The prints that ended in that time, and maybe older ones.
+    """
+    since_s = now_s - NIGHT_S
+    ended = [p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None]
+    if not ended:
+        return None
+    done = {p.plate for p in ended if not wasted(p)}
+    failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
+    failed = {name for name in failed if not books.plates[name].replaced_by}  # those are what waits now
+    printing = {p.plate for p in books.open_prints()} - done
+    waiting = {plate.id for plate in books.waiting_plates()} - done - failed
+    grams = [(wasted(p), p.grams) for p in ended]
+    return Night(
+        since_s=since_s,
+        printed=len(done),
+        failed=len(failed - printing),
+        printing=len(printing),
+        waiting=len(waiting),
+        grams=sum(used for lost, used in grams if not lost),
+        wasted_grams=sum(used for lost, used in grams if lost),
+    )

@@ -1,0 +1,117 @@
+"""What a person wants to be told who is not there, read off the books. Pure.
+
+A notice has a key that never comes back for anything else, so that whoever keeps the keys tells each once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+from farm.model import JobState, PrintState
+from farm.state.books import Books
+from farm.state.faults import BY_PEOPLE
+from farm.text import span
+
+_LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """One sentence, and when it became true."""
+
+    key: str
+    at_s: float
+    text: str
+    urgent: bool = False  # told at once
+
+
+def due(books: Books, now_s: float, since_s: float, told: Collection[str]) -> list[Notice]:
+    """What is to be told now, oldest first: what has happened since and was not told.
+
+    What is lost is told a moment later: what went with it may make it an outage, which is told once.
+    """
+    found = [
+        *_alarms(books),
+        *_jobs(books),
+        *_parts(books),
+        *_losses(books),
+        *_restored(books),
+        *_nothing_left(books),
+    ]
+    wait_s = books.outage_window_s  # from the moment on, also where the clock was set back after it
+    ripe = (n for n in found if n.urgent or abs(now_s - n.at_s) >= wait_s)
+    new = (n for n in ripe if since_s <= n.at_s and n.key not in told)
+    return sorted(new, key=lambda one: (one.at_s, one.key))
+
+
+def _alarms(books: Books) -> Iterator[Notice]:
+    for printer in books.printers.values():
+        if printer.alarm is not None and printer.alarm_s is not None:
+            text = f"go to {printer.name} now: {printer.alarm}"
+            yield Notice(f"alarm {printer.name} {printer.alarm_s:.3f}", printer.alarm_s, text, urgent=True)
+
+
+def _jobs(books: Books) -> Iterator[Notice]:
+    for job in books.jobs.values():
+        if job.ended_s is None or job.options.dry_run:
+            continue
+        what = f"job {job.id} ({job.name})"
+        if job.state in (JobState.PRINTED, JobState.DONE):
+            prints = (attempt for plate in books.plates_of(job) for attempt in books.prints_of(plate))
+            begun_s = min((p.started_s for p in prints if p.started_s is not None), default=job.ended_s)
+            parts = "1 part" if len(job.parts) == 1 else f"{len(job.parts)} parts"
+            text = f"{what} is printed: {parts} in {span(job.ended_s - begun_s)}"
+            yield Notice(f"job {job.id} printed {job.ended_s:.0f}", job.ended_s, text)
+        elif job.state is JobState.FAILED:
+            yield Notice(
+                f"job {job.id} failed {job.ended_s:.0f}", job.ended_s, f"{what} failed: {job.reason}"
+            )
+
+
+def _parts(books: Books) -> Iterator[Notice]:
+    for attempt in books.prints.values():
+        failed = attempt.state is PrintState.FAILED and attempt.fault not in BY_PEOPLE
+        if not failed or attempt.ended_s is None or _in_outage(books, attempt.printer, attempt.ended_s):
+            continue
+        part = books.plates[attempt.plate].parts[0]
+        why = attempt.reason or attempt.fault
+        yield Notice(f"print {attempt.id}", attempt.ended_s, f"{part} failed on {attempt.printer}: {why}")
+
+
+def _losses(books: Books) -> Iterator[Notice]:
+    for outage in books.outages.values():
+        text = f"{' '.join(outage.printers)} were lost at once; nothing starts before `farm resume`"
+        yield Notice(f"outage {outage.id}", outage.at_s, text)
+    with_a_print = {(p.printer, p.ended_s) for p in books.prints.values() if p.state is PrintState.FAILED}
+    for printer in books.printers.values():
+        name, lost_s = printer.name, printer.lost_s
+        if lost_s is None or (name, lost_s) in with_a_print or _in_outage(books, name, lost_s):
+            continue
+        yield Notice(
+            f"lost {name} {lost_s:.0f}", lost_s, f"{name} is lost: its board or the way to it is gone"
+        )
+
+
+def _restored(books: Books) -> Iterator[Notice]:
+    moments = [p.restored_s for p in books.printers.values() if p.restored_s is not None]
+    if moments:
+        text = "the books were damaged and are a copy now: every bed has to be cleared, and every job waits"
+        yield Notice(f"restored {max(moments):.0f}", max(moments), text)
+
+
+def _nothing_left(books: Books) -> Iterator[Notice]:
+    jobs = [job for job in books.jobs.values() if not job.options.dry_run]
+    ended_s = max((job.ended_s for job in jobs if job.ended_s is not None), default=None)
+    if ended_s is not None and not any(job.state in _LEFT_TO_DO for job in jobs):
+        yield Notice(f"nothing left {ended_s:.0f}", ended_s, "nothing is left to do")
+
+
+def _in_outage(books: Books, printer: str, at_s: float) -> bool:
+    """Whether that is part of an outage, which is told for all of its printers."""
+    return any(
+        printer in outage.printers
+        and at_s >= outage.at_s - books.outage_window_s
+        and (outage.confirmed_s is None or at_s <= outage.confirmed_s)
+        for outage in books.outages.values()
+    )

@@ -1,0 +1,106 @@
+"""What a person has to do now. Pure."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from farm import api
+from farm.model import AgentSnapshot, Bed, Link, PlanStep, Printer
+from farm.state.salvaged_parts import may_be_whole, part_of
+from farm.views.context import Scene
+from farm.views.deadlines import deadlines
+from farm.views.operator_requests import asks
+
+
+def todo(scene: Scene) -> list[api.Todo]:
+    """What a person has to do now: go there, look, connect, clear; each printer once."""
+    alarms, looks, absent, full, ending = [], [], [], [], []
+    outage = scene.books.outage
+    if outage is not None:
+        names = " ".join(outage.printers)
+        text = f"{names} were lost at once (power, a hub, the host?): look at them, then `farm resume`"
+        text += "".join(_ask_whole(scene, name) for name in outage.printers)
+        looks.append(api.Todo(code="outage", printers=list(outage.printers), text=text))
+    for section in scene.fleet.printers:
+        entry, snapshot = scene.books.printer(section.name), scene.snapshot(section.name)
+        attempt = scene.books.open_print_on(section.name)
+        away = snapshot.link is Link.ABSENT or (
+            snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
+        )
+        if snapshot.alarm is not None:
+            state = attempt.state if attempt is not None else snapshot.link
+            text = f"go to {section.name} now: {snapshot.alarm} ({state}{_heat(snapshot)})"
+            alarms.append(api.Todo(code="alarm", printers=[section.name], text=text))
+            continue
+        if entry.maintenance is not None and attempt is None:
+            continue  # a person has it in hand
+        if outage is not None and section.name in outage.printers:
+            continue  # told once, for all of them
+        why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
+        if section.enabled and away:
+            also = f"; and look at it: {entry.look}" if entry.look else ""
+            if entry.untold_since_s is not None:
+                also += "; the books are a copy: what it printed since is not known"
+            what = f"{section.name}: {snapshot.reason or 'no answer from it'}"
+            text = f"connect {what}{also}"
+            absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
+        elif snapshot.outdated and entry.look is None:
+            what = f"{section.name} {snapshot.reason}"
+            looks.append(api.Todo(code="replace", printers=[section.name], text=what, brief=what))
+        elif why:
+            ask = _ask_whole(scene, section.name)
+            what = f"{section.name} {why}{_when(scene, entry)}{ask}"
+            text = f"look at {section.name}: {why}; then `farm cleared {section.name}`{ask}"
+            looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
+        elif attempt is not None:
+            left_s, zone = scene.remaining_s(attempt), scene.fleet.zone
+            ending += deadlines(attempt, scene.said(attempt), left_s, scene.now_s, zone)
+        elif entry.bed is not Bed.CLEAR:
+            full.append(section.name)
+    clear = []
+    if full:
+        beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
+        text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
+        clear = [api.Todo(code="clear", printers=full, text=text)]
+    own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(scene)]
+    return [*alarms, *own, *looks, *absent, *ending, *clear, *asks(scene.books)]
+
+
+def _ask_whole(scene: Scene, printer: str) -> str:
+    """The question whether a failed print is whole after all, and how to say so; empty where it cannot be."""
+    attempt = may_be_whole(scene.books, printer)
+    if attempt is None:
+        return ""
+    part = part_of(scene.books, attempt)
+    return f"; if part {part} is whole and good: `farm cleared {printer} --good {part}`"
+
+
+def _heat(snapshot: AgentSnapshot) -> str:
+    """How hot it is."""
+    heaters = (
+        ("nozzle", snapshot.nozzle_c, snapshot.nozzle_target_c),
+        ("bed", snapshot.bed_c, snapshot.bed_target_c),
+    )
+    return "".join(
+        f", {name} {now_c:.0f} C, target {target_c or 0.0:.0f}"
+        for name, now_c, target_c in heaters
+        if now_c is not None
+    )
+
+
+def _troubles(scene: Scene) -> list[str]:
+    """What is wrong with the farm itself."""
+    found = [scene.warning] if scene.warning else []
+    for number, progress in scene.progress.items():
+        if progress.step is PlanStep.NO_ROOM:
+            found.append(
+                f"make room on the disk of {scene.state.root}: job {number} cannot be planned before"
+            )
+    return found
+
+
+def _when(scene: Scene, printer: Printer) -> str:
+    """Since when a printer has to be looked at."""
+    if printer.look is None or printer.look_s is None:
+        return ""
+    return datetime.fromtimestamp(printer.look_s, scene.fleet.zone).strftime(" %H:%M")

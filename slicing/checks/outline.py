@@ -1,0 +1,254 @@
+"""Each layer's printed outline against the mesh's section: what CuraEngine left out, and what it made up.
+
+Two steps. The areas and first moments of all sections and of all printed outlines are compared in one go, by
+Green's theorem over segments. Only where a layer differs are polygons made of it, which tell where, and
+whether what is missing is thinner than two lines can be: that is reported, anything else is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely import Geometry
+
+from slicing.checks.section import Floats, Rings, cut, measure
+from slicing.checks.toolpath import Toolpath
+from slicing.checks.walls import TOLERANCE_MM, Lines, Walls
+from slicing.errors import Rule, SliceRejected
+
+SLACK_MM2, SLACK_MM = 0.5, 0.005
+"""What the area of a layer may be off by before its polygons are compared: so much, and so much for each mm
+of outline. Sound models stay within it in nearly all layers."""
+WALL_MM2 = 5.0
+"""The smallest wall that is worth a word."""
+GRAVE_MM2 = 1.0
+"""The smallest piece that is worth a refusal."""
+LOST_MM2, LOST_SHARE = 50.0, 0.02
+"""What the inner walls may enclose less than they must: so much, and a share of the layer. A corner that the
+engine loses is 2000 mm2."""
+TIP_MM = 1.0
+"""A sharp edge or a tip may end this much early."""
+EXACT_LAYERS = 24
+"""How many of the layers that differ are looked at; the others count as those between them."""
+_PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts what is nearly flat
+_SPECK_MM2 = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Unprinted:
+    """A wall too thin to print.
+
+    Attributes
+    ----------
+    area_mm2
+        Of the wall, seen from its side.
+    from_z_mm, to_z_mm
+        Between which heights.
+    x_mm, y_mm
+        Its middle, from the bed's centre.
+    """
+
+    area_mm2: float
+    from_z_mm: float
+    to_z_mm: float
+    x_mm: float
+    y_mm: float
+
+    def __str__(self) -> str:
+        return (
+            f"walls too thin to print: {self.area_mm2:.0f} mm2 at X{self.x_mm:.0f} Y{self.y_mm:.0f}, "
+            f"Z {self.from_z_mm:.1f}..{self.to_z_mm:.1f} mm"
+        )
+
+
+def check_outline(
+    path: Toolpath,
+    corners: Floats,
+    lines: Lines,
+    *,
+    removed: int,
+    centre_mm: tuple[float, float],
+    filament_mm2: float,
+) -> tuple[Unprinted, ...]:
+    """Compare all layers; what is too thin to print, the largest first.
+
+    Parameters
+    ----------
+    path
+        The G-code.
+    corners
+        (n, 3 corners, xyz) The mesh that was sliced, in mm from the bed's centre.
+    removed
+        How many layers the engine took away below the first that is not empty; it put the others down.
+    centre_mm
+        The bed's centre in the printer's coordinates.
+    filament_mm2
+        The filament's cross-section.
+
+    Raises
+    ------
+    SliceRejected
+        `OUTLINE` where something thick enough is missing, something is printed outside of the model, or most
+        of the model is too thin.
+    """
+    if removed:  # what is printed first is not the layer that was grown as the first
+        lines = replace(lines, offset_0_mm=lines.offset_mm)
+    if np.linalg.det(corners).sum() < 0:  # inside out, which the engine does not mind
+        corners = corners[:, ::-1]
+    walls = Walls.of(path, lines, centre_mm, filament_mm2)
+    height_mm = float(corners[..., 2].max())
+    count = max(
+        1,
+        int((height_mm - lines.layer_height_0_mm) / lines.layer_height_mm + 0.5) + 1 - removed,
+        int(walls.layer.max(initial=-1)) + 1,
+    )
+    z_mm = lines.section_mm(count + removed)[removed:]
+    model = _grown(measure(cut(corners, z_mm), count), lines)
+    printed = walls.rings(count)
+    off_mm2 = printed.area_mm2 - model.area_mm2
+    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _SPECK_MM2)
+    if share < 0.5:
+        raise SliceRejected(
+            Rule.OUTLINE,
+            f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
+            "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
+        )
+    lost_mm2 = walls.lost_mm2(lines, count)
+    lacking = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
+    if len(lacking):
+        layer = int(lacking[0])
+        raise SliceRejected(
+            Rule.OUTLINE,
+            f"layer {layer} (Z {lines.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
+            "inner walls; repair the mesh, or scale it by a thousandth",
+        )
+    slack_mm2 = SLACK_MM2 + (SLACK_MM + lines.slack_mm) * model.length_mm
+    away_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
+    reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
+    differ = np.abs(off_mm2) > slack_mm2
+    differ |= away_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2
+    found = np.flatnonzero(differ)
+    if not len(found):
+        return ()
+    looked = _sample(found, np.abs(off_mm2[found]))
+    sections = _Sections(corners, lines)
+    thin = [piece for layer in looked for piece in _compare(int(layer), z_mm, walls, sections, lines)]
+    return _gathered(thin, lines, len(found) / len(looked))
+
+
+def _grown(model: Rings, lines: Lines) -> Rings:
+    """The sections after the engine's horizontal expansion, to first order."""
+    offset = np.full(len(model.area_mm2), lines.offset_mm)
+    offset[:1] = lines.offset_0_mm
+    return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
+
+
+def _sample(found: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp]:
+    """At most `EXACT_LAYERS` of them: the worst, and others in even steps."""
+    if len(found) <= EXACT_LAYERS:
+        return found
+    worst = found[np.argsort(off_mm2)[-EXACT_LAYERS // 4 :]]
+    even = found[np.linspace(0, len(found) - 1, EXACT_LAYERS - len(worst)).astype(int)]
+    return np.unique(np.concatenate((worst, even)))
+
+
+class _Sections:
+    """The model's sections as polygons."""
+
+    def __init__(self, corners: Floats, lines: Lines) -> None:
+        self._corners = corners
+        self._lines = lines
+
+    def at(self, z_mm: float, layer: int) -> Geometry:
+        """Where the winding number is positive: bodies that overlap are one."""
+        pieces = list(cut(self._corners, np.array([z_mm])))
+        if not pieces:
+            return shapely.Polygon()
+        start = np.concatenate([piece[1] for piece in pieces])
+        end = np.concatenate([piece[2] for piece in pieces])
+        long = (start != end).any(axis=1)
+        start, end = start[long], end[long]
+        net = shapely.union_all(shapely.linestrings(np.stack((start, end), axis=1)))
+        faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
+        points = shapely.get_coordinates(shapely.point_on_surface(faces))
+        solid = [face for face, (x, y) in zip(faces, points, strict=True) if _winding(start, end, x, y) > 0]
+        offset = self._lines.offset_0_mm if layer == 0 else self._lines.offset_mm
+        return shapely.union_all(solid).buffer(offset, join_style="mitre")
+
+
+def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
+    """How often the segments go round a point, counter-clockwise."""
+    rises = (start[:, 1] <= y) & (end[:, 1] > y)
+    falls = (start[:, 1] > y) & (end[:, 1] <= y)
+    way = end - start
+    left = way[:, 0] * (y - start[:, 1]) - (x - start[:, 0]) * way[:, 1] > 0
+    return int((rises & left).sum() - (falls & ~left).sum())
+
+
+def _compare(
+    layer: int, z_mm: Floats, walls: Walls, sections: _Sections, lines: Lines
+) -> list[tuple[int, Geometry]]:
+    """The thin pieces that are missing in a layer, each with the layer; refuses anything else."""
+    near = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
+    printed = walls.printed(layer, shapely.union_all(near))
+    tolerance_mm = TOLERANCE_MM + lines.slack_mm
+    extra = _worst(printed.difference(shapely.union_all(near).buffer(tolerance_mm)))
+    where = f"layer {layer} (Z {lines.top_mm(layer):.2f} mm)"
+    if extra is not None:
+        raise SliceRejected(
+            Rule.OUTLINE,
+            f"{where} prints {extra.area:.1f} mm2 outside of the model at {_at(extra)}; repair the mesh",
+        )
+    sure = near[0].intersection(near[1])
+    missing = sure.difference(printed.buffer(tolerance_mm))
+    if missing.area > _SPECK_MM2:
+        missing = missing.difference(walls.filling(layer, missing.bounds).buffer(tolerance_mm))
+    two_lines_mm = float(lines.reach_mm(np.array([layer], np.int32))[0]) + 0.03
+    thick = sure.buffer(-two_lines_mm).buffer(two_lines_mm)
+    gone = _worst(missing.intersection(thick))
+    if gone is not None:
+        raise SliceRejected(
+            Rule.OUTLINE,
+            f"{where} leaves out {gone.area:.1f} mm2 of the model at {_at(gone)}; repair the mesh there",
+        )
+    beyond = printed.buffer(TIP_MM)
+    return [
+        (layer, piece)
+        for piece in shapely.get_parts(missing.difference(thick))
+        if piece.area > _SPECK_MM2 and not beyond.covers(piece)
+    ]
+
+
+def _worst(shape: Geometry) -> Geometry | None:
+    """The largest piece that is more than a sliver; None where there is none worth a refusal."""
+    core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
+    pieces = [piece for piece in shapely.get_parts(core) if piece.area > GRAVE_MM2]
+    return max(pieces, key=lambda piece: float(piece.area), default=None)
+
+
+def _at(shape: Geometry) -> str:
+    middle = shape.representative_point()
+    return f"X{middle.x:.1f} Y{middle.y:.1f} (from the bed's centre)"
+
+
+def _gathered(pieces: list[tuple[int, Geometry]], lines: Lines, share: float) -> tuple[Unprinted, ...]:
+    """Pieces above one another as one wall, the largest first."""
+    if not pieces:
+        return ()
+    shapes = np.array([piece for _, piece in pieces])
+    ground = shapely.get_parts(shapely.union_all(shapely.buffer(shapes, TIP_MM)))
+    walls = []
+    for shadow in ground:
+        of = [(layer, piece) for layer, piece in pieces if shadow.intersects(piece)]
+        layers = [layer for layer, _ in of]
+        box = shadow.bounds
+        low_mm, high_mm = lines.top_mm(min(layers) - 1) if min(layers) else 0.0, lines.top_mm(max(layers))
+        side_mm2 = sum(piece.length / 2 for _, piece in of) * lines.layer_height_mm * share
+        if high_mm - low_mm < TIP_MM or side_mm2 < WALL_MM2:
+            continue
+        middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
+        walls.append(Unprinted(float(side_mm2), low_mm, high_mm, *middle))
+    return tuple(sorted(walls, key=lambda wall: -wall.area_mm2))

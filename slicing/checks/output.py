@@ -1,0 +1,245 @@
+"""What CuraEngine's log and G-code say, and whether it may be printed.
+
+CuraEngine answers most bad input with exit code 0 and a file that heats and homes and prints nothing, or a
+part of the model; so every file is walked through before a printer sees it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from slicing.checks.toolpath import NO_LAYER, Toolpath, read_toolpath
+from slicing.errors import Rule, SliceRejected
+
+MIN_EXTRUSION_C = 170.0
+"""Below it the firmware drops the filament's move and still makes the others (``EXTRUDE_MINTEMP``)."""
+PARK_TOLERANCE_MM = 0.1
+TOP_MM = 1.0
+"""What may be missing of the height without a look at the outline."""
+BED_TOLERANCE_MM = 0.2
+"""A brim is whole lines wide, and support may stand out of the part by half a line."""
+_WARNINGS = ("disconnected faces", "Face count")
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What a walk through a G-code file found; coordinates are the printer's, in mm."""
+
+    flavour: str
+    print_time_s: float  # the layers, without heating, homing, start and end
+    filament_mm: float  # without priming
+    layer_count: int  # as the engine planned
+    layers: int  # those with extrusion
+    top_layer: int  # the index of the last one with extrusion
+    min_mm: tuple[float, float, float]  # of all extrusion in layers, brim and support included
+    max_mm: tuple[float, float, float]
+    uses_firmware_retraction: bool
+    moved_before_homing: bool
+    extruded_cold: bool
+    heaters_off: bool
+    parked_mm: float  # how far the filament is drawn back at the end
+
+
+def walk(gcode: bytes) -> Facts:
+    """Go through a G-code file of the Marlin flavour, as the firmware of the Ultimaker 2+ would.
+
+    Distances and the bounding box are of the moves' centre lines.
+    """
+    return facts_of(read_toolpath(gcode))
+
+
+def facts_of(path: Toolpath) -> Facts:
+    """What a file's toolpath says; see `walk`."""
+    pushed_mm, moved = path.pushed_mm, path.moved
+    prints = (pushed_mm > 0) & moved & (path.layer != NO_LAYER)
+    layers = path.layer[prints]
+    last = int(np.flatnonzero(prints)[-1]) if prints.any() else -1
+    ends = np.concatenate((path.before[prints, :3], path.after[prints, :3]))
+    low = ends.min(axis=0, initial=math.inf)
+    high = ends.max(axis=0, initial=-math.inf)
+    homed = next((command.move for command in path.commands if command.code == "G28"), len(moved))
+    cold, heaters_off = _heat(path, pushed_mm > 0)
+    return Facts(
+        flavour=_noted(path, "FLAVOR:"),
+        print_time_s=float(_noted(path, "TIME_ELAPSED:") or 0.0),
+        filament_mm=float(pushed_mm[prints].sum()),
+        layer_count=int(_noted(path, "LAYER_COUNT:") or 0),
+        layers=len(np.unique(layers)),
+        top_layer=int(layers[-1]) if len(layers) else -1,
+        min_mm=(float(low[0]), float(low[1]), float(low[2])),
+        max_mm=(float(high[0]), float(high[1]), float(high[2])),
+        uses_firmware_retraction=any(command.code in ("G10", "G11") for command in path.commands),
+        moved_before_homing=bool(moved[:homed].any()),
+        extruded_cold=cold,
+        heaters_off=heaters_off,
+        parked_mm=float(-pushed_mm[last + 1 :].sum()),
+    )
+
+
+def _noted(path: Toolpath, name: str) -> str:
+    """What the last comment of a name says; an empty text where there is none."""
+    return next((n.text[len(name) :] for n in reversed(path.notes) if n.text.startswith(name)), "")
+
+
+def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_]) -> tuple[bool, bool]:
+    """Whether filament is pushed where the nozzle was not waited for, and whether all heat is off at last."""
+    target_c = {"M104": 0.0, "M140": 0.0}
+    reached_c = 0.0
+    done, cold = 0, False
+    for command in path.commands:
+        if command.code not in ("M104", "M109", "M140", "M190"):
+            continue
+        if min(reached_c, target_c["M104"]) < MIN_EXTRUSION_C:
+            cold |= bool(pushes[done : command.move].any())
+        done = command.move
+        set_c = command.word("S") or 0.0
+        target_c["M104" if command.code in ("M104", "M109") else "M140"] = set_c
+        if command.code == "M109":
+            reached_c = set_c
+    if min(reached_c, target_c["M104"]) < MIN_EXTRUSION_C:
+        cold |= bool(pushes[done:].any())
+    return cold, not any(target_c.values())
+
+
+Bed = tuple[tuple[float, float, float, float, float], ...]
+"""Rectangles (min_x, min_y, max_x, max_y, height) in bed-centred mm; one of them must hold all extrusion."""
+
+
+def check_log(log: str) -> None:
+    """Raise SliceRejected where the engine warns of a mesh that it sliced only in part."""
+    warning = next((line for line in log.splitlines() if any(w in line for w in _WARNINGS)), None)
+    if warning is not None:
+        raise SliceRejected(Rule.BROKEN_MESH, f"CuraEngine says {warning.strip()!r}; repair the mesh")
+
+
+def check(
+    facts: Facts,
+    *,
+    height_mm: float,
+    cut_mm: float,
+    top_checked: bool,
+    layer_height_mm: float,
+) -> None:
+    """Raise SliceRejected, with the rule, unless the file may be printed, on a bed that holds it.
+
+    Parameters
+    ----------
+    height_mm
+        Of the model that was sliced.
+    cut_mm
+        How much the engine took away at the bottom, where it found nothing to print.
+    top_checked
+        Whether what is missing at the top was looked at by its outline; else `TOP_MM` of it may be missing.
+    layer_height_mm
+        The thickest layer: what a flat top may be off by is half of it.
+    """
+    if facts.filament_mm <= 0 or facts.layers == 0:
+        raise SliceRejected(
+            Rule.NOTHING_PRINTED,
+            "CuraEngine found nothing to print; the part is too thin or its mesh is open: thicken it, scale "
+            "it up, or repair it",
+        )
+    # Layers above the last one are the outline's business.
+    if not facts.layers == facts.top_layer + 1 <= facts.layer_count:
+        raise SliceRejected(
+            Rule.LAYERS,
+            f"only {facts.layers} of the first {facts.top_layer + 1} layers have something to print, and it "
+            f"names {facts.layer_count}; repair the mesh, or turn a part that stands on a tip",
+        )
+    over_mm = layer_height_mm / 2 + 0.005
+    missing_mm = height_mm - cut_mm - facts.max_mm[2]
+    if missing_mm < -over_mm or cut_mm > TOP_MM or (missing_mm > TOP_MM and not top_checked):
+        raise SliceRejected(
+            Rule.HEIGHT,
+            f"it is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or turn a "
+            "part that stands on a tip",
+        )
+    rules = (
+        (
+            Rule.FLAVOUR,
+            facts.flavour == "Marlin" and not facts.uses_firmware_retraction,
+            "not in Marlin's flavour; leave machine_gcode_flavor and machine_firmware_retract as they are",
+        ),
+        (
+            Rule.HOMING,
+            not facts.moved_before_homing,
+            "a move comes before G28; leave the start code as it is",
+        ),
+        (
+            Rule.COLD,
+            not facts.extruded_cold,
+            f"extrudes before the nozzle was waited for at {MIN_EXTRUSION_C:g} C; set a higher "
+            "material_print_temperature",
+        ),
+        (
+            Rule.HEATERS_ON,
+            facts.heaters_off,
+            "a heater is left on at the end, or the end is missing; slice again, or make room on the disk",
+        ),
+    )
+    for rule, kept, detail in rules:
+        if not kept:
+            raise SliceRejected(rule, detail)
+
+
+def check_parking(facts: Facts, parked_mm: float) -> None:
+    """Raise SliceRejected unless the filament ends parked as the next print expects it."""
+    if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
+        raise SliceRejected(
+            Rule.PARKING,
+            f"the filament ends {facts.parked_mm:.2f} mm back instead of {parked_mm:g} mm; leave the end "
+            "code and retraction_amount as they are",
+        )
+
+
+def check_bed(facts: Facts, centre_mm: tuple[float, float], bed: Bed, over_mm: float) -> None:
+    """Raise SliceRejected unless a bed holds all that is extruded, brim and support included.
+
+    Parameters
+    ----------
+    centre_mm
+        The bed's centre in the printer's coordinates.
+    over_mm
+        How much higher than the room it may be: a last layer is whole.
+    """
+    low = [facts.min_mm[i] - centre_mm[i] for i in range(2)]
+    high = [facts.max_mm[i] - centre_mm[i] for i in range(2)]
+    slack = BED_TOLERANCE_MM
+    for min_x, min_y, max_x, max_y, height in bed:
+        inside = low[0] >= min_x - slack and low[1] >= min_y - slack
+        inside &= high[0] <= max_x + slack and high[1] <= max_y + slack
+        if inside and facts.max_mm[2] <= height + over_mm:
+            return
+    raise SliceRejected(
+        Rule.OUTSIDE_BED,
+        f"it prints on X {low[0]:.1f}..{high[0]:.1f}, Y {low[1]:.1f}..{high[1]:.1f}, up to Z "
+        f"{facts.max_mm[2]:.1f} mm from the bed's centre, which the printer's room does not hold; scale it "
+        "down, or take a narrower brim",
+    )
+
+
+_HEADER_END = "End of gcode header."
+
+
+def with_header(gcode: bytes, log: str) -> bytes:
+    """The G-code with its true header (time, filament, bounds), which the engine knows only afterwards."""
+    _, found, rest = log.rpartition("Gcode header after slicing:")
+    header, ended, _ = rest.partition(_HEADER_END)
+    placeholder, generated, body = gcode.partition(b";Generated with")
+    if not (found and ended and generated) or not placeholder.startswith(b";FLAVOR:"):
+        return gcode
+    return header.strip().encode() + b"\n\n" + generated + body
+
+
+_REMOVED = re.compile(r"Removing (\d+) layers because they are empty")
+
+
+def removed_layers(log: str) -> int:
+    """How many layers the engine took away at the bottom, where it found nothing to print."""
+    found = _REMOVED.search(log)
+    return int(found[1]) if found else 0

@@ -1,0 +1,38 @@
+"""When each feature of a layer begins: CuraEngine says only when a layer ends."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slicing.checks.section import Floats
+from slicing.checks.toolpath import Toolpath
+
+_TIME = "TIME_ELAPSED:"
+
+
+def with_times(gcode: bytes, path: Toolpath) -> bytes:
+    """The G-code with a ``;TIME_ELAPSED:`` before each ``;TYPE:`` in a layer too.
+
+    Between the ends of two layers, time is shared out as the moves would take it at their feedrates.
+    """
+    ends = [(note.move, float(note.text[len(_TIME) :])) for note in path.notes if note.text.startswith(_TIME)]
+    first = next((note.move for note in path.notes if note.text.startswith("LAYER:")), None)
+    if first is None or not ends:
+        return gcode
+    moves = np.array([first, *(move for move, _ in ends)])
+    spent_s = np.concatenate(([0.0], np.cumsum(_seconds(path))))
+    elapsed_s = np.array([0.0, *(seconds for _, seconds in ends)])
+    types = [n for n in path.notes if n.text.startswith("TYPE:") and moves[0] < n.move < moves[-1]]
+    at_s = np.interp(spent_s[[note.move for note in types]], spent_s[moves], elapsed_s)
+    pieces, done = [], 0
+    for note, seconds in zip(types, at_s, strict=True):
+        pieces += [gcode[done : note.offset], b";TIME_ELAPSED:%.6f\n" % seconds]
+        done = note.offset
+    return b"".join((*pieces, gcode[done:]))
+
+
+def _seconds(path: Toolpath) -> Floats:
+    """(n,) What each move takes at its feedrate, without acceleration."""
+    way_mm = np.linalg.norm(path.after[:, :3] - path.before[:, :3], axis=1)
+    way_mm = np.where(way_mm > 0, way_mm, np.abs(path.pushed_mm))
+    return way_mm * 60.0 / np.maximum(path.feed_mm_min, 1.0)

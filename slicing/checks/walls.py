@@ -1,0 +1,266 @@
+"""The outer wall as it is printed: rings, lines that are walls by themselves, and what they enclose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely import Geometry
+
+from slicing.checks.section import Floats, Rings, measure
+from slicing.checks.toolpath import Toolpath
+from slicing.settings.plate_settings import Settings
+
+TOLERANCE_MM = 0.15
+"""How far an outline may be off: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
+_NEAR_MM = 1.0  # how far a line may be from a place that it fills
+_GAPS = 8  # in one ring
+_FOLLOWING = {
+    "adaptive_layer_height_enabled": "False",
+    "coasting_enable": "False",
+    "conical_overhang_enabled": "False",
+    "magic_fuzzy_skin_enabled": "False",
+    "magic_mesh_surface_mode": "normal",
+    "magic_spiralize": "False",
+    "mold_enabled": "False",
+    "slicing_tolerance": "middle",
+}  # with anything else the outer wall leaves the model's outline, or has gaps
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """How the outer wall lies in the model, in mm."""
+
+    layer_height_0_mm: float
+    layer_height_mm: float
+    width_mm: float
+    factor_0: float  # the first layer's width over the others'
+    inset_mm: float
+    offset_0_mm: float  # how far the model is grown in the first layer
+    offset_mm: float
+    slack_mm: float
+    step_mm: float = 0.0  # from one wall's middle to the next one's, at most
+    inner_walls: int = 0  # how many whole rings lie within the outer one; 0 where that is not known
+
+    def reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
+        """(n,) From a ring's middle to the model's outline."""
+        return np.where(layer == 0, self.factor_0, 1.0) * self.width_mm / 2 + self.inset_mm
+
+    def section_mm(self, count: int) -> Floats:
+        """(n,) Where the engine cuts the model: through the middle of each layer."""
+        above = self.layer_height_0_mm + self.layer_height_mm * (np.arange(1, count) - 0.5)
+        return np.concatenate(([self.layer_height_0_mm / 2], above))[:count]
+
+    def top_mm(self, layer: int) -> float:
+        return self.layer_height_0_mm + layer * self.layer_height_mm
+
+
+def lines_of(settings: Settings) -> Lines | None:
+    """What the settings say of the outer wall; None where they do not follow the model's outline."""
+    scopes = (settings.extruder, settings.global_)
+
+    def number(key: str) -> float:
+        return float(settings.extruder.get(key) or settings.global_.get(key) or 0.0)
+
+    if settings.wall_count < 1 or any(
+        scope.get(key, kept) != kept for scope in scopes for key, kept in _FOLLOWING.items()
+    ):
+        return None
+    return Lines(
+        layer_height_0_mm=settings.layer_height_0_mm,
+        layer_height_mm=settings.layer_height_mm,
+        width_mm=settings.line_width_0_mm,
+        factor_0=number("initial_layer_line_width_factor") / 100 or 1.0,
+        inset_mm=number("wall_0_inset"),
+        offset_0_mm=number("xy_offset_layer_0"),
+        offset_mm=number("xy_offset"),
+        slack_mm=abs(number("hole_xy_offset")),
+        step_mm=max(settings.line_width_0_mm, number("wall_line_width_x"))
+        * max(1.0, number("initial_layer_line_width_factor") / 100),
+        # Cura 5 draws as many as there is room for, of any width.
+        inner_walls=0 if "inset_direction" in settings.extruder else settings.wall_count - 1,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Walls:
+    """The printed lines of the outer wall: (n,) one for each move, in mm from the bed's centre."""
+
+    start: Floats  # (n, 2)
+    end: Floats  # (n, 2)
+    layer: npt.NDArray[np.int32]
+    run: npt.NDArray[np.intp]  # which unbroken line it belongs to
+    closed: npt.NDArray[np.bool_]  # whether that line is a ring
+    width_mm: Floats  # by the filament that was pushed
+    half_mm: Floats  # of the line's width; of a ring: from its middle to the model's outline
+    others: Floats  # (m, 6) all other lines of the part: start, end, layer, half width
+    inner: Floats  # (k, 5) those of the inner walls: start, end, layer
+
+    @classmethod
+    def of(cls, path: Toolpath, lines: Lines, centre_mm: tuple[float, float], filament_mm2: float) -> Walls:
+        pushed_mm = path.pushed_mm
+        way_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
+        prints = (pushed_mm > 0) & (way_mm > 0) & (path.layer >= 0)
+        height_mm = np.where(path.layer == 0, lines.layer_height_0_mm, lines.layer_height_mm)
+        half_mm = np.zeros(len(way_mm))
+        half_mm[prints] = (pushed_mm * filament_mm2)[prints] / (way_mm * height_mm)[prints] / 2
+        half_mm = np.minimum(half_mm, lines.width_mm)  # more is a blob, and covers nothing
+        at = np.flatnonzero(prints & path.is_feature("WALL-OUTER"))
+        start, end = path.before[at, :2] - centre_mm, path.after[at, :2] - centre_mm
+        layer = path.layer[at]
+        bridges, run, closed = _runs(start, end, layer)
+        order = np.argsort(np.concatenate((np.arange(len(at)), bridges)), kind="stable")
+
+        def bridged(own: npt.NDArray[Any], between: npt.NDArray[Any]) -> npt.NDArray[Any]:
+            return np.asarray(np.concatenate((own, between))[order])
+
+        start, end = bridged(start, end[bridges]), bridged(end, np.roll(start, -1, axis=0)[bridges])
+        half = bridged(half_mm[at], half_mm[at][bridges])
+        layer, run = bridged(layer, layer[bridges]), bridged(run, run[bridges])
+        closed = closed[run]
+        own = np.zeros(len(way_mm), bool)
+        for name in ("WALL-INNER", "SKIN", "FILL"):
+            own |= path.is_feature(name)
+        own &= prints
+        ends = (path.before[own, :2] - centre_mm, path.after[own, :2] - centre_mm)
+        others = np.column_stack((*ends, path.layer[own], half_mm[own])).astype(np.float64)
+        reach_mm = np.where(closed, lines.reach_mm(layer), half)
+        inner = others[path.is_feature("WALL-INNER")[own]][:, :5]
+        return cls(start, end, layer, run, closed, 2 * half, reach_mm, others, inner)
+
+    def rings(self, count: int) -> Rings:
+        """What is inside of the outer edge of the outer wall, to first order, at each layer."""
+        ring = self.closed
+        inside = measure(iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count)
+        # An engine may go round the other way; all rings of a layer then do.
+        turn = np.where(inside.area_mm2 < 0, -1.0, 1.0)
+        band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_mm * np.where(ring, 1.0, 2.0)
+        corners_mm2 = np.bincount(self.layer, self._corners_mm2(), count)
+        area = turn * (inside.area_mm2 + corners_mm2) + np.bincount(self.layer, band_mm2, count)
+        moment = turn[:, None] * inside.moment_mm3
+        for axis in range(2):
+            middle = (self.start[:, axis] + self.end[:, axis]) / 2
+            moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
+        return Rings(area, inside.length_mm, moment)
+
+    def lost_mm2(self, lines: Lines, count: int) -> Floats:
+        """(count,) How much less the inner walls enclose than they must within the outer one, added up.
+
+        What is d further in than a ring encloses less by d times the ring's length at most. 0 where an inner
+        wall is no whole ring.
+        """
+        start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
+        bridges, run, closed = _runs(start, end, layer)
+        broken = np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
+        inner = measure(iter([(layer.astype(np.intp), start, end)]), count)
+        ring = self.closed
+        outer = measure(iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count)
+        must_mm2 = np.zeros(count)
+        for number in range(1, lines.inner_walls + 1):
+            further_mm = number * lines.step_mm
+            must_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - further_mm * outer.length_mm)
+        return np.where(broken, 0.0, must_mm2 - np.abs(inner.area_mm2))
+
+    def _corners_mm2(self) -> Floats:
+        """(n,) What the band outside of a ring has more at the corner after a move than along the moves."""
+        if not len(self.run):
+            return np.empty(0)
+        following = np.arange(1, len(self.run) + 1)
+        heads = np.flatnonzero(np.diff(self.run, prepend=-1))
+        following[np.append(heads[1:], len(self.run)) - 1] = heads
+        way = self.end - self.start
+        after = way[following]
+        cross = way[:, 0] * after[:, 1] - way[:, 1] * after[:, 0]
+        scale = np.hypot(*way.T) * np.hypot(*after.T) + (way * after).sum(axis=1)
+        half_turn = np.clip(cross / np.maximum(scale, 1e-9), -2.0, 2.0)  # tangent of half the angle
+        return np.where(self.closed, self.half_mm**2 * half_turn, 0.0)
+
+    def printed(self, layer: int, model: Geometry) -> Geometry:
+        """The area inside of the outer edge of the outer wall.
+
+        A ring is the edge of an area, or by itself a wall of one line: that has the model on neither side.
+        """
+        here = np.flatnonzero(self.layer == layer)
+        line = ~self.closed[here]
+        inside: Geometry = shapely.Polygon()
+        for run in np.unique(self.run[here][~line]):
+            of_run = self.run[here] == run
+            points = np.vstack((self.start[here[of_run][:1]], self.end[here[of_run]]))
+            if self._alone(here[of_run], model):
+                line |= of_run
+            elif len(points) > 3:
+                # Rings do not cross each other: one within another is a hole.
+                inside = inside.symmetric_difference(shapely.make_valid(shapely.Polygon(points)))
+        reach_mm = float(self.half_mm[here][~line].max(initial=0.0))
+        strokes = _strokes(self.start[here[line]], self.end[here[line]], self.width_mm[here[line]] / 2)
+        return shapely.union_all([inside.buffer(reach_mm, join_style="mitre"), strokes])
+
+    def _alone(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
+        """Whether there is nothing of the model beside a line."""
+        way = self.end[ring] - self.start[ring]
+        aside = np.column_stack((-way[:, 1], way[:, 0])) / np.hypot(*way.T)[:, None]
+        aside *= (self.width_mm[ring] / 2 + TOLERANCE_MM)[:, None]
+        middle = (self.start[ring] + self.end[ring]) / 2
+        beside = [shapely.contains_xy(model, *(middle + side * aside).T) for side in (-1.0, 1.0)]
+        return float(np.mean(beside[0] | beside[1])) < 0.5
+
+    def filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
+        """The area of the other lines of the part that come near a rectangle."""
+        rows = self.others[self.others[:, 4] == layer]
+        low, high = (
+            np.minimum(rows[:, :2], rows[:, 2:4]) - _NEAR_MM,
+            np.maximum(rows[:, :2], rows[:, 2:4]) + _NEAR_MM,
+        )
+        near = (low[:, 0] < bounds[2]) & (low[:, 1] < bounds[3])
+        rows = rows[near & (high[:, 0] > bounds[0]) & (high[:, 1] > bounds[1])]
+        return _strokes(rows[:, :2], rows[:, 2:4], rows[:, 5])
+
+
+def _runs(
+    start: Floats, end: Floats, layer: npt.NDArray[np.int32]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
+    """Which moves make one unbroken line, and which lines are rings.
+
+    Where two walls overlap, an engine leaves out the flow of a move or two: a line that does not close is
+    joined over such gaps to those that follow, if it closes then.
+
+    Returns
+    -------
+    tuple
+        The moves after which a gap is bridged; (n,) the line of each move; whether each line is a ring.
+    """
+    if not len(start):
+        return np.empty(0, np.intp), np.empty(0, np.intp), np.empty(0, bool)
+    first = np.ones(len(start), bool)
+    first[1:] = (start[1:] != end[:-1]).any(axis=1) | (layer[1:] != layer[:-1])
+    begins = np.flatnonzero(first)
+    ends = np.append(begins[1:], len(start)) - 1
+    near = np.hypot(*(start[begins] - end[ends]).T) < TOLERANCE_MM
+    bridges: list[int] = []
+    at = 0
+    while at < len(begins):
+        stop = at + 1
+        if not near[at]:
+            for last in range(at + 1, min(at + _GAPS, len(begins))):
+                if near[last] or layer[begins[last]] != layer[begins[at]]:
+                    break
+                if np.hypot(*(start[begins[at]] - end[ends[last]])) < TOLERANCE_MM:
+                    bridges += [int(move) for move in ends[at:last]]
+                    stop = last + 1
+                    break
+        at = stop
+    joined = first.copy()
+    joined[np.array(bridges, np.intp) + 1] = False
+    run = np.cumsum(joined) - 1
+    heads = np.flatnonzero(joined)
+    tails = np.append(heads[1:], len(start)) - 1
+    closed = np.hypot(*(start[heads] - end[tails]).T) < TOLERANCE_MM
+    return np.array(bridges, np.intp), run, closed
+
+
+def _strokes(start: Floats, end: Floats, half_mm: Floats) -> Geometry:
+    lines = shapely.linestrings(np.stack((start, end), axis=1))
+    return shapely.union_all(shapely.buffer(lines, half_mm))

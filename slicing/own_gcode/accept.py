@@ -1,0 +1,174 @@
+"""Turns a person's own G-code into a program that the farm can print, or refuses it with the reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from slicing.errors import GcodeRefused
+from slicing.own_gcode.clearance import Clearance
+from slicing.own_gcode.extent import Extent
+from slicing.own_gcode.interpreter import Walk
+from slicing.own_gcode.machine import check_machine
+from slicing.own_gcode.survey import survey
+from slicing.own_gcode.writer import Stopwatch, Writer
+from slicing.start_code import end_code, start_code
+
+PLAUSIBLE = (0.2, 2.5)
+"""What may be extruded in the mean, as a multiple of a line's section (a nozzle wide, a layer high). Slicers
+reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
+1.75 mm instead of 2.85 mm about 2.7."""
+HIGHEST_LAYER = 0.8
+"""Of the nozzle's diameter: higher lines do not hold."""
+
+SLACK_LAYERS = 1.25
+"""Of the highest layer: how far slicers go below the top while a layer is printed, as in a sloping seam."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignGcode:
+    """Accepted G-code, and the facts known of it.
+
+    Attributes
+    ----------
+    gcode
+        The whole program, with the farm's own start and end.
+    nozzle_mm
+        The nozzle that it was sliced for; None where it does not say.
+    nozzle_c, bed_c
+        Of the first layer.
+    print_time_s
+        By the stopwatch, without start and end.
+    filament_mm
+        Without priming.
+    layers
+        As the file marks them, else as the heights at which it prints.
+    min_mm, max_mm
+        Of all that it extrudes, in the printer's coordinates; in X and Y also of moves as low as clips.
+    reach_min_mm, reach_max_mm
+        Of all moves.
+    filament_type
+        The material that it was sliced for, like PLA; None where it does not say.
+    notices
+        What was changed, in sentences, and warnings.
+    """
+
+    gcode: bytes
+    nozzle_mm: float | None
+    nozzle_c: float
+    bed_c: float
+    print_time_s: float
+    filament_mm: float
+    layers: int
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+    reach_min_mm: tuple[float, float, float]
+    reach_max_mm: tuple[float, float, float]
+    filament_type: str | None
+    notices: tuple[str, ...]
+
+
+def accept(
+    lines: Iterable[bytes],
+    *,
+    stopwatch: Stopwatch,
+    filament_mm2: float,
+    nozzle_mm: float | None,
+    nozzle_c: float,
+    bed_c: float,
+) -> ForeignGcode:
+    """Read a file of the Marlin flavour or UltiGCode, and write the print in it anew.
+
+    The file's own start and end are left out. What it prints between them keeps its path, speeds, fan and
+    temperatures; moves become absolute, E counts mm of filament, arcs become straight moves of at most 1 mm,
+    and G10 and G11 become moves of the feeder. Nothing else can get into the program.
+
+    Parameters
+    ----------
+    lines
+        The file's lines. They are gone through twice: a list, or an object that opens its file anew.
+    stopwatch
+        Fresh; it tells the time that the print takes, which makes the program's timeline.
+    filament_mm2
+        The filament's cross-section.
+    nozzle_mm
+        The nozzle in use, for files that do not say theirs; None where several are in use.
+    nozzle_c, bed_c
+        The material's temperatures, for UltiGCode, which leaves them to the printer.
+
+    Raises
+    ------
+    GcodeRefused
+        With the line, the reason, and what to do.
+    """
+    found = survey(lines)
+    line_mm = found.nozzle_mm or nozzle_mm
+    if line_mm is None:
+        raise GcodeRefused(
+            "it does not say for which nozzle it was sliced, and the printers have several: write a comment "
+            "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
+        )
+    writer = Writer(stopwatch)
+    clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm)
+    walk = Walk(found, writer, clearance, filament_mm2, nozzle_c, bed_c)
+    for number, raw in enumerate(lines, 1):
+        walk.follow(raw, number)
+    walk.finish()
+    extent = walk.extent
+    ratio = _section_ratio(extent, writer.layers, filament_mm2, line_mm)
+    missing = (found.warning,) if found.warning is not None else ()
+    warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio)
+    seconds = writer.finish()
+    head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"
+    return ForeignGcode(
+        gcode=head.encode() + writer.text + end_code(0.0).encode() + b"\n",
+        nozzle_mm=found.nozzle_mm,
+        nozzle_c=walk.nozzle_c,
+        bed_c=walk.bed_c,
+        print_time_s=seconds,
+        filament_mm=extent.filament_mm,
+        layers=writer.layers,
+        min_mm=_three(extent.low),
+        max_mm=_three(extent.high),
+        reach_min_mm=_three(extent.reach_low),
+        reach_max_mm=_three(extent.reach_high),
+        filament_type=found.machine.filament_type,
+        notices=_notices(found.ulticode, walk.left_out) + warnings,
+    )
+
+
+def _section_ratio(extent: Extent, layers: int, filament_mm2: float, nozzle_mm: float) -> float:
+    """Section of the lines, as a multiple of a line's as wide as the nozzle and as high as a layer.
+
+    Raises
+    ------
+    GcodeRefused
+        Where E means something else than mm of this filament.
+    """
+    section_mm2 = extent.filament_mm * filament_mm2 / extent.path_mm
+    # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be
+    mean_mm = min(extent.high[2] / max(1, layers), HIGHEST_LAYER * nozzle_mm)
+    layer_mm = max(extent.layer_mm, mean_mm)
+    usual_mm2 = nozzle_mm * layer_mm
+    ratio = section_mm2 / usual_mm2
+    if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
+        raise GcodeRefused(
+            f"its lines have {section_mm2:.3f} mm2 in the mean, and layers of {layer_mm:.3g} mm with a "
+            f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to 2.85 mm in "
+            "your slicer, and let it count E in mm, not in mm3"
+        )
+    return ratio
+
+
+def _notices(ulticode: bool, left_out: dict[str, str]) -> tuple[str, ...]:
+    lines = ["Its start and end were replaced by the farm's."]
+    if ulticode:
+        lines.append("Converted from UltiGCode; temperatures are those of the printer's material.")
+    if left_out:
+        what = ", ".join(f"{code} ({left_out[code]})" for code in sorted(left_out))
+        lines.append(f"Left out, for the printer has its own: {what}.")
+    return tuple(lines)
+
+
+def _three(values: list[float]) -> tuple[float, float, float]:
+    return (values[0], values[1], values[2])

@@ -1,0 +1,104 @@
+"""Lists of the commands of a person's own G-code that are printed, left out, or refused.
+
+What is printed is an allow-list: every other command is refused where a print is under way. The start and the
+end of a file are not printed, so that there only what gives the whole file another meaning is refused.
+"""
+
+from __future__ import annotations
+
+import re
+
+_SCRIPT = "take it out of your slicer's start, end or layer script"
+
+PRINTED = frozenset(
+    (
+        *("G0", "G1", "G2", "G3", "G4", "G10", "G11", "G90", "G91", "G92"),
+        *("M82", "M83", "M104", "M109", "M140", "M190", "M106", "M107", "M220", "M221"),
+    )
+)
+"""Carried out; what reaches the printer is written anew (`slicing.own_gcode.writer`)."""
+
+_IN_MM = re.compile(r"\s*D\s?0*\.?0*\s*")  # switches volumetric extrusion off, as it is here
+
+NEEDLESS = frozenset(
+    (
+        *("G17", "G21", "T0", "M17", "M73", "M75", "M76", "M77", "M105", "M110", "M113", "M114", "M115"),
+        *("M117", "M118", "M119", "M155", "M240", "M300", "M355", "M400", "M486", "M531", "M532"),
+    )
+)
+"""Change nothing in a print: texts, beeps, questions."""
+
+NOT_TAKEN_OVER = {
+    "M204": "acceleration",
+    "M205": "jerk",
+    "M566": "jerk",
+    "M572": "pressure advance",
+    "M900": "linear advance",
+    "M413": "power-loss recovery",
+}
+"""Left out, and said: the printer's own values are used, by which the print time was computed too."""
+
+_WAITS = f"waits for the knob for ever: {_SCRIPT}"
+_CARD = f"belongs to the SD card: {_SCRIPT}"
+_EEPROM = f"changes what the printer remembers: {_SCRIPT}"
+_OFFSET = f"shifts the printer's coordinates: {_SCRIPT}, and place the model in the slicer"
+_PID = f"changes how the heaters are controlled: {_SCRIPT}"
+
+REFUSED = {
+    "G20": "counts in inches: set your slicer to millimetres",
+    "M0": _WAITS,
+    "M1": _WAITS,
+    "M226": _WAITS,
+    "M600": f"changes the filament by hand: {_SCRIPT}",
+    "M601": _WAITS,
+    "M25": _WAITS,
+    "M80": f"switches the power: {_SCRIPT}",
+    "M92": f"changes the steps of a millimetre: {_SCRIPT}",
+    "M112": f"is an emergency stop: {_SCRIPT}",
+    "M200": "counts filament in mm3: switch volumetric extrusion off in your slicer",
+    "M206": _OFFSET,
+    "M428": _OFFSET,
+    "M851": _OFFSET,
+    "M301": _PID,
+    "M303": _PID,
+    "M304": _PID,
+    "M302": f"lets the printer extrude cold: {_SCRIPT}",
+    "M500": _EEPROM,
+    "M501": _EEPROM,
+    "M502": _EEPROM,
+    "M504": _EEPROM,
+    "M997": f"writes the firmware: {_SCRIPT}",
+    "M999": f"restarts a printer that stopped for a reason: {_SCRIPT}",
+    **{f"M{n}": _CARD for n in (*range(20, 25), *range(26, 33), 923, 928)},
+}
+"""Refused wherever it stands."""
+
+_REASONS = {
+    "G28": "homes in the middle of the print: take it out of your slicer's layer script",
+    "M84": "lets go of the motors in the middle of the print: take it out of your slicer's layer script",
+    "M18": "lets go of the motors in the middle of the print: take it out of your slicer's layer script",
+    "M201": f"changes the printer's limits: {_SCRIPT}",
+    "M203": f"changes the printer's limits: {_SCRIPT}",
+    "M81": f"switches the power off: {_SCRIPT}",
+}
+
+
+END = frozenset(("G28", "M84", "M18", "M81", "M2"))
+"""Show, where they stand after all that is printed, that the file has come to its end script."""
+
+
+def needless(code: str, rest: str) -> bool:
+    """Tell whether a command changes nothing in a print; `rest` is what follows its code."""
+    return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
+
+
+def refusal(code: str) -> str | None:
+    """Find why a command is refused wherever it stands; None where it is not."""
+    if code[0] == "T" and code != "T0":
+        return "asks for another extruder, and there is one: slice for a single extruder"
+    return REFUSED.get(code)
+
+
+def refusal_in_print(code: str) -> str:
+    """Find why a command that is not printed makes the farm refuse a print."""
+    return _REASONS.get(code, "is not on the list of commands that are printed: take it out")

@@ -1,0 +1,117 @@
+"""Reads which machine a file was sliced for, and checks whether it fits an Ultimaker 2+ all the same."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from slicing.errors import GcodeRefused
+from slicing.own_gcode.lines import shown
+
+_NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
+"""Cura; PrusaSlicer and its kin; KISSlicer; and, where no model is named, the name of a person's settings."""
+_OURS = re.compile(r"\b(um|ultimaker)[\s_-]*2[\s_-]*(e|extended)?[\s_-]*(\+|plus)\s*\Z")
+_NO_NAME = ("", '""', "unknown", "default", "- default fff printer -")
+_USUAL = (0.5, 1.7)
+"""Section of the lines, as a multiple of a line's as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
+4.13, and so 2.0 and more where they are for filament of 1.75 mm."""
+
+FOREIGN_START = {
+    "G29": "probes the bed",
+    "G34": "levels its two Z screws",
+    "G80": "probes the bed",
+    "M420": "uses a probed bed",
+    "M569": "sets up its motor drivers",
+    "M906": "sets the current of its motors",
+    "M862.1": "checks its nozzle",
+    "M862.2": "checks its model",
+    "M862.3": "checks its model",
+}
+"""Commands of start scripts for what an Ultimaker 2+ has not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """Machine that a file was sliced for, by its own words.
+
+    Attributes
+    ----------
+    name
+        Of a machine that is no Ultimaker 2+; None where there is none, or it is one.
+    filament_mm
+        The filament's diameter; None where the file does not say.
+    filament_type
+        Like PLA; None where the file does not say.
+    bed_corner
+        The first corner of its bed, as written; None where the file does not say.
+    start
+        The line and the command in its start that an Ultimaker 2+ has not; None where there is none.
+    """
+
+    name: str | None
+    filament_mm: float | None
+    filament_type: str | None
+    bed_corner: str | None
+    start: tuple[int, str] | None
+
+
+def find_machine(
+    facts: Mapping[str, bytes], filament_mm: float | None, start: tuple[int, str] | None
+) -> Machine:
+    """Read the machine from a file's facts: key in lower case -> value as written."""
+    names = (_text(facts, key) for key in _NAMES)
+    name = next((name for name in names if name is not None and name.lower() not in _NO_NAME), None)
+    if name is not None and _OURS.search(name.lower()):
+        name = None
+    return Machine(
+        name=name,
+        filament_mm=filament_mm,
+        filament_type=_text(facts, "filament_type") or _text(facts, "filament type #1"),
+        bed_corner=_text(facts, "bed_shape") or _text(facts, "printable_area"),
+        start=start,
+    )
+
+
+def check_machine(machine: Machine, nozzle_mm: float | None, section_ratio: float) -> tuple[str, ...]:
+    """Check a file for another machine, except its size; return warnings where it fits.
+
+    Parameters
+    ----------
+    nozzle_mm
+        The nozzle that it was sliced for; None where it does not say.
+    section_ratio
+        Section of its lines, as a multiple of a line's as wide as the nozzle.
+
+    Raises
+    ------
+    GcodeRefused
+        Where it does not fit, or nothing shows that it does.
+    """
+    name, why = machine.name, None
+    usual = _USUAL[0] < section_ratio < _USUAL[1]
+    if name is None and (usual or nozzle_mm is not None):
+        return ()
+    if name is None:
+        return (
+            f"Warning: its lines have {section_ratio:.1f} times the section of a line as wide as the nozzle: "
+            "was it sliced for another one?",
+        )
+    if machine.start is not None:
+        number, code = machine.start
+        why = f"line {number}: {code} {FOREIGN_START[code]}"
+    elif machine.bed_corner not in (None, "0x0"):
+        why = f"its bed begins at {shown(machine.bed_corner or '')}"
+    elif machine.filament_mm is None and not usual:
+        why = f"its lines have {section_ratio:.1f} times the usual section, with filament of 2.85 mm"
+    if why is not None:
+        raise GcodeRefused(f"it was sliced for {shown(name)} ({why}): slice it for an Ultimaker 2+")
+    return (
+        f"Warning: it was sliced for {shown(name)}. What it prints fits an Ultimaker 2+, by its size, its "
+        "filament and its start; speeds and temperatures are that machine's.",
+    )
+
+
+def _text(facts: Mapping[str, bytes], key: str) -> str | None:
+    value = facts.get(key)
+    return value.decode("utf-8", "replace").strip().strip('"') or None if value is not None else None

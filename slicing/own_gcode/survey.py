@@ -1,0 +1,152 @@
+"""Finds a file's facts, and where its print begins, before a line of it is carried out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from slicing.errors import GcodeRefused
+from slicing.own_gcode import command_rules
+from slicing.own_gcode.completeness import Completeness
+from slicing.own_gcode.lines import plain_move, split
+from slicing.own_gcode.machine import FOREIGN_START, Machine, find_machine
+
+FILAMENT_MM = (2.75, 3.05)
+"""Sold as 2.85 mm, and also as 3 mm."""
+INCOMPLETE = "export it once more, or copy it again"
+_LAYER = re.compile(
+    rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
+)
+"""Marks of a layer's start by Cura, PrusaSlicer and its kin, Simplify3D and KISSlicer."""
+_MARLIN = ("marlin", "marlin2", "marlin(marlin/sprinter)", "reprap", "repetier", "sprinter")
+_FACT = re.compile(
+    rb"(FLAVOR|NOZZLE_DIAMETER|nozzle_diameter|extruderDiameter|filament_diameter|filamentDiameters"
+    rb"|use_volumetric_e|gcode_flavor|Nozzle Diameter #1|Filament Diameter #1|fiber_dia_mm|filament_type"
+    rb"|Filament Type #1|TARGET_MACHINE\.NAME|printer_model|printer_name|machine_name|printer_settings_id"
+    rb"|bed_shape|printable_area)\s*[:=,]\s*([^,;|]*)"
+)
+_FILAMENT = ("filament_diameter", "filamentdiameters", "filament diameter #1", "fiber_dia_mm")
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """Facts of a file.
+
+    Attributes
+    ----------
+    ulticode
+        The file is UltiGCode: E in mm3, and no start of its own.
+    nozzle_mm
+        The nozzle that it was sliced for; None where it does not say.
+    begins
+        The number of the line with which the print begins.
+    marks_layers
+        Whether comments say where layers begin.
+    closed
+        Whether the slicer's closing mark stands behind all that is printed; False for a slicer without one.
+    machine
+        The machine that it was sliced for.
+    warning
+        Layers that are missing in a file that is whole by its closing mark; None where there are none.
+    """
+
+    ulticode: bool
+    nozzle_mm: float | None
+    begins: int
+    marks_layers: bool
+    closed: bool
+    machine: Machine
+    warning: str | None
+
+
+def is_layer(comment: bytes) -> bool:
+    """Tell whether a comment marks the start of a layer."""
+    return _LAYER.match(comment) is not None
+
+
+def survey(lines: Iterable[bytes]) -> Survey:
+    """Find a file's facts in one pass.
+
+    Raises
+    ------
+    GcodeRefused
+        Where the file is for another kind of printer, it cannot be told where its print begins, or its end is
+        missing.
+    """
+    facts: dict[str, bytes] = {}
+    layer = waited = homed = ready = 0
+    prints = number = 0
+    raw = b"\n"
+    completeness = Completeness()
+    start: tuple[int, str] | None = None
+    for number, raw in enumerate(lines, 1):
+        if (move := plain_move(raw)) is not None:
+            prints = number if "E" in move and ("X" in move or "Y" in move) else prints
+            continue
+        code, rest, comment = split(raw, number)
+        if comment:
+            completeness.read(comment, number)
+            if is_layer(comment):
+                layer = layer or number
+                completeness.count_layer()
+            elif (fact := _FACT.match(comment)) is not None:
+                facts[fact[1].decode().lower()] = fact[2].strip()
+        if not code or command_rules.needless(code, rest):
+            continue
+        if (why := command_rules.refusal(code)) is not None:
+            raise GcodeRefused(f"line {number}: {code} {why}")
+        if code in ("G0", "G1", "G2", "G3"):
+            prints = number if "E" in rest and ("X" in rest or "Y" in rest) else prints
+        elif not prints:
+            start = (number, code) if start is None and code in FOREIGN_START else start
+            waited = number if code == "M109" else waited
+            homed = number if code == "G28" else homed
+            ready = number if code in ("M109", "M190", "G28") else ready
+    ulticode = _is_ulticode(facts)
+    if not layer and (ulticode or not (waited and homed)):
+        raise GcodeRefused(
+            "it cannot be told where its print begins: let your slicer write ;LAYER:0 where a layer begins "
+            "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
+        )
+    if (missing := completeness.missing(raw, number, prints)) is not None:
+        raise GcodeRefused(f"line {number}: the file ends here, but not its print: {missing}; {INCOMPLETE}")
+    return Survey(
+        ulticode=ulticode,
+        nozzle_mm=_number(facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
+        begins=layer or ready + 1,
+        marks_layers=bool(layer),
+        closed=bool(completeness.closed(prints)),
+        warning=completeness.warning(),
+        machine=find_machine(facts, _number(facts, *_FILAMENT), start),
+    )
+
+
+def _is_ulticode(facts: dict[str, bytes]) -> bool:
+    flavour = (facts.get("flavor") or facts.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
+    if flavour == "UltiGCode":
+        return True
+    if flavour.lower() not in _MARLIN:
+        raise GcodeRefused(
+            f"its flavour is {flavour!r}: set the G-code flavour to Marlin in your slicer "
+            "(Cura: Preferences > Printers > Machine Settings), or to UltiGCode"
+        )
+    if facts.get("use_volumetric_e") == b"1":
+        raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
+    diameter_mm = _number(facts, *_FILAMENT)
+    if diameter_mm is not None and not FILAMENT_MM[0] <= diameter_mm <= FILAMENT_MM[1]:
+        raise GcodeRefused(
+            f"it was sliced for filament of {diameter_mm:g} mm: set the filament's diameter to 2.85 mm"
+        )
+    return False
+
+
+def _number(facts: dict[str, bytes], *names: str) -> float | None:
+    """Read the first of these facts that is a number other than 0."""
+    for name in names:
+        try:
+            if value := float(facts[name]):
+                return value
+        except (KeyError, ValueError):
+            continue
+    return None

@@ -1,0 +1,200 @@
+"""What Cura's definition files say of each setting: its type, default, formulas, limits and scope."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from slicing.errors import BadSetting, DefinitionError, nearest
+from slicing.settings.formula import Formula
+
+
+class SettingType(StrEnum):
+    """The types of Cura's settings."""
+
+    BOOL = "bool"
+    INT = "int"
+    FLOAT = "float"
+    STR = "str"
+    ENUM = "enum"
+    EXTRUDER = "extruder"
+    OPTIONAL_EXTRUDER = "optional_extruder"
+    INTS = "[int]"
+    POLYGON = "polygon"
+    POLYGONS = "polygons"
+
+
+_NUMBERS = (SettingType.INT, SettingType.FLOAT)
+_LISTS = (SettingType.INTS, SettingType.POLYGON, SettingType.POLYGONS)
+_EXTRUDERS = (SettingType.EXTRUDER, SettingType.OPTIONAL_EXTRUDER)
+_MOST_SHOWN = 60
+_EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or "none in particular"
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a definition says of one setting. Limits, scope and whether it counts may be formulas."""
+
+    key: str
+    type: SettingType
+    default: Any
+    value: Formula | None = None
+    resolve: Formula | None = None
+    limit_to_extruder: Formula | None = None
+    per_extruder: Any = True
+    minimum: Any = None
+    maximum: Any = None
+    options: tuple[str, ...] = ()
+    enabled: Any = True
+
+
+def merge(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
+    """The settings of a definition that inherits.
+
+    Parameters
+    ----------
+    chain
+        The parsed ``.def.json`` files, the one at the root of the inheritance first.
+    """
+    raw: dict[str, dict[str, Any]] = {}
+
+    def collect(settings: Mapping[str, Any]) -> None:
+        for key, entry in settings.items():
+            if entry.get("type") != "category":
+                raw[key] = {k: v for k, v in entry.items() if k != "children"}
+            collect(entry.get("children", {}))
+
+    for file in chain:
+        collect(file.get("settings", {}))
+        for key, override in file.get("overrides", {}).items():
+            if key in raw:
+                raw[key] = {**raw[key], **override}
+    return {key: _setting(key, entry) for key, entry in raw.items()}
+
+
+def _setting(key: str, entry: Mapping[str, Any]) -> Setting:
+    try:
+        kind = SettingType(entry["type"])
+    except ValueError:
+        raise DefinitionError(
+            f"Cura's setting {key} has the unknown type {entry['type']!r}; take those of Cura 4.13 or 5"
+        ) from None
+    return Setting(
+        key=key,
+        type=kind,
+        default=entry.get("default_value"),
+        value=_formula(entry.get("value")),
+        resolve=_formula(entry.get("resolve")),
+        limit_to_extruder=_formula(entry.get("limit_to_extruder")),
+        per_extruder=_limit(entry.get("settable_per_extruder", True)),
+        minimum=_limit(entry.get("minimum_value")),
+        maximum=_limit(entry.get("maximum_value")),
+        options=tuple(entry.get("options", ())),
+        enabled=_limit(entry.get("enabled", True)),
+    )
+
+
+def _formula(raw: Any) -> Formula | None:
+    return None if raw is None else Formula(str(raw))
+
+
+def _limit(raw: Any) -> Any:
+    return Formula(raw) if isinstance(raw, str) else raw
+
+
+def parse_value(setting: Setting, raw: Any) -> Any:
+    """A value as a profile or a person writes it, in the setting's own type.
+
+    Raises
+    ------
+    BadSetting
+        Where it is of another type, not finite, or not one of the options; with what is allowed.
+    """
+    text = str(raw).strip()
+    try:
+        match setting.type:
+            case SettingType.BOOL:
+                return {"true": True, "false": False}[text.lower()]
+            case SettingType.INT | SettingType.FLOAT:
+                number = float(text)
+                whole = setting.type is SettingType.INT
+                if not math.isfinite(number) or (whole and not number.is_integer()):
+                    raise ValueError
+                return int(number) if whole else number
+            case SettingType.ENUM if text not in setting.options:
+                hint = nearest(text, setting.options) or f"; one of {', '.join(setting.options)}"
+                raise BadSetting(f"{setting.key}={_shown(text)}: there is no such choice{hint}")
+            case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
+                raise ValueError
+            case kind if kind in _EXTRUDERS:
+                if text not in _EXTRUDER_NUMBERS:
+                    raise ValueError
+                return text
+            case kind if kind in _LISTS:
+                if not _is_list(setting.type, text):
+                    raise ValueError
+                return ast.literal_eval(text)
+    except (KeyError, ValueError, SyntaxError, MemoryError, RecursionError):
+        raise BadSetting(
+            f"{setting.key}={_shown(text)}: not a value of type {setting.type}; {_ALLOWED[setting.type]}"
+        ) from None
+    return str(raw)
+
+
+def _shown(text: str) -> str:
+    """What a person wrote, in one short line."""
+    line = "".join(letter if letter.isprintable() else " " for letter in text)
+    return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]}..."
+
+
+def as_cura_reads(text: str) -> Any:
+    """A value of another type than the setting's: Cura reads a literal, and tells the engine what it read."""
+    try:
+        return ast.literal_eval(text)
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return text
+
+
+_ALLOWED: Mapping[SettingType, str] = {
+    SettingType.BOOL: "true or false",
+    SettingType.INT: "a whole number",
+    SettingType.FLOAT: "a number like 0.2",
+    SettingType.STR: "text without control characters",
+    SettingType.EXTRUDER: "0",
+    SettingType.OPTIONAL_EXTRUDER: "0 or -1",
+    SettingType.INTS: "a list like [0, 90]",
+    SettingType.POLYGON: "a list of points",
+    SettingType.POLYGONS: "a list of lists of points",
+}
+
+
+def fits_type(setting: Setting, value: Any) -> bool:
+    """Whether a value that was worked out is one that the engine reads as this type."""
+    match setting.type:
+        case SettingType.BOOL:
+            return isinstance(value, bool | int)
+        case SettingType.INT:
+            return isinstance(value, int | float) and math.isfinite(value) and float(value).is_integer()
+        case SettingType.FLOAT:
+            return isinstance(value, int | float) and math.isfinite(value)
+        case SettingType.ENUM:
+            return value in setting.options
+        case kind if kind in _EXTRUDERS:
+            return str(value) in _EXTRUDER_NUMBERS
+        case kind if kind in _LISTS:
+            return _is_list(kind, value)
+    return isinstance(value, str)
+
+
+def _is_list(kind: SettingType, value: Any) -> bool:
+    """Whether it is a list, or the text of one; of whole numbers where the type says so."""
+    try:
+        items = ast.literal_eval(value) if isinstance(value, str) else value
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return False
+    numbers = kind is SettingType.INTS
+    return isinstance(items, list) and all(type(item) is int for item in items if numbers)

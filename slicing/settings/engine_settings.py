@@ -1,0 +1,160 @@
+"""What CuraEngine is told: every value of both stacks as text, and the numbers that others need of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from slicing.errors import BadSetting
+from slicing.settings.resolver import Resolver, Scope
+from slicing.settings.shrinkage import NONE, compensation
+from slicing.start_code import end_code, start_code
+
+SHRINKAGE = (
+    "material_shrinkage_percentage",
+    "material_shrinkage_percentage_xy",  # from Cura 5 on
+    "material_shrinkage_percentage_z",
+)
+"""Cura's own keys for printing larger what shrinks, in percent."""
+# Directions in which a pattern lays its lines `infill_line_distance` apart (Cura's formula for that setting).
+_DIRECTIONS = {
+    "grid": 2,
+    "tetrahedral": 2,
+    "quarter_cubic": 2,
+    "triangles": 3,
+    "trihexagon": 3,
+    "cubic": 3,
+    "cubicsubdiv": 3,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Every setting as CuraEngine reads it, and the numbers that others need."""
+
+    printer_model: str
+    global_: dict[str, str]
+    extruder: dict[str, str]
+    layer_height_mm: float
+    layer_height_0_mm: float
+    line_width_mm: float  # the inner walls'
+    line_width_0_mm: float  # the outer wall's
+    wall_count: int
+    top_layers: int
+    bottom_layers: int
+    infill_line_distance_mm: float  # mean spacing, all directions together; 0 without infill
+    support_enabled: bool
+    support_angle_deg: float  # from the vertical
+    support_line_distance_mm: float  # 0 without support
+    speed_wall_0_mm_s: float
+    speed_wall_x_mm_s: float
+    speed_infill_mm_s: float
+    speed_topbottom_mm_s: float
+    speed_support_mm_s: float
+    speed_layer_0_mm_s: float
+    speed_travel_mm_s: float
+    brim_width_mm: float  # as printed: whole lines of brim, or the skirt with its gap
+    nozzle_c: float  # of the first layer
+    bed_c: float  # of the first layer
+    density_g_cm3: float
+    filament_diameter_mm: float
+    scale_xy: float  # a part is printed larger by these, because it shrinks
+    scale_z: float
+
+    @property
+    def filament_mm2(self) -> float:
+        """The filament's cross-section in mm2."""
+        return math.pi * self.filament_diameter_mm**2 / 4
+
+
+def print_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
+    """Factors (XY, Z) by which a part is printed larger: Cura's; where it has none, a material kind's."""
+    known = resolver.keys(Scope.GLOBAL)
+    both, xy, z = (
+        float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in SHRINKAGE
+    )
+    scale = (xy or both or 1.0, z or both or 1.0)
+    return compensation(kind) if scale == NONE else scale
+
+
+def tell_engine(model: str, resolver: Resolver, density_g_cm3: float, scale: tuple[float, float]) -> Settings:
+    """Every value of both stacks as text, with start and end code, and the numbers that others need.
+
+    Raises
+    ------
+    BadSetting
+        Where a raft is asked for.
+    """
+    global_ = {key: _text(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
+    extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
+    # The engine reads it in both places, and prints no support where either says no.
+    extruder["support_enable"] = global_["support_enable"]
+    # The mesh is scaled before it is placed, so that the checks see what is printed.
+    told = dict.fromkeys(SHRINKAGE, "100.0")
+    global_ |= {key: told[key] for key in told.keys() & global_.keys()}
+    extruder |= {key: told[key] for key in told.keys() & extruder.keys()}
+
+    def number(key: str) -> float:
+        return float(resolver.value(Scope.EXTRUDER, key))
+
+    def flag(key: str) -> bool:
+        return bool(resolver.value(Scope.EXTRUDER, key))
+
+    if global_["adhesion_type"] == "raft":
+        raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
+    diameter_mm = number("material_diameter")
+    filament_mm2 = math.pi * diameter_mm**2 / 4
+    nozzle_c = number("material_print_temperature_layer_0")
+    bed_c = number("material_bed_temperature_layer_0") if flag("machine_heated_bed") else 0.0
+    # The engine's Marlin header does not name the nozzle: whoever gets the file could not tell.
+    nozzle = f";NOZZLE_DIAMETER:{number('machine_nozzle_size'):g}"
+    global_["machine_start_gcode"] = f"{nozzle}\n{start_code(nozzle_c, bed_c, filament_mm2)}"
+    global_["machine_end_gcode"] = end_code(number("retraction_amount") if flag("retraction_enable") else 0.0)
+    directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
+    support = flag("support_enable")
+    return Settings(
+        printer_model=model,
+        global_=global_,
+        extruder=extruder,
+        layer_height_mm=number("layer_height"),
+        layer_height_0_mm=number("layer_height_0"),
+        line_width_mm=number("wall_line_width_x"),
+        line_width_0_mm=number("wall_line_width_0"),
+        wall_count=int(number("wall_line_count")),
+        top_layers=int(number("top_layers")),
+        bottom_layers=int(number("bottom_layers")),
+        infill_line_distance_mm=number("infill_line_distance") / directions,
+        support_enabled=support,
+        support_angle_deg=number("support_angle"),
+        support_line_distance_mm=number("support_line_distance") if support else 0.0,
+        speed_wall_0_mm_s=number("speed_wall_0"),
+        speed_wall_x_mm_s=number("speed_wall_x"),
+        speed_infill_mm_s=number("speed_infill"),
+        speed_topbottom_mm_s=number("speed_topbottom"),
+        speed_support_mm_s=number("speed_support"),
+        speed_layer_0_mm_s=number("speed_layer_0"),
+        speed_travel_mm_s=number("speed_travel"),
+        brim_width_mm=_brim_mm(global_["adhesion_type"], number),
+        nozzle_c=nozzle_c,
+        bed_c=bed_c,
+        density_g_cm3=density_g_cm3,
+        filament_diameter_mm=diameter_mm,
+        scale_xy=scale[0],
+        scale_z=scale[1],
+    )
+
+
+def _brim_mm(adhesion: str, number: Any) -> float:
+    line_mm = number("skirt_brim_line_width") * number("initial_layer_line_width_factor") / 100
+    match adhesion:
+        case "brim":
+            return round(float(number("brim_line_count") * line_mm), 6)
+        case "skirt":
+            return round(float(number("skirt_gap") + number("skirt_line_count") * line_mm), 6)
+    return 0.0
+
+
+def _text(value: Any) -> str:
+    """As CuraEngine reads it: Python's own words for numbers, booleans and lists."""
+    return "" if value is None else str(value)

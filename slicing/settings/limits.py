@@ -1,0 +1,164 @@
+"""What a person must not set, and which values are refused: for the printer's sake, or as Cura defines it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Any
+
+from slicing.settings.definitions import fits_type
+from slicing.settings.resolver import Resolver, Scope
+from slicing.start_code import PARKED_MM
+
+NOZZLE_MAX_C = 260.0  # the firmware's own menu ends there
+BED_MAX_C = 115.0
+LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
+_LINE_SHARE = 2.0  # of the nozzle, where Cura warns
+_MOST_HOP_MM = 10.0
+_MOST_FLOW_PERCENT = 150.0  # where Cura warns: more than that has nowhere to go
+_MOST_EXTRA_MM3 = 5.0  # at each retraction, where Cura warns
+
+_PRINTER = "it describes the printer; choose another printer model or nozzle"
+_STREAM = "set by this program, for streaming; leave it out"
+_PLACE = "where the part lies is this program's matter; leave it out"
+_FILE = "it names a file, which is not looked at; leave it out"
+_ONE_MESH = "it is for one mesh among several, and a plate has one; leave it out"
+_ONE_EXTRUDER = "it is for printers with several nozzles; leave it out"
+_ALONE = "a plate has one part; leave it out"
+_SHAPE = "it does not print the part as it is; leave it out"
+_HEAT = "its temperatures are not looked at; leave it out, and set material_print_temperature"
+_MOTION = "accelerations are the printer's and the material's matter; leave it out"
+
+_RESERVED: Mapping[str, str] = {
+    "material_diameter": _PRINTER,
+    "gantry_height": _PRINTER,
+    "material_guid": _PRINTER,
+    **dict.fromkeys(
+        (
+            "machine_gcode_flavor",
+            "machine_firmware_retract",
+            "machine_start_gcode",
+            "machine_end_gcode",
+            "relative_extrusion",
+            "material_bed_temp_prepend",
+            "material_bed_temp_wait",
+            "material_print_temp_prepend",
+            "material_print_temp_wait",
+            "prime_blob_enable",
+            "clean_between_layers",
+        ),
+        _STREAM,
+    ),
+    "material_flow_dependent_temperature": _HEAT,
+    "material_flow_temp_graph": _HEAT,
+    "center_object": _PLACE,
+    "cross_infill_density_image": _FILE,
+    "cross_support_density_image": _FILE,
+    "support_mesh": _ONE_MESH,
+    "support_mesh_drop_down": _ONE_MESH,
+    "support_meshes_present": _ONE_MESH,
+    "anti_overhang_mesh": _ONE_MESH,
+    "cutting_mesh": _ONE_MESH,
+    "infill_mesh": _ONE_MESH,
+    "infill_mesh_order": _ONE_MESH,
+    "extruder_nr": _ONE_EXTRUDER,
+    "extruders_enabled_count": _ONE_EXTRUDER,
+    "ooze_shield_enabled": _ONE_EXTRUDER,
+    "print_sequence": _ALONE,
+    "mold_enabled": _SHAPE,
+    "magic_spiralize": _SHAPE,
+    "magic_mesh_surface_mode": _SHAPE,
+    "wireframe_enabled": _SHAPE,
+    "acceleration_enabled": _MOTION,
+    "acceleration_travel_enabled": _MOTION,
+    "jerk_enabled": _MOTION,
+    "jerk_travel_enabled": _MOTION,
+}
+_RESERVED_STARTS: Mapping[str, str] = {
+    "machine_": _PRINTER,
+    "extruder_prime_pos_": _PRINTER,
+    "nozzle_": _PRINTER,
+    "mesh_": _PLACE,
+    "prime_tower_": _ONE_EXTRUDER,
+    "switch_extruder_": _ONE_EXTRUDER,
+}
+
+
+def why_reserved(key: str) -> str | None:
+    """Why a person must not set a key; None where one may."""
+    if "_extruder_nr" in key:
+        return _ONE_EXTRUDER
+    starts = (why for start, why in _RESERVED_STARTS.items() if key.startswith(start))
+    return _RESERVED.get(key) or next(starts, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """A value that is not of its type, not an option, or beyond a limit."""
+
+    scope: Scope
+    key: str
+    value: Any
+    allowed: str
+    ours: bool  # a limit of ours: Cura's own profiles have to keep it too
+
+
+def violations(resolver: Resolver, chosen: Collection[str] = ()) -> Iterator[Violation]:
+    """What is wrong in either stack: first of the keys that a person has chosen, then of all that count."""
+    for scope in Scope:
+        for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
+            for found in _violations(resolver, scope, key):
+                if key in chosen or found.ours or resolver.is_enabled(key):
+                    yield found
+
+
+def _violations(resolver: Resolver, scope: Scope, key: str) -> Iterator[Violation]:
+    setting = resolver.setting(key)
+    value = resolver.value(scope, key)
+    if value is None and setting.default is None:
+        return
+    if not fits_type(setting, value):
+        allowed = (
+            f"one of {', '.join(setting.options)}" if setting.options else f"a value of type {setting.type}"
+        )
+        yield Violation(scope, key, value, allowed, ours=False)
+        return
+    if isinstance(value, bool | str) or not isinstance(value, int | float):
+        return
+    for (least, greatest), ours in ((_our_bounds(resolver, key), True), (resolver.bounds(scope, key), False)):
+        low, high = (-inf if least is None else least), (inf if greatest is None else greatest)
+        if not low <= value <= high:
+            ends = (("at least", low), ("at most", high))
+            allowed = ", ".join(f"{word} {_shown(end)}" for word, end in ends if isfinite(end))
+            yield Violation(scope, key, value, allowed, ours)
+
+
+def _our_bounds(resolver: Resolver, key: str) -> tuple[float | None, float | None]:
+    nozzle_mm = float(resolver.value(Scope.EXTRUDER, "machine_nozzle_size"))
+    match key:
+        case "layer_height" | "layer_height_0":
+            return None, LAYER_SHARE * nozzle_mm
+        case "retraction_amount":
+            return 0.0, PARKED_MM
+        case "retraction_extra_prime_amount" | "wipe_retraction_extra_prime_amount":
+            return -_MOST_EXTRA_MM3, _MOST_EXTRA_MM3
+        case "retraction_hop" | "wipe_hop_amount":
+            return 0.0, _MOST_HOP_MM
+        case _ if "line_width" in key and not key.endswith("_factor"):
+            return None, _LINE_SHARE * nozzle_mm
+        case "infill_overlap_mm" | "skin_overlap_mm" | "magic_fuzzy_skin_thickness":
+            return None, _LINE_SHARE * nozzle_mm  # more of it lies outside the part
+        case _ if key.endswith("_line_distance") and resolver.value(Scope.EXTRUDER, key) > 0:
+            return nozzle_mm / 2, None  # lines on top of each other
+        case _ if "material_flow" in key or key == "ironing_flow":
+            return None, _MOST_FLOW_PERCENT
+        case _ if "bed_temperature" in key:
+            return 0.0, BED_MAX_C
+        case _ if "print_temperature" in key or key == "material_standby_temperature":
+            return 0.0, NOZZLE_MAX_C
+    return None, None
+
+
+def _shown(number: float) -> str:
+    return f"{number:.4g}"

@@ -1,0 +1,198 @@
+"""From a printer model, a quality, a material and a person's overrides to what CuraEngine is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+from slicing.errors import BadSetting, DefinitionError
+from slicing.settings.definitions import parse_value
+from slicing.settings.engine_settings import SHRINKAGE, Settings, print_scale, tell_engine
+from slicing.settings.formula import Formula
+from slicing.settings.layer_heights import LayerHeights, fit_heights
+from slicing.settings.limits import LAYER_SHARE, Violation, violations, why_reserved
+from slicing.settings.qualities import DEFAULT_QUALITY, OURS, SUPPORTED
+from slicing.settings.resolver import Layer, Place, Resolver
+from slicing.settings.resources import Resources
+from slicing.settings.stacks import Stacks, find_stacks
+from slicing.start_code import FLAVOR
+
+__all__ = ["ANY_PART", "PartSettings", "Settings", "SettingsRequest", "resolve_settings"]
+
+# What a file that is streamed needs.
+_FIXED: Mapping[str, Any] = {
+    "machine_gcode_flavor": FLAVOR,
+    "machine_firmware_retract": False,
+    "machine_center_is_zero": False,
+    "material_bed_temp_prepend": False,
+    "material_print_temp_prepend": False,
+    "relative_extrusion": False,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SettingsRequest:
+    """How to print, in the user's words. `printer_model` is Cura's definition id.
+
+    `supported`: print supports also where the quality has none, as Cura's own have; `overrides` win over it.
+    """
+
+    printer_model: str
+    quality: str = DEFAULT_QUALITY
+    material: str = "generic_pla"
+    nozzle_mm: float = 0.4
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    supported: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PartSettings:
+    """What is chosen for one part; None: as the quality has it. A user's own settings win over it.
+
+    Parameters
+    ----------
+    height_mm
+        How high the print is to be.
+    brim_width_mm
+        Its brim, 0 for none; never wider than the quality's, for which the part room is computed.
+    layer_0_expansion_mm
+        How much wider the first layer is on each side than those above; negative against an elephant's foot.
+    """
+
+    height_mm: float | None = None
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
+
+
+ANY_PART = PartSettings()
+
+
+def resolve_settings(
+    request: SettingsRequest, resources: Resources, part: PartSettings = ANY_PART
+) -> Settings:
+    """Resolve a request against Cura's files, for any part or for one; the last ones are kept in memory.
+
+    Raises
+    ------
+    BadSetting
+        Where the model, quality, material, nozzle or an override does not exist or does not fit.
+    ResourcesMissing, DefinitionError
+        Where Cura's files are not as expected.
+    """
+    words = _Words.of(request)
+    quality = OURS.get(request.quality)
+    every = _resolve(resources, words, ANY_PART, None)
+    heights = None
+    if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
+        wanted = LayerHeights(every.layer_height_0_mm, every.layer_height_mm)
+        most_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
+        heights = fit_heights(part.height_mm, wanted, most_first_mm=most_first_mm)
+    part = replace(part, height_mm=None)
+    settings = _resolve(resources, words, part, heights)
+    if settings.brim_width_mm > every.brim_width_mm:
+        return _resolve(resources, words, replace(part, brim_width_mm=None), heights)
+    return settings
+
+
+def _has_own_heights(request: SettingsRequest) -> bool:
+    """Whether the user says how high layers are, or which of them are printed."""
+    return not request.overrides.keys().isdisjoint(
+        ("layer_height", "adaptive_layer_height_enabled", "slicing_tolerance")
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Words:
+    """A request that can be looked up."""
+
+    printer_model: str
+    quality: str
+    material: str
+    nozzle_mm: float
+    overrides: tuple[tuple[str, str], ...]
+    supported: bool
+
+    @classmethod
+    def of(cls, request: SettingsRequest) -> _Words:
+        overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
+        return cls(
+            printer_model=request.printer_model,
+            quality=request.quality,
+            material=request.material,
+            nozzle_mm=request.nozzle_mm,
+            overrides=overrides,
+            supported=request.supported,
+        )
+
+
+@lru_cache(maxsize=64)
+def _resolve(
+    resources: Resources, words: _Words, part: PartSettings, heights: LayerHeights | None
+) -> Settings:
+    stacks = find_stacks(resources, words.printer_model, words.nozzle_mm, words.material, words.quality)
+    resolver = _resolver(stacks, words, part, heights)
+    user_keys = [key for key, _ in words.overrides]
+    try:
+        for found in violations(resolver, chosen=user_keys):
+            if found.ours or not _is_cura_s(found, resources, words):
+                raise BadSetting(_refusal(found, words))
+    except DefinitionError as error:
+        if not user_keys:
+            raise
+        raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
+    quality = OURS.get(words.quality)
+    ours = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
+    scale = print_scale(resolver, stacks.material.kind if ours else "")
+    return tell_engine(words.printer_model, resolver, stacks.material.density_g_cm3, scale)
+
+
+def _is_cura_s(found: Violation, resources: Resources, words: _Words) -> bool:
+    """Whether Cura's own profiles go beyond the limits of its definitions here: it prints all the same."""
+    bare = replace(words, overrides=())
+    stacks = find_stacks(resources, words.printer_model, words.nozzle_mm, words.material, words.quality)
+    return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
+
+
+def _refusal(found: Violation, words: _Words) -> str:
+    value = f"{found.value:.6g}" if isinstance(found.value, float) else found.value
+    chosen = [key for key, _ in words.overrides]
+    cause = "" if found.key in chosen else f" follows from {', '.join(chosen)} and"
+    if chosen:
+        return f"{found.key}={value}{cause} is out of range; {found.allowed}"
+    where = f"{words.quality} with {words.material}"
+    return (
+        f"{found.key}={value}, from {where}, is out of range; {found.allowed}: take another material or "
+        f"quality (only `farm slice` can set it otherwise, with --set {found.key}=VALUE)"
+    )
+
+
+def _resolver(stacks: Stacks, words: _Words, part: PartSettings, heights: LayerHeights | None) -> Resolver:
+    """The stacks under a user's layer: a person's settings, ours for streaming, the part's, the quality's."""
+    user: dict[str, Any] = dict(SUPPORTED) if words.supported else {}
+    quality = OURS.get(words.quality)
+    if quality is not None:
+        user |= quality.changes
+    user |= {**_part_layer(part, heights), **_FIXED}
+    layers = {scope: {Place.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
+    resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
+    for key, raw in words.overrides:
+        setting = resolver.setting(key)
+        why = why_reserved(key)
+        if why is not None:
+            raise BadSetting(f"{key}: {why}")
+        user[key] = parse_value(setting, raw)
+    return resolver
+
+
+def _part_layer(part: PartSettings, heights: LayerHeights | None) -> Layer:
+    layer: dict[str, Any] = {}
+    if heights is not None:
+        layer |= {"layer_height": heights.other_mm, "layer_height_0": heights.first_mm}
+    if part.brim_width_mm is not None:
+        layer["adhesion_type"] = "brim" if part.brim_width_mm > 0 else "none"
+        layer["brim_width"] = part.brim_width_mm
+    if part.layer_0_expansion_mm is not None:
+        layer["xy_offset_layer_0"] = Formula(f"xy_offset + ({part.layer_0_expansion_mm!r})")
+    return layer

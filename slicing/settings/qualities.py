@@ -1,0 +1,68 @@
+"""The qualities: Cura's own by their names, and the two of this project, each a base with changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from slicing.settings.formula import Formula
+
+SUPPORTED = {"support_enable": True, "support_type": "everywhere"}
+_BRIMMED = {
+    "adhesion_type": "brim",
+    "brim_width": 8.0,
+    # Cura's own formula: its profiles for nylon, TPU and others name a count, which would win over the width.
+    "brim_line_count": Formula(
+        "math.ceil(brim_width / (skirt_brim_line_width * initial_layer_line_width_factor / 100.0))"
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """A quality of ours: one of Cura's, and what is set on top of it (below the user's own settings)."""
+
+    bases: tuple[str, ...]  # the first that there is for the nozzle and the material
+    changes: Mapping[str, Any]
+    exact_height: bool = False  # layer heights are fitted to each part's height
+    compensates_shrinkage: bool = False  # parts are printed larger by what their material shrinks
+    fits_first_layer: bool = False  # brim and first layer are chosen for each part
+
+
+OURS: Mapping[str, Quality] = {
+    # The settings of the Parallelobox paper's own prints, so that times can be compared with it.
+    "paper": Quality(
+        ("fast",),
+        {
+            **SUPPORTED,
+            **_BRIMMED,
+            "layer_height": 0.25,
+            "infill_sparse_density": 5.0,
+            "infill_pattern": "zigzag",
+            "support_angle": 45.0,
+            "material_bed_temperature": 50.0,
+        },
+    ),
+    # For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
+    "glue": Quality(
+        ("fast", "draft", "normal", "high"),
+        {
+            **SUPPORTED,
+            **_BRIMMED,
+            # Half the nozzle, where Cura's fast profile has 0.15 mm: sooner by a quarter, and the seams of a
+            # glued model show more than its layers.
+            "layer_height": Formula("round(max(extruderValues('machine_nozzle_size')) / 2, 2)"),
+            "infill_sparse_density": 10.0,
+            "infill_pattern": "zigzag",
+            "support_angle": 50.0,
+            "top_layers": Formula(
+                "max(4, math.ceil(round(top_thickness / resolveOrValue('layer_height'), 4)))"
+            ),
+        },
+        exact_height=True,
+        compensates_shrinkage=True,
+        fits_first_layer=True,
+    ),
+}
+DEFAULT_QUALITY = "glue"

@@ -1,0 +1,197 @@
+"""Cura's settings, resolved: two stacks of profiles over two definitions, and the formulas in them.
+
+The rules are those of Cura 4.13 (``GlobalStack``, ``ExtruderStack``, ``CuraFormulaFunctions``):
+
+- Layers, first wins: user, quality, material, variant, definition. The extruder's stack falls through to
+  the global one.
+- What is not settable per extruder is always asked of the global stack.
+- The global stack tries ``resolve`` (unless the user has set the value), then the extruder, where
+  ``limit_to_extruder`` says so, then its own value. In a definition a ``value`` beats any ``default_value``.
+- A formula's names are looked up in the stack that was asked, even where the formula comes from the other.
+
+One extruder, as the Ultimaker 2 family has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from enum import IntEnum, StrEnum
+from typing import Any
+
+from slicing.errors import BadSetting, DefinitionError, nearest
+from slicing.settings.definitions import Setting
+from slicing.settings.formula import Formula, evaluate
+
+Layer = Mapping[str, Any]
+"""A profile: a value or a Formula for each key that it sets."""
+
+
+class Scope(StrEnum):
+    """Which stack is asked."""
+
+    GLOBAL = "global"
+    EXTRUDER = "extruder"
+
+
+class Place(IntEnum):
+    """A profile's index in a stack, as Cura counts them (``_ContainerIndexes``)."""
+
+    USER = 0
+    QUALITY = 3
+    MATERIAL = 4
+    VARIANT = 5
+
+
+class Resolver:
+    """The value of every setting, for one combination of profiles.
+
+    Parameters
+    ----------
+    machine, extruder
+        The two definitions, merged.
+    layers
+        The profiles of each stack, by their places.
+    """
+
+    def __init__(
+        self,
+        machine: Mapping[str, Setting],
+        extruder: Mapping[str, Setting],
+        layers: Mapping[Scope, Mapping[Place, Layer]],
+    ) -> None:
+        self._definitions = {Scope.GLOBAL: machine, Scope.EXTRUDER: extruder}
+        self._layers = {scope: sorted(layers.get(scope, {}).items()) for scope in Scope}
+        self._memo: dict[tuple[Scope, str, frozenset[str], int], Any] = {}
+        self._active: set[tuple[Scope, str, frozenset[str], int]] = set()
+        self._resolving: frozenset[str] = frozenset()  # keys whose `resolve` is being worked out
+        self._from = 0  # the first place that is asked
+        self._functions: dict[str, Callable[..., Any]] = {
+            "extruderValue": lambda _, key: self._own(Scope.EXTRUDER, key),
+            "extruderValues": lambda key: [self._own(Scope.EXTRUDER, key)],
+            "resolveOrValue": lambda key: self.value(Scope.GLOBAL, key),
+            "defaultExtruderPosition": lambda: "0",
+            # Cura 5's:
+            "anyExtruderWithMaterial": lambda _: "0",
+            "anyExtruderNrWithOrDefault": lambda _: "0",
+            "valueFromContainer": lambda key, place: self._below(place, Scope.GLOBAL, key),
+            "extruderValueFromContainer": lambda _, key, place: self._below(place, Scope.EXTRUDER, key),
+        }
+
+    def setting(self, key: str) -> Setting:
+        """What the definitions say of a key. Raises BadSetting with the nearest keys where there is none."""
+        machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
+        found = machine.get(key) or extruder.get(key)
+        if found is None:
+            raise BadSetting(f"{key}: Cura has no such setting{nearest(key, (*machine, *extruder))}")
+        return found
+
+    def keys(self, scope: Scope) -> list[str]:
+        """The keys that the engine wants in a scope: all of the machine's, or what an extruder may set."""
+        machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
+        if scope is Scope.GLOBAL:
+            return list(machine)
+        return [key for key in {**machine, **extruder} if self.is_per_extruder(key)]
+
+    def value(self, scope: Scope, key: str) -> Any:
+        """The value of a setting as one of the stacks has it.
+
+        Raises
+        ------
+        KeyError
+            Where no definition has the key.
+        DefinitionError
+            Where a formula cannot be worked out.
+        """
+        if scope is Scope.EXTRUDER:
+            return self._own(scope, key) if self.is_per_extruder(key) else self.value(Scope.GLOBAL, key)
+        setting = self._definitions[Scope.GLOBAL].get(key)
+        if setting is None:
+            raise KeyError(key)
+        if setting.resolve and key not in self._resolving and not self._is_the_users(key):
+            outer = self._resolving
+            self._resolving = outer | {key}
+            try:
+                return self._evaluate(Scope.GLOBAL, key, setting.resolve)
+            finally:
+                self._resolving = outer
+        if self._is_limited(setting) and self.is_per_extruder(key):
+            return self._own(Scope.EXTRUDER, key)
+        return self._own(Scope.GLOBAL, key)
+
+    def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
+        """The least and the greatest value of a key as its definition has them; None: no limit."""
+        setting = self.setting(key)
+        return self._bound(scope, key, setting.minimum), self._bound(scope, key, setting.maximum)
+
+    def is_enabled(self, key: str) -> bool:
+        """Whether a setting counts, as the others are: Cura hides it where not."""
+        raw = self.setting(key).enabled
+        try:
+            return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
+        except DefinitionError:  # a formula that only a window needs
+            return True
+
+    def is_per_extruder(self, key: str) -> bool:
+        """Whether the extruder has a value of its own."""
+        machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
+        setting = extruder.get(key) or machine.get(key)
+        if setting is None:
+            raise KeyError(key)
+        raw = setting.per_extruder
+        return bool(self._evaluate(Scope.GLOBAL, key, raw) if isinstance(raw, Formula) else raw)
+
+    def _bound(self, scope: Scope, key: str, raw: Any) -> float | None:
+        bound = self._evaluate(scope, key, raw) if isinstance(raw, Formula) else raw
+        return None if bound is None else float(bound)
+
+    def _is_limited(self, setting: Setting) -> bool:
+        """Whether the global stack asks an extruder: the text "-1" is none, the number is the default one."""
+        if setting.limit_to_extruder is None:
+            return False
+        return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
+
+    def _is_the_users(self, key: str) -> bool:
+        return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is Place.USER)
+
+    def _raw(self, scope: Scope, key: str) -> Any:
+        """The first value or formula on the way down a stack."""
+        for place, layer in self._layers[scope]:
+            if key in layer and place >= self._from:
+                return layer[key]
+        setting = self._definitions[scope].get(key)
+        if setting is not None:
+            return setting.default if setting.value is None else setting.value
+        if scope is Scope.EXTRUDER:
+            return self._raw(Scope.GLOBAL, key)
+        raise KeyError(key)
+
+    def _below(self, place: int, scope: Scope, key: str) -> Any:
+        """A value without the profiles above a place."""
+        outer, self._from = self._from, place
+        try:
+            return self.value(scope, key)
+        finally:
+            self._from = outer
+
+    def _own(self, scope: Scope, key: str) -> Any:
+        """A stack's own value, its formula worked out in that stack."""
+        raw = self._raw(scope, key)
+        if not isinstance(raw, Formula):
+            return raw
+        step = (scope, key, self._resolving, self._from)
+        if step in self._memo:
+            return self._memo[step]
+        if step in self._active:
+            raise DefinitionError(f"Cura's setting {key} depends on itself")
+        self._active.add(step)
+        try:
+            self._memo[step] = self._evaluate(scope, key, raw)
+        finally:
+            self._active.discard(step)
+        return self._memo[step]
+
+    def _evaluate(self, scope: Scope, key: str, formula: Formula) -> Any:
+        try:
+            return evaluate(formula, lambda name: self.value(scope, name), self._functions)
+        except DefinitionError as error:
+            raise DefinitionError(f"{key}: {error}") from error

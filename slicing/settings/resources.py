@@ -1,0 +1,185 @@
+"""Where CuraEngine and Cura's files are, and reading those files; `definitions` knows what they mean."""
+
+from __future__ import annotations
+
+import configparser
+import json
+import os
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, nearest
+from slicing.settings.definitions import Setting, merge
+from slicing.settings.material import kind_of
+
+FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
+_HOW = "run 'make install', or set {}"
+_CHECKOUT = Path(__file__).resolve().parents[2]
+
+
+def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
+    """CuraEngine: `FARM_CURA_ENGINE`, else the one on PATH. Raises EngineMissing."""
+    named = environ.get("FARM_CURA_ENGINE")
+    found = shutil.which(named or "CuraEngine", path=environ.get("PATH"))
+    if found is None:
+        what = f"FARM_CURA_ENGINE={named} cannot be run" if named else "there is no CuraEngine on PATH"
+        raise EngineMissing(f"{what}: {_HOW.format('FARM_CURA_ENGINE to the program')}")
+    return Path(found)
+
+
+def find_resources(environ: Mapping[str, str] = os.environ) -> Resources:
+    """Cura's files: `FARM_CURA_RESOURCES`, else `.cura/resources` of the checkout, else Debian's place.
+
+    Raises
+    ------
+    ResourcesMissing
+        Where none of them has all the folders.
+    """
+    named = environ.get("FARM_CURA_RESOURCES")
+    places = (
+        [Path(named)] if named else [_CHECKOUT / ".cura" / "resources", Path("/usr/share/cura/resources")]
+    )
+    for place in places:
+        if all((place / folder).is_dir() for folder in FOLDERS):
+            return Resources(place)
+    what = f"FARM_CURA_RESOURCES={named} has not" if named else "Cura's files are missing:"
+    raise ResourcesMissing(
+        f"{what} the folders {', '.join(FOLDERS)}: {_HOW.format('FARM_CURA_RESOURCES to where they are')}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """A printer model's definitions, merged, and what names its profiles."""
+
+    model: str
+    name: str  # the product, as material files call it
+    quality_definition: str
+    has_variants: bool  # a profile for each nozzle
+    has_materials: bool  # a quality for each material
+    excluded_materials: frozenset[str]
+    nozzle_mm: float  # without a variant
+    diameter_mm: float  # of the filament
+    settings: Mapping[str, Setting]
+    extruder: Mapping[str, Setting]
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """An ``.inst.cfg`` file: who it is for, and its values as written."""
+
+    metadata: Mapping[str, str]
+    values: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Resources:
+    """Cura's folder of resources; every file is read once in a process."""
+
+    root: Path
+
+    def machine(self, model: str) -> Machine:
+        """A printer model by Cura's definition id. Raises BadSetting where there is none."""
+        return _machine(self.root, model)
+
+    def profiles(self, kind: str, definition: str) -> tuple[Profile, ...]:
+        """The profiles of a kind (``quality``, ``variants``) that a definition has, by file name."""
+        return _profiles(self.root, kind, definition)
+
+    def material(self, name: str) -> ET.Element:
+        """A material's parsed XML. Raises BadSetting where there is none."""
+        return _material(self.root, name)
+
+    def material_kind(self, name: str) -> str | None:
+        """What a material is, like PLA; None where there is no such material."""
+        try:
+            return kind_of(self.material(name))
+        except BadSetting:
+            return None
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        parsed = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ResourcesMissing(f"{path}: {error}: {_HOW.format('FARM_CURA_RESOURCES')}") from error
+    if not isinstance(parsed, dict):
+        raise ResourcesMissing(f"{path} is not a definition: {_HOW.format('FARM_CURA_RESOURCES')}")
+    return parsed
+
+
+def _chain(root: Path, folders: tuple[str, ...], name: str) -> list[dict[str, Any]]:
+    """The definition files from the root of the inheritance down to `name`."""
+    chain: list[dict[str, Any]] = []
+    current: str | None = name
+    while current is not None:
+        paths = [root / folder / f"{current}.def.json" for folder in folders]
+        chain.insert(0, _read_json(next((path for path in paths if path.is_file()), paths[0])))
+        current = chain[0].get("inherits")
+        if len(chain) > 20:
+            raise ResourcesMissing(f"{name}.def.json inherits from itself")
+    return chain
+
+
+@lru_cache(maxsize=16)
+def _machine(root: Path, model: str) -> Machine:
+    folder = root / "definitions"
+    known = {path.name.removesuffix(".def.json") for path in folder.glob("*.def.json")}
+    if model not in known:
+        raise BadSetting(f"{model}: Cura has no such printer model{nearest(model, known)}")
+    chain = _chain(root, ("definitions",), model)
+    metadata: dict[str, Any] = {}
+    for file in chain:
+        metadata |= file.get("metadata", {})
+    extruder = merge(_chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"]))
+    return Machine(
+        model=model,
+        name=chain[-1]["name"],
+        quality_definition=metadata.get("quality_definition", model),
+        has_variants=bool(metadata.get("has_variants", False)),
+        has_materials=bool(metadata.get("has_materials", False)),
+        excluded_materials=frozenset(metadata.get("exclude_materials", ())),
+        nozzle_mm=float(extruder["machine_nozzle_size"].default),
+        diameter_mm=float(extruder["material_diameter"].default),
+        settings=merge(chain),
+        extruder=extruder,
+    )
+
+
+@lru_cache(maxsize=32)
+def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
+    # Qualities have a folder for each machine, variants share one.
+    folder, pattern = root / kind, f"{definition}_*.inst.cfg"
+    if (folder / definition).is_dir():
+        folder, pattern = folder / definition, "*.inst.cfg"
+    found = []
+    for path in sorted(folder.glob(pattern)):
+        parser = configparser.ConfigParser(interpolation=None)
+        try:
+            parser.read_string(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, configparser.Error) as error:
+            raise ResourcesMissing(f"{path}: {error}") from error
+        if parser.get("general", "definition", fallback="") == definition:
+            metadata = dict(parser["metadata"]) | {"name": parser.get("general", "name", fallback="")}
+            found.append(Profile(metadata, dict(parser["values"]) if parser.has_section("values") else {}))
+    return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def _material(root: Path, name: str) -> ET.Element:
+    suffix = ".xml.fdm_material"
+    path = root / "materials" / f"{name}{suffix}"
+    known = {p.name.removesuffix(suffix) for p in path.parent.glob(f"*{suffix}")}
+    if name not in known:
+        generic = f"generic_{name.lower()}"  # PLA is the name of a kind, of which there is a generic one
+        hint = nearest(generic if generic in known else name, known)
+        raise BadSetting(f"{name}: Cura has no such material{hint}")
+    try:
+        return ET.fromstring(path.read_text(encoding="utf-8"))
+    except (OSError, ET.ParseError) as error:
+        raise ResourcesMissing(f"{path}: {error}") from error

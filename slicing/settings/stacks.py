@@ -1,0 +1,127 @@
+"""Which of Cura's profiles apply to a printer, nozzle, material and quality (Cura 4.13, ``MaterialNode``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from slicing.errors import BadSetting, nearest
+from slicing.settings.definitions import as_cura_reads, parse_value
+from slicing.settings.formula import Formula
+from slicing.settings.material import Material, read_material
+from slicing.settings.qualities import OURS
+from slicing.settings.resolver import Layer, Place, Scope
+from slicing.settings.resources import Machine, Profile, Resources
+
+_MOST_APART_MM = 0.5
+"""Cura takes a material for a printer where both diameters round to the same millimetre."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stacks:
+    """A printer model's definitions with the profiles that apply, all but the user's."""
+
+    machine: Machine
+    material: Material
+    layers: Mapping[Scope, Mapping[Place, Layer]]
+
+
+def find_stacks(
+    resources: Resources, printer_model: str, nozzle_mm: float, material: str, quality: str
+) -> Stacks:
+    """The profiles for a request.
+
+    Raises
+    ------
+    BadSetting
+        Where the model, nozzle, material or quality does not exist or does not fit the others.
+    """
+    machine = resources.machine(printer_model)
+    hotend = f"{nozzle_mm:g} mm"
+    variant = _variant(machine, hotend, resources)
+    chosen = _material(machine, hotend, material, resources)
+    shared, own = _qualities(machine, hotend, material, chosen.kind, quality, resources)
+
+    def layer(values: Mapping[str, str]) -> Layer:
+        return {key: _written(machine, key, text) for key, text in values.items() if _known(machine, key)}
+
+    extruder = {
+        Place.QUALITY: layer(own.values),
+        Place.MATERIAL: layer(chosen.values),
+        Place.VARIANT: layer(variant),
+    }
+    return Stacks(
+        machine, chosen, {Scope.GLOBAL: {Place.QUALITY: layer(shared.values)}, Scope.EXTRUDER: extruder}
+    )
+
+
+def _known(machine: Machine, key: str) -> bool:
+    return key in machine.settings or key in machine.extruder
+
+
+def _written(machine: Machine, key: str, text: str) -> object:
+    """A profile's value: a formula where it starts with an equals sign."""
+    if text.startswith("="):
+        return Formula(text[1:])
+    setting = machine.settings.get(key) or machine.extruder[key]
+    try:
+        return parse_value(setting, text)
+    except BadSetting:
+        return as_cura_reads(text)
+
+
+def _variant(machine: Machine, hotend: str, resources: Resources) -> Mapping[str, str]:
+    """The nozzle's values; a printer without profiles for nozzles has the one of its definition."""
+    if machine.has_variants:
+        profiles = resources.profiles("variants", machine.model)
+        have = {p.metadata["name"]: p.values for p in profiles if p.metadata.get("hardware_type") == "nozzle"}
+    else:
+        have = {f"{machine.nozzle_mm:g} mm": {}}
+    if hotend not in have:
+        known = ", ".join(sorted(have)) or "none"
+        raise BadSetting(f"nozzle {hotend}: the {machine.name} has no such nozzle; it has {known}")
+    return have[hotend]
+
+
+def _material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
+    root = resources.material(name)
+    if name in machine.excluded_materials:
+        raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like generic_pla")
+    material = read_material(root, name, machine.name, hotend)
+    diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
+    if abs(diameter_mm - machine.diameter_mm) > _MOST_APART_MM:
+        raise BadSetting(
+            f"material {name} has a diameter of {diameter_mm:g} mm; the {machine.name} needs "
+            f"{machine.diameter_mm:g} mm"
+        )
+    return material
+
+
+def _qualities(
+    machine: Machine, hotend: str, material: str, kind: str, quality: str, resources: Resources
+) -> tuple[Profile, Profile]:
+    """The global profile and the extruder's; a brand's material without its own takes those of its kind."""
+    profiles = resources.profiles("quality", machine.quality_definition)
+    shared = {p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"}
+    own = shared
+    if machine.has_materials:
+        fitting = [p for p in profiles if p.metadata.get("variant") == hotend]
+        chosen = [p for p in fitting if p.metadata.get("material") == material]
+        chosen = chosen or [p for p in fitting if _is_kind(p.metadata.get("material"), kind, resources)]
+        own = {p.metadata["quality_type"]: p for p in chosen}
+    have = sorted(own.keys() & shared.keys())
+    bases = OURS[quality].bases if quality in OURS else (quality,)
+    base = next((base for base in bases if base in have), None)
+    if base is None:
+        have += [name for name, one in OURS.items() if {*one.bases} & {*have}]
+        where = f"{material} and a nozzle of {hotend} on the {machine.name}"
+        offer = f"there is {', '.join(have)}" if have else "take another material or nozzle"
+        raise BadSetting(
+            f"quality {quality}: there is none for {where}{nearest(quality, have) or f'; {offer}'}"
+        )
+    return shared[base], own[base]
+
+
+def _is_kind(material: str | None, kind: str, resources: Resources) -> bool:
+    """Whether a quality's material is of a kind, like PLA."""
+    return material is not None and resources.material_kind(material) == kind

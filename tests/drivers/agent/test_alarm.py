@@ -1,0 +1,271 @@
+"""What an agent makes of a heater that cannot be switched off: the mains cut once, in the background."""
+
+import json
+import os
+import select
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from drivers.agent.alarm import Alarm
+from drivers.agent.board import Board
+from drivers.agent.journal import JOURNAL, Journal, recall
+from drivers.agent.print_record import Record
+from drivers.clock import Clock
+from drivers.emulator.mishaps import happen
+from drivers.errors import Fault, JournalError
+from drivers.link.replies import Report, Trouble
+from drivers.messages import Filament, PrintPhase, PrintSnapshot
+from drivers.safety.mains import NO_COMMAND
+from print_rig import PLUS, Rig, gcode
+
+DEADLINE_S = 20.0
+CUT = "power_off_cmd took its mains away"
+
+
+class Agent:
+    """The record of one agent, without a loop, a port or a print."""
+
+    def __init__(self, folder: Path, command: str | None) -> None:
+        self.folder = folder
+        self.journal = Journal(folder / JOURNAL)
+        self.board = Board("sim://ultimaker2_plus", folder, Clock(), lambda: None, lambda _: None)
+        self.record = Record("um2-01", PLUS, self.board, self.journal, Clock(), command)
+
+    def report(self, nozzle_c: float, times: int = 3) -> None:
+        """What an idle board says."""
+        for _ in range(times):
+            self.board._idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
+            self.record.remember()
+
+    def until(self, seen: Callable[[], bool]) -> None:
+        until_s = time.monotonic() + DEADLINE_S
+        while not seen():
+            assert time.monotonic() < until_s
+            select.select([], [], [], 0.01)
+            self.record.remember()
+
+    def settled(self) -> Alarm:
+        """Until what came of the command is known."""
+        self.until(lambda: self.alarm is None or self.alarm.said is not None)
+        assert self.alarm is not None
+        return self.alarm
+
+    @property
+    def alarm(self) -> Alarm | None:
+        return self.record.alarms.alarm
+
+    @property
+    def look(self) -> str:
+        return str(self.board.look)
+
+
+@pytest.fixture
+def mark(tmp_path: Path) -> Path:
+    return tmp_path / "mark"
+
+
+def relay(mark: Path, then: str = "") -> str:
+    script = mark.with_name("relay.sh")
+    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\n{then}\n')
+    script.chmod(0o700)
+    return f"{script} {{printer}}"
+
+
+def runs(mark: Path) -> int:
+    return mark.read_text().count("um2-01\n") if mark.exists() else 0
+
+
+def test_a_finding_of_an_idle_printer_cuts_its_mains_once(tmp_path: Path, mark: Path):
+    agent = Agent(tmp_path, relay(mark))
+    agent.report(21.0)
+    agent.report(90.0, 50)
+    alarm = agent.settled()
+    agent.report(120.0, 50)
+    assert alarm.said == CUT and runs(mark) == 1
+    assert agent.look.count("gets hotter") == agent.look.count(CUT) == 1
+
+
+def test_one_that_has_to_be_looked_at_already_is_no_less_on_fire(tmp_path: Path, mark: Path):
+    agent = Agent(tmp_path, relay(mark))
+    agent.board.look = "its print failed"
+    agent.report(21.0)
+    agent.report(90.0)
+    agent.settled()
+    assert runs(mark) == 1 and agent.look.startswith("its print failed; the nozzle is off")
+
+
+def test_a_board_that_says_maxtemp_while_idle_is_not_left_to_itself(tmp_path: Path, mark: Path):
+    """Its link is dead then: no report would tell that it gets hotter."""
+    agent = Agent(tmp_path, relay(mark))
+    agent.report(21.0)
+    agent.board._idle_trouble(Trouble(Fault.MAXTEMP, "MAXTEMP triggered"), 0.0)
+    agent.report(21.0)
+    agent.settled()
+    assert runs(mark) == 1
+    assert agent.look == f"both heaters are off, and the board says MAXTEMP triggered: switch it off; {CUT}"
+
+
+def test_without_a_command_a_person_is_asked_once(tmp_path: Path):
+    agent = Agent(tmp_path, None)
+    agent.report(21.0)
+    agent.report(90.0, 50)
+    assert agent.look.count(NO_COMMAND) == 1 and len(agent.look) < 200
+
+
+def test_it_is_another_finding_after_it_was_cold_or_away_or_seen_to(tmp_path: Path, mark: Path):
+    agent = Agent(tmp_path, relay(mark))
+
+    def burns(times: int) -> None:
+        agent.report(21.0)
+        agent.report(90.0, 5)
+        agent.settled()
+        assert runs(mark) == times
+
+    burns(1)
+    burns(2)  # it was cold in between
+    agent.board.absent, agent.board.back = None, True  # it came back
+    agent.board.idle.anew()
+    agent.report(60.0)
+    agent.report(90.0)
+    agent.settled()
+    assert runs(mark) == 3
+    agent.record.alarms.person_looked()
+    assert agent.alarm is None
+    burns(4)
+
+
+def test_it_is_written_down_before_it_is_run(tmp_path: Path, mark: Path):
+    agent = Agent(tmp_path, relay(mark, f"cp {tmp_path / JOURNAL} {tmp_path}/seen"))
+    agent.report(21.0)
+    agent.report(90.0)
+    agent.settled()
+    last = json.loads((tmp_path / "seen").read_text().splitlines()[-1])
+    assert last["alarm"]["asked"] and last["alarm"]["said"] is None
+
+
+def test_an_agent_that_died_before_the_mains_were_cut_has_it_done_by_the_next(tmp_path: Path, mark: Path):
+    alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, asked=True)
+    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.model_dump(mode="json"))
+    assert recall(tmp_path / JOURNAL)[0].heat
+    for _ in range(2):  # and not by the one after that
+        agent = Agent(tmp_path, relay(mark))
+        agent.record.remember()
+        assert agent.settled().said == CUT
+        agent.record.remember()
+        assert runs(mark) == 1
+    assert agent.look == f"{alarm.text}; {CUT}"
+
+
+def test_an_agent_that_died_before_its_heater_was_seen_to_cool_has_it_done_too(tmp_path: Path, mark: Path):
+    alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
+    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.model_dump(mode="json"))
+    agent = Agent(tmp_path, relay(mark))
+    agent.record.remember()
+    agent.settled()
+    assert runs(mark) == 1 and alarm.text in agent.look
+
+
+def test_a_disk_that_takes_nothing_does_not_keep_the_mains_on(tmp_path: Path, mark: Path):
+    agent = Agent(tmp_path, relay(mark))
+
+    def full(at_s: float, **record: object) -> None:
+        raise JournalError("full")
+
+    agent.journal.write = full  # type: ignore[method-assign]
+    agent.report(21.0)
+    agent.report(90.0, 20)
+    assert agent.settled().said == CUT and runs(mark) == 1
+
+
+def test_a_command_that_hangs_holds_nothing_up(tmp_path: Path, mark: Path):
+    """Reports are taken in while it runs; it goes on when it is let."""
+    os.mkfifo(tmp_path / "gate")
+    agent = Agent(tmp_path, relay(mark, f"read go < {tmp_path}/gate"))
+    agent.report(21.0)
+    agent.report(90.0)
+    agent.until(lambda: runs(mark) == 1)
+    agent.report(99.0, 100)
+    assert agent.alarm is not None and agent.alarm.pending
+    (tmp_path / "gate").write_text("go\n")
+    assert agent.settled().said == CUT and runs(mark) == 1
+
+
+# --- at a print ---
+
+
+def printing(folder: Path, command: str | None) -> tuple[Agent, Rig]:
+    agent, rig = Agent(folder, command), Rig(text=gcode(4000)).printing(300)
+    shot = PrintSnapshot(print_id="p-1", phase=PrintPhase.PRINTING, extruded=True)
+    agent.journal.write(0.0, print=shot.model_dump(mode="json"), filament=Filament.AT_NOZZLE.value)
+    agent.board.session = rig.session
+    return agent, rig
+
+
+def go_on(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
+    """Session and record together; once it has ended, what is under way is waited for."""
+    while not until():
+        if rig.session.ended:
+            agent.until(until)
+        else:
+            rig.step()
+            agent.record.remember()
+
+
+@pytest.mark.parametrize("command", [True, False])
+@pytest.mark.parametrize("heater", ["nozzle", "bed"])
+def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
+    tmp_path: Path, mark: Path, heater: str, command: bool
+):
+    agent, rig = printing(tmp_path, relay(mark) if command else None)
+    happen(f"{heater}_burns_after", rig.firmware, rig.now_s)
+    go_on(agent, rig, lambda: agent.alarm is not None)
+    assert rig.session.phase is PrintPhase.ENDING  # while it still ends, people are told
+    told = recall(tmp_path / JOURNAL)[0].alarm
+    assert told is not None and told.open and f"the {heater} went up to" in told.text
+    go_on(agent, rig, lambda: agent.board.session is None)
+    ended = agent.journal.memory.print
+    assert ended is not None and ended.phase is PrintPhase.FAILED
+    said = CUT if command else NO_COMMAND
+    assert str(ended.reason).count(said) == 1 and len(str(ended.reason)) < 250
+    assert runs(mark) == command
+    assert agent.look == ended.reason
+    agent.report(300.0)
+    agent.report(350.0, 20)  # it burns on: that is known
+    assert runs(mark) == command and agent.look == ended.reason
+
+
+def test_a_print_s_end_waits_for_what_came_of_the_command(tmp_path: Path, mark: Path):
+    os.mkfifo(tmp_path / "gate")
+    agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
+    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    go_on(agent, rig, lambda: rig.session.ended)
+    agent.record.remember()
+    assert agent.board.session is not None and agent.journal.memory.print is not None
+    shot = agent.record.shot(agent.journal.memory.print, rig.session)
+    assert shot.phase is PrintPhase.ENDING and shot.ended_s is None
+    (tmp_path / "gate").write_text("go\n")
+    go_on(agent, rig, lambda: agent.board.session is None)
+    assert "power_off_cmd failed (no): switch it off by hand" in agent.look
+
+
+def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path):
+    agent, rig = printing(tmp_path, relay(mark))
+    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    go_on(agent, rig, lambda: agent.alarm is not None)
+    rig.firmware.board.nozzle.temperature_c(rig.now_s)
+    rig.firmware.board.nozzle.burns = False
+    go_on(agent, rig, lambda: agent.board.session is None)
+    assert agent.alarm is None and recall(tmp_path / JOURNAL)[0].alarm is None
+    assert runs(mark) == 0 and "went up to" in agent.look
+
+
+def test_a_cancel_that_leaves_a_heater_burning_asks_for_a_look(tmp_path: Path, mark: Path):
+    agent, rig = printing(tmp_path, relay(mark))
+    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    rig.session.cancel("no more", rig.now_s)
+    go_on(agent, rig, lambda: agent.board.session is None)
+    assert runs(mark) == 1
+    assert agent.look.startswith("no more; the nozzle is off, and gets hotter")

@@ -1,0 +1,71 @@
+"""A heater that burns on in a print, on real processes: agent, emulator and a `power_off_cmd`."""
+
+import asyncio
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import MODEL, Printer, gcode, printer, run
+from drivers import messages as m
+from drivers.clock import Clock
+from drivers.emulator.launch import control
+from drivers.errors import PortError
+
+SCALE = 6.0  # quicker, and the least patience (4 s of wall time) would be longer than what is shown here
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_nozzle_that_burns_on_loses_its_mains_once(tmp_path: Path, killed: bool):
+    """Also where the agent is killed between the finding and the mains: the next one goes on with it."""
+    mark, gate = tmp_path / "mark", tmp_path / "gate"
+    os.mkfifo(gate)
+    script = tmp_path / "relay.sh"
+    script.write_text(f'#!/bin/sh\necho "$1" >> {mark}\nread go < {gate}\n')
+    script.chmod(0o700)
+    one = Printer(tmp_path / "agent", f"sim://{MODEL}")
+    one.clock, one.power_off_cmd = Clock(SCALE, time.time()), f"{script} {{printer}}"
+
+    async def story() -> None:
+        try:
+            one.spawn()
+            await one.connect()
+            await one.ready()
+            text = gcode(5000).replace("M140 S40\n", "").replace("M190 S40\n", "")
+            assert (await one.start(text)).error is None
+            await one.phase(m.PrintPhase.PRINTING)
+            control(one.folder / "emulator", "break", fault="nozzle_burns_after")
+            found = await one.until(lambda s: s.alarm is not None)
+            assert "went up to" in str(found.alarm) and found.nozzle is not None
+            if killed:
+                assert one.process is not None
+                one.process.send_signal(signal.SIGKILL)
+                one.process.wait(10.0)
+                await one.client.close()
+                one.spawn()
+                await one.connect()
+            # While the command hangs, the loop reads on.
+            cut = await one.until(lambda s: mark.exists() and s.nozzle is not None)
+            assert cut.print is not None and cut.print.phase is m.PrintPhase.ENDING
+            at_c = cut.nozzle.now_c if cut.nozzle else 0.0
+            await one.until(lambda s: s.nozzle is not None and s.nozzle.now_c > at_c + 2.0)
+            await asyncio.to_thread(gate.write_text, "go\n")
+            told = await one.until(lambda s: "took its mains away" in str(s.alarm))
+            assert str(told.alarm).count("mains away") == 1
+            assert mark.read_text() == "um2-01\n"
+        finally:
+            await one.close()
+
+    run(story())
+
+
+def test_only_what_counts_lines_can_be_made_to_happen_now(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            with pytest.raises(PortError, match="no fault 'fire'; use one of reset_after"):
+                await asyncio.to_thread(control, one.folder / "emulator", "break", fault="fire")
+
+    run(story())

@@ -1,0 +1,232 @@
+"""An agent and its port: when it opens it, what it sees there, what it does where heat cannot be stopped."""
+
+import asyncio
+import json
+import os
+import pty
+import tty
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agent_with_emulator import MODEL, Printer, everything, gcode, printer, run
+from drivers import messages as m
+from drivers.agent.board import Board
+from drivers.agent.journal import JOURNAL
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, launch, read_status
+from drivers.errors import Fault
+from drivers.printers.profiles import PROFILES
+from drivers.remote.client import alive
+from drivers.safety.last_words import LAST_WORDS
+from drivers.session.session import Session
+
+
+@pytest.mark.system
+def test_a_port_that_is_not_there_is_said_to_be_absent_and_the_agent_lives(tmp_path: Path):
+    async def story() -> None:
+        one = Printer(tmp_path / "agent", str(tmp_path / "no-such-tty"))
+        one.spawn()
+        try:
+            await one.connect()
+            said = await one.until(lambda s: s.link is m.LinkState.ABSENT)
+            assert "plugged in" in str(said.reason)
+            assert alive(one.folder)
+        finally:
+            await one.close()
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_its_reset_is_seen(
+    tmp_path: Path,
+):
+    tty = tmp_path / "emulator" / "tty"
+    one = Printer(tmp_path / "agent", str(tty))
+
+    def link_open() -> bool:
+        return read_status(tmp_path / "emulator").link_open
+
+    async def story() -> None:
+        try:
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)
+            one.spawn()
+            await one.connect()
+            said = await one.until(lambda s: s.link is m.LinkState.FAULT)
+            assert "does not print" in str(said.reason) and said.doubt is not None
+            assert not link_open()
+            refused = await one.start(gcode(10))
+            assert refused.error is not None and not link_open()
+            assert (await one.client.request(m.BedCleared(id=0))).error is None
+            ready = await one.ready()
+            assert ready.reset_verified and ready.doubt is None
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            one.spawn()  # DTR has been up since: opening changes nothing
+            await one.connect()
+            ready = await one.ready()
+            assert ready.doubt is not None
+            control(tmp_path / "emulator", "power_off")
+            await one.until(lambda s: s.link is m.LinkState.ABSENT)
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)  # plugged in anew
+            await one.until(lambda s: s.link is m.LinkState.FAULT)
+            assert not link_open()
+            assert (await one.client.request(m.Commission(id=0))).error is None
+            await one.ready()
+        finally:
+            await one.close()
+            if emulator_alive(tmp_path / "emulator"):
+                control(tmp_path / "emulator", "power_off")
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_board_that_no_pulse_of_dtr_resets_is_named_and_its_heat_is_ended_by_command(tmp_path: Path):
+    emulator = tmp_path / "emulator"
+    one = Printer(tmp_path / "agent", str(emulator / "tty"))
+
+    async def story() -> None:
+        launch(f"sim://{MODEL}?no_reset=1", emulator, one.clock)
+        one.spawn()
+        try:
+            await one.connect()
+            said = await one.until(lambda s: s.link is m.LinkState.FAULT)
+            assert (await one.start(gcode(10))).error is not None
+            assert (await one.client.request(m.BedCleared(id=0))).error is None
+            said = await one.ready()
+            assert not said.reset_verified and "DTR" in str(said.reason)
+            assert (await one.start(gcode(10))).error is None
+            await one.phase(m.PrintPhase.DONE)
+            assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
+            assert (await one.start(gcode(3000), "p-2")).error is None
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            one.spawn()
+            await one.connect()
+            left = await one.phase(m.PrintPhase.FAILED)
+            assert left.fault == Fault.AGENT_DIED
+            status = read_status(emulator)
+            assert (status.nozzle_target_c, status.bed_target_c, status.resets) == (0.0, 0.0, 0)
+        finally:
+            await one.close()
+            control(emulator, "power_off")
+
+    run(story())
+
+
+@pytest.mark.system
+def test_heat_of_ours_that_outlived_its_print_is_ended_by_command_where_no_reset_ends_it(tmp_path: Path):
+    emulator, url = tmp_path / "emulator", str(tmp_path / "emulator" / "tty")
+    one = Printer(tmp_path / "agent", url)
+    (tmp_path / "agent").mkdir()
+    (tmp_path / "agent" / JOURNAL).write_text(json.dumps({"hot": True, "reset_refuted": url}) + "\n")
+
+    async def story() -> None:
+        launch(f"sim://{MODEL}?no_reset=1", emulator, one.clock)
+        control(emulator, "set_nozzle", target_c=180.0)
+        one.spawn()
+        try:
+            await one.connect()
+            await one.until(lambda s: s.heaters_off)
+            assert read_status(emulator).nozzle_target_c == 0.0
+        finally:
+            await one.close()
+            control(emulator, "power_off")
+
+    run(story())
+
+
+@pytest.mark.system
+@pytest.mark.parametrize(
+    ("deed", "seen"),
+    [
+        ({"command": "move", "z_mm": 50.0}, "moved"),
+        ({"command": "set_nozzle", "target_c": 180.0}, "heater"),
+        ({"command": "print_sd"}, "SD card"),
+        ({"command": "reset"}, "reset"),
+    ],
+)
+def test_whoever_uses_an_idle_printer_is_seen_and_its_bed_doubted(
+    tmp_path: Path, deed: dict[str, Any], seen: str
+):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            idle = await one.until(lambda s: s.link is m.LinkState.READY and s.heaters_off)
+            assert idle.doubt is None
+            await asyncio.to_thread(control, one.folder / "emulator", **deed)
+            doubted = await one.until(lambda s: s.doubt is not None)
+            assert seen in str(doubted.doubt) or seen == "SD card"
+            refused = await one.start(gcode(10))
+            assert refused.error is not None
+            if seen == "SD card":
+                await one.until(lambda s: "SD" in str(s.reason))
+                refused = await one.client.request(m.BedCleared(id=0))
+                assert "SD card" in str(refused.error)
+                assert read_status(one.folder / "emulator").nozzle_target_c > 0  # nobody has reset it
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_printer_that_goes_away_hot_loses_its_mains_and_a_person_is_told(tmp_path: Path):
+    one = Printer(tmp_path / "agent", str(tmp_path / "emulator" / "tty"))
+    relay = tmp_path / "relay.sh"
+    relay.write_text(f'#!/bin/sh\necho "$1" >> {tmp_path}/cut\n')
+    relay.chmod(0o700)
+    one.power_off_cmd = f"{relay} {{printer}}"
+
+    async def story() -> None:
+        try:
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)
+            one.spawn()
+            await one.connect()
+            await one.until(lambda s: s.link is m.LinkState.FAULT)
+            await one.client.request(m.BedCleared(id=0))
+            await one.ready()
+            assert (await one.start(gcode(50_000))).error is None
+            await one.phase(m.PrintPhase.PRINTING)
+            control(tmp_path / "emulator", "power_off")
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "port_lost" and "mains" in str(failed.reason)
+            assert (tmp_path / "cut").read_text() == "um2-01\n"
+            assert not (await one.until(lambda s: s.link is m.LinkState.ABSENT)).heaters_off
+            launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)
+            back = await one.until(lambda s: s.heaters_off)  # heat of ours may be on there: it is opened
+            assert back.link is m.LinkState.FAULT and "mains" in str(back.reason)
+        finally:
+            await one.close()
+            if emulator_alive(tmp_path / "emulator"):
+                control(tmp_path / "emulator", "power_off")
+
+    run(story())
+
+
+def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(tmp_path: Path):
+    """The agent ends by a fault of its own, with a command stuck on the way to a board that does not read."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    url = os.ttyname(slave)
+    os.close(slave)
+    one = Printer(tmp_path / "agent", url)
+    board = Board(url, tmp_path, one.clock, lambda: None, lambda _: None)
+    board.hot, board.reset_refuted = True, url
+    board.open()
+    session = Session(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, one.clock.now())
+    board.session = session
+    port = board._port
+    assert port is not None
+    try:
+        while not port.unwritten:
+            port.write(b"G1 X1 Y1\n" * 100)
+        board.cut()
+        # What the board has not taken yet goes for the next word: how many it hears is up to its own pace.
+        assert everything(master).endswith(LAST_WORDS)
+    finally:
+        board.close()
+        os.close(master)

@@ -1,0 +1,63 @@
+"""An agent in this process, without a port: what it begins, by what its journal remembers."""
+
+import hashlib
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers import messages as m
+from drivers.agent.journal import JOURNAL, Journal
+from drivers.agent.loop import Agent
+from drivers.clock import Clock
+from drivers.printers.profiles import PROFILES
+
+MODEL = "ultimaker2_plus"
+GCODE = b"G28\n"
+
+
+@pytest.fixture(autouse=True)
+def signals() -> Iterator[None]:
+    """An agent listens to them; afterwards whoever did before."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    yield
+    signal.set_wakeup_fd(-1)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def agent(folder: Path) -> Agent:
+    one = Agent("a", PROFILES[MODEL], f"sim://{MODEL}", folder, Clock())
+    one._link_state = lambda: (m.LinkState.READY, None)  # type: ignore[method-assign]
+    one._board.doubt = None
+    return one
+
+
+def start(folder: Path, print_id: str) -> m.StartPrint:
+    file = folder / "p.gcode"
+    file.write_bytes(GCODE)
+    digest = hashlib.sha256(GCODE).hexdigest()
+    parked = m.Filament.PARKED
+    return m.StartPrint(
+        id=0, print_id=print_id, gcode=str(file), sha256=digest, print_time_s=1.0, filament=parked
+    )
+
+
+def test_a_print_that_has_ended_and_was_forgotten_is_never_begun_again(tmp_path: Path):
+    """A daemon may have lost what it heard; the part would be printed twice."""
+    journal = Journal(tmp_path / JOURNAL)
+    for print_id in ("p-1", "p-2"):
+        done = m.PrintSnapshot(print_id=print_id, phase=m.PrintPhase.DONE, ended_s=1.0)
+        journal.write(1.0, print=done.model_dump(mode="json"), filament="parked")
+    journal.write(2.0, print=None)
+    one = agent(tmp_path)
+    for print_id in ("p-1", "p-2"):
+        reply = one._answer(start(tmp_path, print_id))
+        assert reply.error is None
+        assert reply.snapshot is not None and reply.snapshot.print is None
+        assert one._board.session is None
+    assert one._answer(start(tmp_path, "p-3")).error is None  # as any other is
+    assert one._board.session is not None
+    one._over = True
+    one.run()

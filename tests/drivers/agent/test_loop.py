@@ -1,0 +1,268 @@
+"""Real processes: an agent, the emulator on a pty, and a client as the daemon has it."""
+
+import asyncio
+import signal
+import stat
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import HEAD, MODEL, TAIL, Printer, gcode, printer, run, settled
+from drivers import messages as m
+from drivers.emulator.launch import control, read_status
+from drivers.remote.client import alive, spawn
+
+
+@pytest.mark.system
+def test_a_print_is_printed_once_and_the_bed_is_not_clear_after_it(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            assert one.last is not None
+            assert (one.last.bed_clear, one.last.filament) == (True, m.Filament.PARKED)
+            text = gcode(200)
+            assert (await one.start(text)).error is None
+            assert (await one.start(text)).error is None  # told again: nothing changes
+            done = await one.phase(m.PrintPhase.DONE)
+            assert (done.line, done.progress_s, done.fault) == (done.lines, 60.0, None)
+            assert (done.layer, done.layers, done.feature) == (1, 1, "FILL")
+            assert done.extruded and done.started_s is not None and done.ended_s is not None
+            last = await one.until(lambda s: s.bed_clear is False)
+            assert last.heaters_off and last.filament is m.Filament.PARKED
+            assert one.targets() == (0.0, 0.0)
+            moves = read_status(one.folder / "emulator").moves
+            assert (await one.start(text)).error is None  # ended: never printed twice
+            assert (await one.client.request(m.ForgetPrint(id=0, print_id="p-1"))).error is None
+            await one.until(lambda s: s.print is None)
+            assert (await one.client.request(m.BedCleared(id=0))).error is None
+            await one.until(lambda s: s.bed_clear is True and s.link is m.LinkState.READY)
+            told = await one.start(text)  # ended and forgotten: never printed twice either
+            assert told.error is None
+            assert told.snapshot is not None and told.snapshot.print is None
+            assert read_status(one.folder / "emulator").moves == moves
+            assert (await one.client.request(m.Shutdown(id=0))).error is None
+            assert one.process is not None
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
+            assert not alive(one.folder)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_when_an_agent_is_killed_the_next_one_shows_heaters_off_and_fails_the_print(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(50_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            assert not alive(one.folder)
+            assert one.targets() != (0.0, 0.0)  # closing the port switches nothing off
+            one.spawn()
+            await one.connect()
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "agent_died"
+            assert failed.extruded
+            last = await one.ready()
+            assert last.heaters_off
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_print_goes_on_without_a_daemon_and_a_signal_ends_the_agent_after_it(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(3000))
+            first = await one.phase(m.PrintPhase.PRINTING)
+            await one.client.close()
+            assert one.process is not None
+            one.process.send_signal(signal.SIGTERM)
+            await one.connect()
+            last = await one.until(lambda s: s.print is not None and s.print.line > first.line)
+            assert last.agent_pid == one.process.pid
+            refused = await one.client.request(m.Shutdown(id=0))
+            assert refused.error is not None and "now" in refused.error
+            await one.client.request(m.CancelPrint(id=0, print_id="another"))
+            assert (await one.client.request(m.Hello(id=0))).snapshot.link is m.LinkState.BUSY  # type: ignore[union-attr]
+            await one.client.request(m.CancelPrint(id=0, print_id="p-1", reason="enough"))
+            cancelled = await one.phase(m.PrintPhase.CANCELLED)
+            assert cancelled.reason == "enough"
+            assert cancelled.ended_s is not None
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0  # as the signal asked
+            assert one.targets() == (0.0, 0.0)
+            one.spawn()
+            await one.connect()
+            last = await one.until(lambda s: s.heaters_off)
+            assert last.filament is m.Filament.PARKED
+            one.process.send_signal(signal.SIGTERM)  # idle now
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
+
+    run(story())
+
+
+@pytest.mark.system
+def test_an_interrupt_ends_the_print_safely_and_then_the_agent(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(50_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.send_signal(signal.SIGINT)
+            await one.phase(m.PrintPhase.CANCELLED)
+            assert await asyncio.to_thread(one.process.wait, 10.0) == 0
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("lines", [40, 77, 114])
+def test_after_a_cancel_in_the_middle_the_filament_is_parked_whatever_was_drawn_back(
+    tmp_path: Path, lines: int
+):
+    strokes = (
+        f"G1 F1500 X{50 + 9 * (i % 2)} Y{50 + i % 100} Z0.3 E{i + 1}\nG1 F900 E{i - 5.5}\n"
+        f"G0 F9000 X{80 - 9 * (i % 2)}\nG1 F900 E{i + 1}\n"
+        for i in range(2000)
+    )
+
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(HEAD.replace("S180", "S210") + "".join(strokes) + TAIL)
+            await one.until(lambda s: s.print is not None and s.print.line >= lines)
+            await one.client.request(m.CancelPrint(id=0, print_id="p-1"))
+            await one.phase(m.PrintPhase.CANCELLED)
+            last = await one.ready()
+            assert last.heaters_off and last.filament is m.Filament.PARKED
+            assert settled(one.folder / "emulator", lambda s: abs(s.filament_end_mm + 20.0) <= 0.5)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_print_is_paused_and_goes_on(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(1500))
+            await one.until(lambda s: s.print is not None and s.print.line >= 100)
+            await one.client.request(m.PausePrint(id=0, print_id="p-1"))
+            paused = await one.phase(m.PrintPhase.PAUSED)
+            await one.until(lambda s: s.filament is m.Filament.PARKED)
+            assert await asyncio.to_thread(settled, one.folder / "emulator", lambda s: s.nozzle_target_c == 0)
+            assert one.targets() == (0.0, 40.0)
+            await one.until(lambda s: s.print is not None and s.print.pause_ends_s is not None)
+            await one.client.request(m.ResumePrint(id=0, print_id="p-1"))
+            done = await one.phase(m.PrintPhase.DONE)
+            assert done.line == done.lines > paused.line
+            assert done.pause_ends_s is None
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_cable_that_is_pulled_in_a_print_fails_it_and_the_board_is_shown_off_when_it_is_back(
+    tmp_path: Path,
+):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(50_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            before = read_status(one.folder / "emulator").tty
+            control(one.folder / "emulator", "unplug")
+            await one.until(lambda s: s.reason is not None)
+            assert one.targets() != (0.0, 0.0)
+            control(one.folder / "emulator", "plug")
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "port_lost"
+            last = await one.until(lambda s: s.link is not m.LinkState.BUSY)
+            assert last.heaters_off
+            assert one.targets() == (0.0, 0.0)
+            assert read_status(one.folder / "emulator").tty != before
+
+    run(story())
+
+
+@pytest.mark.system
+def test_two_swapped_cables_are_noticed_until_a_person_says_that_it_is_right(tmp_path: Path):
+    async def story() -> None:
+        one = Printer(tmp_path / "agent", f"sim://{MODEL}?levelled=100")
+        for print_id, levelled, phase in (("p-1", 100, "done"), ("p-2", 250, "failed"), ("p-3", 250, "done")):
+            one.url = f"sim://{MODEL}?levelled={levelled}"
+            one.spawn()
+            try:
+                await one.connect()
+                if print_id == "p-3":
+                    await one.until(lambda s: s.link is m.LinkState.FAULT)
+                    assert (await one.client.request(m.BedCleared(id=0))).error is None
+                await one.ready()
+                assert (await one.start(gcode(20), print_id)).error is None
+                ended = await one.phase(m.PrintPhase(phase))
+                assert ended.fault == ("wrong_printer" if phase == "failed" else None)
+                assert ended.extruded == (phase == "done")
+                if phase == "done":
+                    await one.client.request(m.ForgetPrint(id=0, print_id=print_id))
+            finally:
+                await one.close()
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_file_that_is_not_the_one_that_was_meant_heats_nothing(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(10), sha256="0" * 64)
+            failed = await one.phase(m.PrintPhase.FAILED)
+            assert failed.fault == "bad_file" and not failed.extruded
+            await one.start(gcode(10) + "M0\n", print_id="p-2")
+            failed = (await one.until(lambda s: s.print is not None and s.print.print_id == "p-2")).print  # type: ignore[assignment]
+            assert failed.fault == "bad_file" and "M0" in str(failed.reason)
+            reply = await one.start(gcode(10), print_id="../p")
+            assert reply.error is not None
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_checksum_errors_and_lost_oks_are_made_good(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path, "?checksum=0.004&drop_ok=0.0005&seed=5") as one:
+            await one.start(gcode(1000))
+            done = await one.phase(m.PrintPhase.DONE)
+            assert done.line == done.lines
+            assert read_status(one.folder / "emulator").errors > 0
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_printer_that_is_switched_off_is_absent_and_comes_back(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            control(one.folder / "emulator", "power_off")
+            gone = await one.until(lambda s: s.link is m.LinkState.ABSENT)
+            assert gone.reason is not None
+            refused = await one.start(gcode(10))
+            assert refused.error is not None and "absent" in refused.error
+            await one.ready()  # a simulated printer is switched on again by opening its port
+
+    run(story())
+
+
+@pytest.mark.system
+def test_two_agents_of_one_printer_cannot_be_and_its_socket_is_private(tmp_path: Path):
+    async def story() -> None:
+        deep = tmp_path / ("x" * 60) / ("y" * 60)
+        async with printer(deep) as one:
+            assert len(str(one.folder / "agent.sock")) > 107
+            assert stat.S_IMODE((one.folder / "agent.sock").stat().st_mode) == 0o600
+            assert alive(one.folder)
+            second = spawn("um2-01", MODEL, one.url, one.folder, one.clock)
+            assert await asyncio.to_thread(second.wait, 20.0) == 1
+            assert (await one.client.request(m.Hello(id=0))).snapshot is not None
+
+    run(story())

@@ -1,0 +1,252 @@
+"""An agent in trouble of its own: faults, a full disk, heat that may be left."""
+
+import asyncio
+import hashlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import DEADLINE_S, MODEL, SCALE, gcode, printer, run, settled
+from drivers import messages as m
+from drivers.agent.journal import Journal
+from drivers.agent.loop import Agent
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, read_status
+from drivers.errors import Fault, JournalError
+from drivers.printers.profiles import PROFILES
+
+
+class Driven(Agent):
+    """An agent in this process, with something done at each step of its loop."""
+
+    do: Callable[["Driven"], None]
+
+    def _push(self) -> None:
+        super()._push()
+        self.do(self)
+
+    def start(self, gcode_path: Path, text: str, **moments: float) -> m.Reply:
+        gcode_path.write_text(text)
+        digest = hashlib.sha256(text.encode()).hexdigest()
+        request = m.StartPrint(
+            id=1,
+            print_id="p-1",
+            gcode=str(gcode_path),
+            sha256=digest,
+            print_time_s=60.0,
+            filament=m.Filament.PARKED,
+            not_after_s=moments.get("not_after_s"),
+            ends_by_s=moments.get("ends_by_s"),
+        )
+        return self._answer(request)
+
+    @property
+    def told(self) -> m.Snapshot:
+        return self._snapshot()
+
+
+@pytest.fixture
+def driven(tmp_path: Path) -> Iterator[Driven]:
+    clock = Clock(SCALE, time.time())
+    handlers = [(number, signal.getsignal(number)) for number in (signal.SIGTERM, signal.SIGINT)]
+    agent = Driven("um2-01", PROFILES[MODEL], f"sim://{MODEL}", tmp_path, clock)
+    try:
+        yield agent
+    finally:
+        signal.set_wakeup_fd(-1)
+        for number, handler in handlers:
+            signal.signal(number, handler)
+        if emulator_alive(tmp_path / "emulator"):
+            control(tmp_path / "emulator", "power_off")
+
+
+@pytest.mark.system
+def test_an_agent_that_fails_by_a_fault_of_its_own_switches_the_heaters_off_first(
+    driven: Driven, tmp_path: Path
+):
+    def do(agent: Driven) -> None:
+        told = agent.told
+        if told.link is m.LinkState.READY:
+            assert agent.start(tmp_path / "a.gcode", gcode(50_000)).error is None
+        elif told.print is not None and told.print.phase is m.PrintPhase.PRINTING:
+            status = read_status(tmp_path / "emulator")
+            assert status.nozzle_target_c > 0
+            raise ZeroDivisionError("a fault of ours")
+
+    driven.do = do
+    with pytest.raises(ZeroDivisionError):
+        driven.run()
+    assert settled(tmp_path / "emulator", lambda s: (s.nozzle_target_c, s.bed_target_c) == (0.0, 0.0))
+
+
+@pytest.mark.system
+def test_an_agent_that_can_write_nothing_still_ends_the_heat_of_the_last(tmp_path: Path):
+    async def story() -> None:
+        async with printer(tmp_path) as one:
+            await one.start(gcode(20_000))
+            await one.phase(m.PrintPhase.PRINTING)
+            assert one.process is not None
+            one.process.kill()
+            one.process.wait(10.0)
+            assert max(one.targets()) > 0
+            words = ["prlimit", "--fsize=0", sys.executable, "-m", "drivers.agent", "--folder", one.folder]
+            done = await asyncio.to_thread(
+                subprocess.run, words, check=False, capture_output=True, text=True, timeout=DEADLINE_S
+            )
+            assert done.returncode == 1
+            assert "cannot be written" in done.stdout and "seen off" in done.stdout
+            assert one.targets() == (0.0, 0.0)
+
+    run(story())
+
+
+@pytest.mark.system
+def test_a_full_disk_stops_no_print_and_starts_none(
+    driven: Driven, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    full = False
+    tell = Journal.write
+    seen: list[m.PrintPhase] = []
+
+    def write(journal: Journal, at_s: float, **record: object) -> None:
+        if full:
+            raise JournalError("the disk is full")
+        tell(journal, at_s, **record)
+
+    monkeypatch.setattr(Journal, "write", write)
+
+    def do(agent: Driven) -> None:
+        nonlocal full
+        told = agent.told
+        if told.link is m.LinkState.READY and told.print is None:
+            full = True
+            assert "full" in str(agent.start(tmp_path / "a.gcode", gcode(300)).error)
+            assert agent.told.print is None
+            full = False
+            assert agent.start(tmp_path / "a.gcode", gcode(300)).error is None
+            full = True
+        elif told.print is not None:
+            seen.append(told.print.phase)
+            if told.print.phase is m.PrintPhase.DONE:
+                if full:
+                    assert told.link is m.LinkState.BUSY  # it is not over before it is written down
+                    full = False
+                elif told.link is m.LinkState.READY:
+                    assert agent._answer(m.Shutdown(id=2)).error is None
+
+    driven.do = do
+    driven.run()
+    assert m.PrintPhase.PRINTING in seen
+    memory = Journal(tmp_path / "journal.jsonl").memory
+    assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
+
+
+@pytest.mark.system
+def test_an_agent_lists_what_it_printed_whether_it_is_forgotten_or_not(driven: Driven, tmp_path: Path):
+    text = gcode(300)
+    seen: list[m.PrintPhase] = []
+
+    def listed(since_s: float) -> tuple[m.PrintSnapshot, ...]:
+        return driven._answer(m.ListPrints(id=3, since_s=since_s)).prints
+
+    def do(agent: Driven) -> None:
+        told = agent.told
+        if told.link is m.LinkState.READY and told.print is None:
+            assert listed(0.0) == ()
+            assert agent.start(tmp_path / "a.gcode", text).error is None
+        elif told.print is not None and told.link is m.LinkState.BUSY:
+            (one,) = listed(told.now_s)
+            assert one.sha256 == hashlib.sha256(text.encode()).hexdigest()
+            seen.append(one.phase)
+        elif told.print is not None:
+            assert agent._answer(m.ForgetPrint(id=2, print_id="p-1")).error is None
+            (one,) = listed(0.0)
+            assert (one.phase, one.ended_s) == (m.PrintPhase.DONE, told.print.ended_s)
+            assert listed(told.now_s + 1.0) == ()
+            assert agent._answer(m.Shutdown(id=4)).error is None
+
+    driven.do = do
+    driven.run()
+    assert m.PrintPhase.PRINTING in seen
+
+
+def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven) -> None:
+    """Once it is gone, nobody of ours switches the heat off when the port comes back."""
+    refused = []
+
+    def do(agent: Driven) -> None:
+        if agent.told.link is m.LinkState.READY:
+            agent._board.hot = True
+            refused.append(agent._answer(m.Shutdown(id=1)).error)
+            assert agent._answer(m.Shutdown(id=2, now=True)).error is None
+
+    driven.do = do
+    driven.run()
+    assert "may still be hot" in str(refused[0])
+
+
+@pytest.mark.parametrize("end", [m.Shutdown(id=1, now=True), signal.SIGINT])
+@pytest.mark.system
+def test_an_agent_that_has_to_end_leaves_no_heat_on_that_an_ended_print_left(
+    driven: Driven, tmp_path: Path, end: m.Shutdown | signal.Signals
+):
+    heated = False
+
+    def targets() -> set[float]:
+        status = read_status(tmp_path / "emulator")
+        return {status.nozzle_target_c, status.bed_target_c}
+
+    def do(agent: Driven) -> None:
+        nonlocal heated
+        board = agent._board
+        if agent.told.link is m.LinkState.READY and not heated:
+            heated = True
+            assert board._port is not None
+            board._port.write_now(b"\nM104 S200\nM140 S60\n")
+            assert settled(tmp_path / "emulator", lambda s: s.bed_target_c == 60.0)
+            board.hot = True
+            if isinstance(end, m.Shutdown):
+                assert agent._answer(end).error is None
+            else:
+                signal.raise_signal(end)
+
+    driven.do = do
+    driven.run()
+    assert settled(tmp_path / "emulator", lambda _: targets() == {0.0})
+
+
+@pytest.mark.system
+def test_a_start_that_comes_too_late_is_refused_by_name_and_a_print_ends_by_its_hour_without_a_daemon(
+    driven: Driven, tmp_path: Path
+):
+    late: list[m.Reply] = []
+    failed: list[m.PrintSnapshot] = []
+
+    def do(agent: Driven) -> None:
+        told, now_s = agent.told, agent._clock.now()
+        if told.link is m.LinkState.READY and told.print is None:
+            late.append(agent.start(tmp_path / "a.gcode", gcode(20_000), not_after_s=now_s - 1.0))
+            assert agent.told.print is None
+            hours = {"not_after_s": now_s + 600.0, "ends_by_s": now_s + 10_000.0}
+            assert agent.start(tmp_path / "a.gcode", gcode(20_000), **hours).error is None
+        elif told.print is not None and told.print.phase is m.PrintPhase.PRINTING:
+            if told.print.ends_by_s is not None and told.print.ends_by_s > now_s:
+                agent._answer(m.EndPrintBy(id=3, print_id="another", ends_by_s=now_s))
+                assert agent.told.print == told.print
+                agent._answer(m.EndPrintBy(id=4, print_id="p-1", ends_by_s=now_s))
+        elif told.link is m.LinkState.READY and told.print is not None and told.print.phase.ended:
+            failed.append(told.print)
+            agent._answer(m.Shutdown(id=2))
+
+    driven.do = do
+    driven.run()
+    assert late[0].late and "too late" in str(late[0].error)
+    assert (failed[0].phase, failed[0].fault) == (m.PrintPhase.FAILED, Fault.HOURS_ENDED)
+    status = read_status(tmp_path / "emulator")
+    assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)

@@ -1,0 +1,55 @@
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from drivers.agent.sleep_inhibitor import Inhibitor
+
+# As systemd-inhibit does it: the lock is there as long as the command runs.
+HELD = 'echo "$1" > "$0"; shift; "$@"; rm "$0"'
+
+
+def settled(path: Path, there: bool) -> bool:
+    until_s = time.monotonic() + 10.0
+    while path.exists() != there and time.monotonic() < until_s:
+        select.select([], [], [], 0.01)
+    return path.exists() == there
+
+
+def test_the_lock_is_held_as_long_as_a_print_is_open(tmp_path: Path):
+    lock = tmp_path / "lock"
+    inhibitor = Inhibitor("um2-01", simulated=False, words=["sh", "-c", HELD, str(lock)])
+    for _ in range(2):
+        inhibitor.hold(True)
+        inhibitor.hold(True)
+        assert settled(lock, there=True)
+        inhibitor.hold(False)
+        assert settled(lock, there=False)
+
+
+def test_the_lock_goes_with_an_agent_that_is_killed(tmp_path: Path):
+    lock = tmp_path / "lock"
+    text = (
+        "import sys, time; from drivers.agent.sleep_inhibitor import Inhibitor\n"
+        f"Inhibitor('a', simulated=False, words=['sh', '-c', {HELD!r}, {str(lock)!r}]).hold(True)\n"
+        "time.sleep(60)"
+    )
+    agent = subprocess.Popen([sys.executable, "-c", text], cwd=Path(__file__).parents[3])
+    try:
+        assert settled(lock, there=True)
+    finally:
+        os.kill(agent.pid, signal.SIGKILL)
+        agent.wait()
+    assert settled(lock, there=False)
+
+
+def test_a_host_without_such_locks_and_a_simulated_printer_need_none(tmp_path: Path):
+    for inhibitor in (
+        Inhibitor("a", simulated=False, words=[str(tmp_path / "no-such-program")]),
+        Inhibitor("a", simulated=True),
+    ):
+        inhibitor.hold(True)
+        inhibitor.hold(False)

@@ -1,0 +1,79 @@
+"""What the emulator knows of its bed, its filament and a host that is too slow."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_host import Host
+
+
+@pytest.fixture
+def host() -> Host:
+    return Host()
+
+
+def unretract(host: Host) -> None:
+    host.warm()
+    for line in ("G28", "G92 E0", "G1 E20 F300", "G92 E0", "M400"):
+        host.say(line)
+
+
+def test_bringing_parked_filament_to_the_nozzle_leaves_the_bed_clear(host: Host) -> None:
+    assert host.board.filament_end_mm == -20.0
+    for line in ("G28", "G1 Z5 F2400"):
+        host.say(line)
+    host.warm()
+    for line in ("G92 E0", "G1 E20 F300", "M400"):
+        host.say(line)
+    assert host.board.filament_end_mm == pytest.approx(0.0) and host.board.bed_clear
+
+
+def test_extruding_over_the_bed_makes_it_not_clear_until_a_person_clears_it(host: Host) -> None:
+    unretract(host)
+    for line in ("G1 X50 Y50 Z0.3 F9000", "G1 X100 E2 F1500", "M400"):
+        host.say(line)
+    assert not host.board.bed_clear
+    host.firmware.reset(host.now_s)
+    assert not host.board.bed_clear
+    host.board.clear_bed()
+    assert host.board.bed_clear
+
+
+def test_purging_with_the_bed_all_the_way_down_is_a_persons_own_affair(host: Host) -> None:
+    unretract(host)
+    host.say("G1 E30 F300")
+    host.say("M400")
+    assert host.board.bed_clear
+
+
+def test_a_retraction_and_its_end_move_the_filament_and_print_nothing(host: Host) -> None:
+    unretract(host)
+    for line in ("G1 Z0.3 F9000", "G10", "M400"):
+        host.say(line)
+    assert host.board.filament_end_mm == pytest.approx(-6.5)
+    for line in ("G11", "M400"):
+        host.say(line)
+    assert host.board.filament_end_mm == pytest.approx(0.0) and host.board.bed_clear
+
+
+def stream(host: Host, pause_s: float) -> None:
+    for k in range(1, 40):
+        said = host.put(f"G1 X{50 + k} E{k * 0.05:.3f} F3000")
+        while "ok" not in said:
+            said += host.until(host.firmware.deadline_s())
+        if k == 20:
+            host.wait(pause_s)
+
+
+def test_a_queue_that_runs_dry_in_a_print_is_starved(host: Host) -> None:
+    unretract(host)
+    host.say("G1 X50 Y50 Z0.3 F9000")
+    stream(host, 0.0)
+    assert host.firmware.starved_s == 0.0
+    stream(host, 5.0)
+    assert 4.0 < host.firmware.starved_s < 5.0
+    starved_s = host.firmware.starved_s
+    host.say("M400")
+    host.wait(100.0)
+    host.say("G1 X100 F3000")
+    assert host.firmware.starved_s == starved_s  # who waits for the end of the moves, does not print

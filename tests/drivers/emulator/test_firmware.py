@@ -1,0 +1,318 @@
+"""The firmware's rules, one by one, against what was observed of it.
+
+Source: docs/explanation/ultimaker2-serial.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.faults import Faults
+from drivers.printers.profiles import PROFILES
+from firmware_host import Host, numbered
+
+
+@pytest.fixture
+def host() -> Host:
+    return Host()
+
+
+# --- boot ---
+
+
+def test_the_banner_comes_a_second_after_power_and_the_card_fails_2_3_s_later() -> None:
+    host = Host(boot=False)
+    assert host.until(0.99) == []
+    said = host.until(1.05)
+    assert said[:3] == [
+        "start",
+        "echo:Marlin 1.0.0",
+        "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0",
+    ]
+    assert "echo: Free Memory: 2055  PlannerBufferBytes: 1232" in said
+    assert "echo:  M92 X80.00 Y80.00 Z200.00 E369.00" in said
+    assert "echo:  M201 X9000 Y9000 Z100 E10000" in said
+    assert said[-1] == "echo:   M301 P10.03 I1.50 D70.00"
+    assert host.until(3.29) == []
+    assert host.until(3.31) == ["echo:SD init fail"]
+
+
+def test_what_is_sent_to_the_bootloader_is_lost_and_what_comes_later_waits() -> None:
+    host = Host(boot=False)
+    host.until(0.5)
+    assert host.put("M105") == []
+    host.until(1.1)
+    assert host.put("M114") == []
+    said = host.until(3.0)
+    assert [line for line in said if line.startswith(("ok", "X:"))][1:] == ["ok"]
+    assert not any("T:" in line for line in said)
+
+
+def test_the_extended_model_tells_itself_by_its_banner_and_by_its_height() -> None:
+    host = Host("ultimaker2_extended_plus", boot=False)
+    assert any(line.endswith("Vers:_3.3.0ex") for line in host.until(2.0))
+    host.until(5.0)
+    host.say("G28")
+    assert host.say("M114")[0].startswith("X:0.00Y:224.50Z:315.00E:0.00 Count X: 0.00Y:224.50Z:315.00")
+
+
+# --- answers ---
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("M105", ["ok T:21.0 /0.0 B:21.0 /0.0 @:0 B@:0"]),
+        ("M119", ["Reporting endstop status", "x_min: openy_max: openz_max: openok"]),
+        ("M27", ["Not SD printing", "Card error:1", "ok"]),
+        ("M20", ["Begin file list", "End file list", "ok"]),
+        ("M21", ["echo:SD init fail", "ok"]),
+        ("T0", ["echo:Active Extruder: 0", "ok"]),
+        ("T1", ["echo:T\x01Invalid extruder", "ok"]),
+        ("HELLO", ['echo:Unknown command: "HELLO"', "ok"]),
+        ("g1 x1", ['echo:Unknown command: "g1 x1"', "ok"]),
+        *(
+            (code, ["ok"])
+            for code in [
+                "M112",
+                "M108",
+                "M410",
+                "M125",
+                "M600",
+                "M155",
+                "M118",
+                "M73",
+                "M113",
+                "G29",
+                "G80",
+                "M9999",
+            ]
+        ),
+        *(
+            (code, ["ok"])
+            for code in ["M23", "M24", "M25", "M26", "M28", "M29", "M30", "M923", "M928", "M107"]
+        ),
+    ],
+)
+def test_an_answer_has_the_firmwares_own_words(host: Host, line: str, answer: list[str]) -> None:
+    assert host.say(line) == answer
+
+
+def test_it_names_itself_without_capabilities(host: Host) -> None:
+    said = host.say("M115")
+    assert said[0].startswith("FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 FIRMWARE_URL:")
+    assert said[0].endswith("PROTOCOL_VERSION:1.0 MACHINE_TYPE:Ultimaker EXTRUDER_COUNT:1")
+    assert said[1:] == ["ok"]
+
+
+def test_the_position_is_the_last_target_and_the_count_is_where_the_head_is(host: Host) -> None:
+    host.say("G28")
+    host.say("G1 X100 F6000")  # 100 mm/s
+    host.wait(0.5)
+    asked, count = host.say("M114")[0].split(" Count X: ")
+    assert asked == "X:100.00Y:224.50Z:215.00E:0.00"
+    assert 40 < float(count.split("Y:")[0]) < 60
+    host.say("M400")
+    assert host.say("M114")[0] == "X:100.00Y:224.50Z:215.00E:0.00 Count X: 100.00Y:224.50Z:215.00"
+
+
+def test_homing_from_the_middle_is_5_3_s_of_silence(host: Host) -> None:
+    host.say("G28")
+    for line in ("G1 X115 Y112.25 Z107.5 F9000", "M400"):
+        host.say(line)
+    assert host.put("G28") == []
+    assert host.wait(5.2) == []
+    assert host.wait(0.2) == ["ok"]
+
+
+def test_homing_one_axis_leaves_the_others(host: Host) -> None:
+    host.say("G28")
+    host.say("G1 X50 Y60 Z70 F9000")
+    host.say("G28 X0 Y0")
+    assert host.say("M114")[0].startswith("X:0.00Y:224.50Z:70.00")
+
+
+# --- moves ---
+
+
+def test_out_of_reach_is_silently_clamped(host: Host) -> None:
+    assert host.say("G1 X500 Y-50 Z400") == ["ok"]
+    assert host.say("M114")[0].startswith("X:230.00Y:0.00Z:225.00")
+
+
+def test_cold_extrusion_is_refused_after_its_ok_and_counted_all_the_same(host: Host) -> None:
+    assert host.put("G1 E5 F300") == ["ok", "echo: cold extrusion prevented"]
+    assert "E:5.00" in host.say("M114")[0]
+    host.wait(10.0)
+    assert host.board.filament_mm == 0.0
+
+
+def test_a_metre_at_once_is_refused(host: Host) -> None:
+    host.warm()
+    assert host.put("G1 E1001 F300") == ["ok", "echo: too long extrusion prevented"]
+
+
+def test_a_move_is_acknowledged_when_parsed_and_all_else_when_done(host: Host) -> None:
+    """The oks of both moves come before the answer to the M105 in front of them."""
+    assert host.put("G28", "M105", "G1 X10 F6000", "M114", "G1 X20") == ["ok", "ok"]
+    said = host.wait(30.0)
+    assert said[0] == "ok" and said[1].startswith("ok T:") and said[2].startswith("X:10.00")
+    assert said[3:] == ["ok"]
+
+
+def test_seventeen_moves_are_acknowledged_at_once_then_one_for_each_that_ends(host: Host) -> None:
+    oks = 0
+    for k in range(40):
+        if host.put(f"G1 X{20 if k % 2 else 220} F6000") != ["ok"]:
+            break
+        oks += 1
+    assert oks == 17
+    assert host.put() == []
+    for expected in (1, 1, 1):
+        due_s = host.firmware.deadline_s()
+        assert host.until(due_s) == ["ok"] * expected
+        host.put("G1 X100 F6000")
+
+
+def test_a_late_host_does_not_stretch_what_is_queued() -> None:
+    ends = []
+    for late_s in (0.0, 0.15):
+        host = Host()
+        for k in range(1, 60):
+            said = host.put(f"G1 X{2 * k} F1200")  # 0.1 s each
+            while "ok" not in said:
+                said += host.until(host.firmware.deadline_s() + late_s)
+        host.say("M400")
+        ends.append(host.firmware.machine.planner.idle_since_s)
+    assert ends[0] == pytest.approx(ends[1], abs=1e-6)
+
+
+def test_m400_is_done_when_the_last_move_is_and_not_before(host: Host) -> None:
+    began_s = host.now_s
+    for k in range(1, 11):
+        host.put(f"G1 X{10 * k} F600")  # 1 s each
+    host.say("M400")
+    assert host.now_s == pytest.approx(host.firmware.machine.planner.idle_since_s)
+    assert host.now_s - began_s == pytest.approx(10.0, abs=0.5)
+    assert host.firmware.printing_s == pytest.approx(host.now_s - began_s)
+
+
+def test_relative_moves_and_a_new_zero(host: Host) -> None:
+    for line in ("G28", "G91", "G1 X5 F3000", "G1 X5 Y-10", "G90", "G92 X100 E7", "G1 X101"):
+        host.say(line)
+    host.say("M400")
+    said = host.say("M114")[0]
+    assert said.startswith("X:101.00Y:214.50Z:215.00E:7.00 Count X: 101.00")
+    assert host.firmware.machine.planner.position(host.now_s)[0] == pytest.approx(11.0)
+
+
+def test_an_arc_goes_round(host: Host) -> None:
+    for line in ("G28", "G1 X100 Y100 Z100 F9000", "M400"):
+        host.say(line)
+    before_s = host.firmware.printing_s
+    for line in ("G2 X100 Y100 I20 J0 F1200", "M400"):
+        host.say(line)
+    assert host.firmware.printing_s - before_s == pytest.approx(2 * math.pi * 20 / 20, rel=0.02)
+
+
+def test_quick_stop_empties_the_planner_and_knows_where_it_is(host: Host) -> None:
+    host.say("G28")
+    for x in (100, 200, 100, 200):
+        host.put(f"G1 X{x} F6000")
+    host.wait(0.5)
+    assert host.put("M401") == ["ok"]
+    asked, count = host.say("M114")[0].removeprefix("X:").split(" Count X: ")
+    assert asked.split("Y:")[0] == count.split("Y:")[0]
+    assert 40 < float(count.split("Y:")[0]) < 60
+    before = host.firmware.machine.planner.position(host.now_s)
+    host.wait(10.0)
+    assert host.firmware.machine.planner.position(host.now_s) == before
+
+
+def test_m0_never_comes_back(host: Host) -> None:
+    assert host.put("M0", "M105") == []
+    assert host.wait(1e6) == []
+    host.firmware.reset(host.now_s)
+    assert host.wait(2.0)[0] == "start"
+
+
+# --- heat ---
+
+
+def test_m109_reports_each_second_and_stays_three(host: Host) -> None:
+    began_s = host.now_s
+    said = host.say("M109 S60")
+    assert [line[-3:] for line in said[-4:-1]] == ["W:2", "W:1", "W:0"] and said[-1] == "ok"
+    assert all(line.startswith("T:") and " E:0 W:" in line for line in said[:-1])
+    assert said[0].endswith("W:?")
+    expected_s = PROFILES["ultimaker2_plus"].nozzle.seconds_to(59.0) + 3.0
+    assert host.now_s - began_s == pytest.approx(expected_s, abs=0.05)
+    assert len(said) - 1 == int(expected_s)
+
+
+def test_m109_waits_for_cooling_down_too(host: Host) -> None:
+    host.warm(200.0)
+    began_s = host.now_s
+    host.say("M109 S100")
+    assert host.now_s - began_s > 60.0
+    assert host.board.nozzle.temperature_c(host.now_s) < 101.0
+
+
+def test_m190_reports_the_bed_and_is_done_at_once_when_hotter(host: Host) -> None:
+    said = host.say("M190 S40", 5000)
+    assert said[0].startswith("T:21.00 E:0 B:21.") and said[-1] == "ok"
+    assert host.put("M190 S30") == ["ok"]
+
+
+def test_temperatures_are_reported_with_their_targets(host: Host) -> None:
+    host.say("M104 S210")
+    host.say("M140 S60")
+    assert host.say("M105")[0].startswith("ok T:21.0 /210.0 B:21.0 /60.0 @:127 B@:")
+    host.wait(30.0)
+    assert host.say("M105")[0].endswith("@:127 B@:127")
+
+
+# --- faults on lines ---
+
+
+def test_the_same_seed_gives_the_same_day() -> None:
+    days = []
+    for _ in range(2):
+        host = Host(faults=Faults(checksum=0.2, drop_ok=0.2))
+        days.append([host.put(numbered(n, "G4 P0")) for n in range(1, 60)])
+    assert days[0] == days[1]
+
+
+# --- laws ---
+
+
+GCODES = (0, 1, 2, 3, 4, 10, 11, 28, 90, 91, 92)
+MCODES = (82, 83, 84, 85, 92, 104, 105, 106, 109, 110, 114, 119, 140, 190, 201, 203, 204, 205, 220, 221)
+MORE_MCODES = (300, 302, 400, 401, 503, 601, 999)
+codes = st.sampled_from([*(f"G{n}" for n in GCODES), *(f"M{n}" for n in (*MCODES, *MORE_MCODES)), "T0", "T1"])
+numbers = st.one_of(
+    st.floats(-1e4, 1e4).map(lambda number: f"{number:.3f}"),
+    st.sampled_from(["", "0", "-0", "-1", "1e9", "9e99", "1e999", "nan", "-.", "0.0001", "9" * 60]),
+)
+words = st.lists(st.tuples(st.sampled_from("XYZEFSPIJT"), numbers).map("".join), max_size=4)
+
+
+@given(st.lists(st.tuples(codes, words), max_size=25), st.floats(0.01, 1e4))
+@settings(deadline=None)
+def test_no_command_with_any_numbers_brings_it_down(
+    commands: list[tuple[str, list[str]]], pause_s: float
+) -> None:
+    host = Host()
+    for code, parameters in commands:
+        host.put(" ".join([code, *parameters]))
+        host.now_s += pause_s
+        host.firmware.feed(b"", host.now_s)
+        assert all(map(math.isfinite, host.firmware.machine.planner.position(host.now_s)))
+        assert host.firmware.printing_s <= host.now_s
+    host.firmware.reset(host.now_s)
+    host.wait(5.0)
+    assert host.say("M105")[0].startswith("ok T:")

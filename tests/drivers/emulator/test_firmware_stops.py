@@ -1,0 +1,137 @@
+"""How the firmware stops, dies and starts again."""
+
+from __future__ import annotations
+
+import pytest
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.listener import Phase
+from firmware_host import Host, numbered
+
+STOPPED = (
+    "Printer stopped due to errors. Fix the error and use M999 to restart. "
+    "(Temperature is reset. Set it after restarting)"
+)
+
+
+@pytest.fixture
+def host() -> Host:
+    return Host()
+
+
+def test_stopped_it_takes_moves_with_an_ok_and_heats_again_all_the_same() -> None:
+    host = Host(faults=Faults(stop_after=3))
+    host.say("M140 S60")
+    host.say("M104 S210")
+    host.say("G4 P0")
+    said = host.wait(1.0)
+    assert host.board.nozzle.target_c == host.board.bed.target_c == 0.0
+    assert host.put("G1 X5") == [STOPPED, "ok"]
+    assert host.say("M104 S200") == ["ok"]
+    assert host.board.nozzle.target_c == 200.0
+    host.say("G28")
+    assert host.firmware.machine.homed
+    assert said == []
+
+
+def test_an_open_sensor_stops_the_print_with_its_words() -> None:
+    host = Host(faults=Faults(stop_after=1))
+    said = host.put("G4 P0")
+    assert said == ["Error:0", ": Extruder switched off. MAXTEMP triggered !", f"Error:{STOPPED}", "ok"]
+    assert host.put("M999") == ["Resend: 1", "ok", "ok"]
+    assert host.put("G1 X5") == ["ok"]
+
+
+def test_a_target_beyond_275_degrees_trips(host: Host) -> None:
+    host.say("M104 S300")
+    said = host.wait(1000.0)
+    assert said[:2] == ["Error:0", ": Extruder switched off. MAXTEMP triggered !"]
+    assert host.board.nozzle.target_c == 0.0
+
+
+def test_a_dead_nozzle_is_noticed_after_30_s_and_m109_goes_on() -> None:
+    host = Host(faults=Faults(dead_nozzle=True))
+    began_s = host.now_s
+    said = host.say("M109 S210")
+    assert f"Error:{STOPPED}" in said and said[-1] == "ok"
+    assert host.now_s - began_s == pytest.approx(33.0, abs=1.1)
+
+
+def test_a_dead_bed_is_never_noticed() -> None:
+    host = Host(faults=Faults(dead_bed=True))
+    host.put("M190 S60")
+    said = host.wait(3600.0)
+    assert len(said) > 3500 and all(line.startswith("T:21.00 E:0 B:21.0") for line in said)
+
+
+def test_the_dead_man_kills_and_the_watchdog_resets(host: Host) -> None:
+    host.say("M104 S210")
+    host.say("M85 S30")
+    host.wait(20.0)
+    host.say("M105")  # does not feed it
+    assert host.wait(9.9) == []
+    assert host.wait(0.2) == ["Error:Printer halted. kill() called!"]
+    assert host.board.nozzle.target_c == 0.0
+    assert host.put("M105") == []
+    assert host.wait(3.9) == []
+    assert host.wait(0.2)[0] == "start"
+    assert host.wait(100.0) == ["echo:SD init fail"]  # and the dead-man is off again
+
+
+def test_the_dead_man_gives_a_late_reader_the_benefit(host: Host) -> None:
+    """Bytes and the end of the wait that are noticed at once: the bytes were there."""
+    host.say("M85 S30")
+    host.now_s += 31.0
+    assert host.put("M105")[0].startswith("ok T:")
+
+
+def test_a_reset_forgets_all_but_what_is_there(host: Host) -> None:
+    host.warm()
+    for line in ("G28", "M85 S900", "G1 X100 Y100 Z100 F9000", "M400", "G1 E40 F300"):
+        host.number(line)
+    host.wait(2.0)
+    fed_mm = host.board.filament_mm
+    host.firmware.reset(host.now_s)
+    assert 0 < host.board.filament_mm < 40 and host.board.filament_mm >= fed_mm
+    assert host.board.nozzle.target_c == 0.0 and host.board.nozzle.temperature_c(host.now_s) > 200.0
+    assert not host.firmware.machine.homed
+    assert host.board.head_mm == pytest.approx((100, 100, 100))
+    host.wait(5.0)
+    assert host.say("M114")[0].startswith("X:0.00Y:0.00Z:0.00E:0.00")
+    assert host.put(numbered(6, "G4 P0"))[:2] == [
+        "Error:Line Number is not Last Line Number+1, Last Line: 0",
+        "Resend: 1",
+    ]
+
+
+def test_without_a_host_moves_and_heat_go_on(host: Host) -> None:
+    host.say("M104 S210")
+    host.say("G28")
+    host.say("G1 X200 F600")
+    host.wait(3600.0)
+    assert host.board.nozzle.target_c == 210.0
+    assert host.firmware.machine.planner.position(host.now_s)[0] == 200.0
+
+
+def test_a_brown_out_resets_the_board_unasked() -> None:
+    host = Host(faults=Faults(reset_after=3))
+    host.say("M104 S210")
+    host.say("G4 P0")
+    host.put("G4 P0")
+    assert host.board.nozzle.target_c == 0.0
+    assert host.wait(2.0)[0] == "start"
+    assert host.firmware.resets == 1
+    host.wait(3.0)
+    for _ in range(5):
+        assert host.say("G4 P0") == ["ok"]
+
+
+def test_a_mute_board_goes_on_heating_until_it_is_reset() -> None:
+    host = Host(faults=Faults(silent_after=2))
+    host.say("M104 S210")
+    assert host.put("G4 P0") == []
+    assert host.put("M105") == [] and host.wait(600.0) == []
+    assert host.board.nozzle.temperature_c(host.now_s) == pytest.approx(210.0)
+    assert host.firmware.phase is Phase.MUTE
+    host.firmware.reset(host.now_s)
+    assert host.wait(2.0)[0] == "start"

@@ -1,0 +1,174 @@
+"""How the firmware reads lines: numbers, checksums, traps, and faults on the way."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import xor
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.faults import Faults
+from drivers.link.replies import checksum
+from firmware_host import Host, numbered
+
+
+@pytest.fixture
+def host() -> Host:
+    return Host()
+
+
+def test_a_repeated_or_skipped_number_asks_for_the_next(host: Host) -> None:
+    assert host.number("M110") == ["ok"]
+    assert host.number("G4 P0") == ["ok"]
+    for n in (2, 7):
+        assert host.put(numbered(n, "G28")) == [
+            "Error:Line Number is not Last Line Number+1, Last Line: 2",
+            "Resend: 3",
+            "ok",
+        ]
+    assert not host.firmware.machine.homed
+
+
+def test_a_bad_checksum_asks_for_the_same_line(host: Host) -> None:
+    assert host.put("N1 G28*1") == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
+
+
+def test_a_number_without_checksum_asks_for_the_same_line(host: Host) -> None:
+    assert host.put("N1 G28") == ["Error:No Checksum with line number, Last Line: 0", "Resend: 1", "ok"]
+
+
+def test_a_checksum_without_number_gets_no_ok_at_all(host: Host) -> None:
+    assert host.put("M105*12") == ["Error:No Line Number with checksum, Last Line: 0"]
+    assert host.wait(60.0) == []
+
+
+def test_an_error_flushes_what_came_behind_it(host: Host) -> None:
+    burst = ["N1 G4 P0*99", *(numbered(n, "G4 P0") for n in (2, 3, 4))]
+    assert host.put(*burst) == ["Error:checksum mismatch, Last Line: 0", "Resend: 1", "ok"]
+    assert host.put(numbered(1, "G4 P0")) == ["ok"]
+
+
+@pytest.mark.parametrize(
+    ("line", "then"), [("N100 M110*34", 101), ("N0 M110 N0*125", 1), ("N-1 M110*15", 0), ("N0 M110*35", 1)]
+)
+def test_m110_sets_the_line_number(host: Host, line: str, then: int) -> None:
+    assert host.put(line) == ["ok"]
+    assert host.put(numbered(then, "G4 P0")) == ["ok"]
+
+
+def test_m110_without_checksum_is_an_error(host: Host) -> None:
+    assert host.put("M110 N100")[1] == "Resend: 1"
+
+
+def test_what_comes_behind_a_line_that_was_cut_off_is_lost_and_heard_the_next_time(host: Host) -> None:
+    host.say("M104 S210")
+    off = "\nM104 S0\nM140 S0"
+    host.put(f"N1 G1 X5 Y{off}")
+    assert host.board.nozzle.target_c == 210.0
+    host.put(off)
+    assert host.board.nozzle.target_c == 0.0
+
+
+def test_unnumbered_lines_may_be_mixed_in(host: Host) -> None:
+    assert host.number("G4 P0") == ["ok"]
+    assert host.say("M105")[0].startswith("ok T:")
+    assert host.number("G4 P0") == ["ok"]
+
+
+def test_a_comment_swallows_its_own_line_and_the_next(host: Host) -> None:
+    assert host.put("M105 ;why", "M114", "M27") == ["Not SD printing", "Card error:1", "ok"]
+    assert host.firmware.feed(b"M105 ;why\r\nM27\r\n", host.now_s).startswith(b"Not SD")
+    assert host.put(";nothing", "", "M27")[-1] == "ok"
+
+
+def test_a_colon_ends_a_line(host: Host) -> None:
+    assert host.put("M117 ETA 12:30") == ["ok", 'echo:Unknown command: "30"', "ok"]
+
+
+def test_letters_are_found_anywhere(host: Host) -> None:
+    assert host.put("M117 Go X5") == ["ok"]
+    assert host.say("M114")[0].startswith("X:5.00")
+    assert host.put("M117 Nozzle")[0].startswith("Error:Line Number is not Last Line Number+1")
+    assert host.put("M1\x0005") == []  # a NUL ends it: M1 waits for ever
+
+
+def test_one_command_a_line(host: Host) -> None:
+    assert host.put("G91 M114") == ["ok"]
+
+
+def test_a_line_is_cut_at_95_characters(host: Host) -> None:
+    assert host.put("M117 " + "a" * 90) == ["ok"]
+    said = host.put("M117 " + "a" * 95)
+    assert said == ["ok", 'echo:Unknown command: "aaaa"', "ok"]
+
+
+def test_a_full_ring_loses_bytes_without_a_word(host: Host) -> None:
+    line = "M105" + " " * 57  # with its newline 62 bytes: two fit the ring's 127, the third loses its end
+    assert host.put("G4 S5") == []
+    assert host.put(line, line, line) == []
+    said = host.wait(10.0)
+    assert [word[:5] for word in said] == ["ok", "ok T:", "ok T:"]
+
+
+def test_flipped_bytes_are_refused_and_asked_for_again() -> None:
+    host = Host(faults=Faults(checksum=0.3))
+    done, tries = 0, 0
+    while done < 200:
+        tries += 1
+        said = host.put(numbered(done + 1, "G4 P0"))
+        if not said or said[0] != "ok":
+            continue  # nothing, or an error: the line has to be sent again
+        done += 1
+    assert host.firmware._last_n == 200
+    assert 230 < tries < 400 and host.firmware.errors == tries - 200
+
+
+def test_lost_oks_are_lost_and_nothing_else() -> None:
+    host = Host(faults=Faults(drop_ok=0.25))
+    answered = sum(host.put(numbered(n, "G4 P0")) == ["ok"] for n in range(1, 401))
+    assert 250 < answered < 350
+    assert host.firmware.lines == 400
+
+
+@given(st.binary(max_size=96))
+@settings(deadline=None)
+def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes) -> None:
+    assert checksum(line) == reduce(xor, line, 0)
+
+
+@given(st.lists(st.binary(max_size=60), max_size=20))
+@settings(deadline=None)
+def test_no_bytes_at_all_bring_it_down(chunks: list[bytes]) -> None:
+    host = Host()
+    for chunk in chunks:
+        host.firmware.feed(chunk, host.now_s)
+        host.wait(0.5)
+    host.firmware.reset(host.now_s)
+    host.wait(5.0)
+    assert host.say("M105")[0].startswith("ok T:")
+
+
+axis = st.one_of(st.none(), st.floats(-20, 250).map(lambda number: round(number, 3)))
+
+
+feedrate = st.sampled_from([None, -1.0, 0.0, 600.0, 3000.0, 12000.0])
+
+
+@given(st.lists(st.tuples(feedrate, axis, axis, axis, axis), min_size=1, max_size=30))
+@settings(deadline=None)
+def test_the_short_way_of_a_move_is_the_long_way(moves: list[tuple[float | None, ...]]) -> None:
+    """A well-formed numbered move skips the line buffer; two spaces are enough to send it the long way."""
+    ends = []
+    for gap in (" ", "  "):
+        host = Host()
+        host.say("M302 S0")
+        for words in moves:
+            body = gap.join(
+                ["G1", *(f"{a}{v}" for a, v in zip("FXYZE", words, strict=True) if v is not None)]
+            )
+            host.number(body)
+        host.say("M400", 1e4)
+        ends.append((host.say("M114"), host.firmware.printing_s, host.board.filament_mm, host.now_s))
+    assert ends[0] == ends[1]

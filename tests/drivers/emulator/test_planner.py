@@ -1,0 +1,187 @@
+"""Laws of the planner: what a move takes, and what look-ahead may and may not do."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.planner import CAPACITY, STAND_MM_S, Limits, Planner, Point
+from drivers.printers.profiles import PROFILES
+
+PROFILE = PROFILES["ultimaker2_plus"]
+START: Point = (100.0, 100.0, 50.0, 0.0)
+
+
+class Bench:
+    """A planner that is fed as fast as it has room, and remembers what its feeder did."""
+
+    def __init__(self) -> None:
+        self.fed_mm = 0.0
+        self.planner = Planner(Limits.of(PROFILE), START, self._fed)
+        self.now_s = 0.0
+
+    def _fed(self, e_mm: float, z_mm: float) -> None:
+        self.fed_mm += e_mm
+
+    def go(self, target: Point, feedrate_mm_s: float) -> None:
+        self.now_s = max(self.now_s, self.planner.free_s())
+        self.planner.advance(self.now_s)
+        self.planner.add(target, feedrate_mm_s, self.now_s)
+
+    def finish(self) -> float:
+        self.planner.advance(math.inf)
+        return self.planner.idle_since_s
+
+
+def trapezoid_s(mm: float, v: float, a: float, entry: float, leave: float = STAND_MM_S) -> float:
+    """Time of a straight move, by the schoolbook."""
+    ramps_mm = (2 * v * v - entry**2 - leave**2) / (2 * a)
+    if ramps_mm <= mm:
+        return (v - entry) / a + (v - leave) / a + (mm - ramps_mm) / v
+    top = math.sqrt((2 * a * mm + entry**2 + leave**2) / 2)
+    return (2 * top - entry - leave) / a
+
+
+@pytest.mark.parametrize("mm", [1.0, 5.0, 20.0, 90.0])
+@pytest.mark.parametrize("v", [5.0, 60.0, 150.0, 300.0])
+def test_a_straight_move_takes_the_time_of_its_trapezoid(mm: float, v: float) -> None:
+    bench = Bench()
+    bench.go((100 + mm, 100, 50, 0), v)
+    entry = min(v, PROFILE.jerk_mm_s[0] / 2)  # from a stand: half the jerk
+    assert bench.finish() == pytest.approx(trapezoid_s(mm, v, 3000.0, entry))
+
+
+def test_z_is_held_to_its_own_speed_and_acceleration() -> None:
+    bench = Bench()
+    bench.go((100, 100, 150, 0), 300.0)
+    assert bench.finish() == pytest.approx(trapezoid_s(100.0, 40.0, 100.0, PROFILE.jerk_mm_s[1] / 2))
+
+
+def test_the_feeder_is_held_to_its_own_speed() -> None:
+    bench = Bench()
+    bench.go((100, 100, 50, 90), 300.0)
+    assert bench.finish() == pytest.approx(trapezoid_s(90.0, 45.0, 3000.0, PROFILE.jerk_mm_s[2] / 2))
+    assert bench.fed_mm == pytest.approx(90.0)
+
+
+@given(pieces=st.integers(2, 60), v=st.sampled_from([20.0, 60.0, 150.0]))
+@settings(max_examples=40, deadline=None)
+def test_a_line_in_pieces_takes_about_as_long_as_in_one(pieces: int, v: float) -> None:
+    whole, cut = Bench(), Bench()
+    whole.go((180, 100, 50, 4), v)
+    for k in range(1, pieces + 1):
+        cut.go((100 + 80 * k / pieces, 100, 50, 4 * k / pieces), v)
+    one_s, many_s = whole.finish(), cut.finish()
+    # Up to two starts from a stand and the queue's end cost a little; nothing is won.
+    assert many_s >= one_s - 1e-9
+    assert many_s == pytest.approx(one_s, abs=0.07)
+    assert cut.fed_mm == pytest.approx(whole.fed_mm)
+
+
+moves = st.lists(
+    st.tuples(
+        st.floats(0, 200), st.floats(0, 200), st.sampled_from([0.2, 0.2, 0.2, 0.4, 5.0]), st.floats(-5, 30)
+    ),
+    min_size=1,
+    max_size=60,
+)
+
+
+@given(moves=moves, v=st.floats(1, 300))
+@settings(max_examples=150, deadline=None)
+def test_any_moves_end_where_they_should_and_never_too_early(moves: list[Point], v: float) -> None:
+    bench = Bench()
+    least_s, here = 0.0, START
+    for target in moves:
+        bench.go(target, v)
+        assert len(bench.planner) <= CAPACITY
+        here_mm = math.dist(bench.planner.target[:3], here[:3])
+        least_s += here_mm / v
+        here = bench.planner.target
+    assert bench.finish() >= least_s * (1 - 1e-9)
+    # Moves of under six steps are put off, and the next ones make up for them.
+    for axis, steps_per_mm in enumerate((80.0, 80.0, 200.0, 369.0)):
+        assert bench.planner.target[axis] == pytest.approx(moves[-1][axis], abs=5.001 / steps_per_mm)
+    assert bench.fed_mm == pytest.approx(bench.planner.target[3])
+    assert bench.planner.busy_s <= bench.planner.idle_since_s + 1e-9
+
+
+@given(moves=moves, v=st.floats(5, 300))
+@settings(max_examples=100, deadline=None)
+def test_speed_is_continuous_within_jerk_and_the_position_without_a_jump(
+    moves: list[Point], v: float
+) -> None:
+    """Sampled at 1 ms, no axis ever moves further than its top speed allows."""
+    bench = Bench()
+    planner = bench.planner
+    for target in moves[:CAPACITY]:
+        planner.add(target, v, 0.0)
+    last = planner.position(0.0)
+    now_s = 0.0
+    while len(planner) and now_s < 20.0:
+        now_s += 0.001
+        planner.advance(now_s)
+        here = planner.position(now_s)
+        for axis in range(3):
+            most_mm = PROFILE.max_feedrate_mm_s[axis] * 0.001
+            assert abs(here[axis] - last[axis]) <= most_mm * 1.001 + 1e-9
+        last = here
+
+
+@given(moves=moves, v=st.floats(5, 300))
+@settings(max_examples=100, deadline=None)
+def test_entry_speeds_can_be_reached_and_braked_from(moves: list[Point], v: float) -> None:
+    bench = Bench()
+    for target in moves:
+        bench.go(target, v)
+        blocks = bench.planner._blocks
+        for before, after in itertools.pairwise(blocks[1:]):
+            assert after.entry_2 <= before.entry_2 + before.gain_2 + 1e-6
+            assert before.entry_2 <= after.entry_2 + before.gain_2 + 1e-6
+        for block in blocks:
+            assert block.entry_2 <= block.max_entry_2 + 1e-9 <= block.v**2 * (1 + 1e-9) + 1e-6
+
+
+def test_a_stop_leaves_the_head_on_its_way_and_counts_what_was_fed() -> None:
+    bench = Bench()
+    bench.go((200, 100, 50, 10), 100.0)
+    bench.go((200, 200, 50, 20), 100.0)
+    here = bench.planner.stop(0.5)
+    assert 100 < here[0] < 200 and here[1] == 100
+    assert bench.fed_mm == pytest.approx(here[3]) == pytest.approx((here[0] - 100) / 10)
+    assert len(bench.planner) == 0 and bench.planner.position(9.0) == here
+
+
+def test_moves_added_late_do_not_stretch_a_queue_that_is_not_empty() -> None:
+    """A host that is told late, but in time, loses nothing."""
+    prompt, late = Bench(), Bench()
+    targets = [(100 + 2.0 * k, 100.0, 50.0, 0.1 * k) for k in range(1, 45)]
+    for target in targets:
+        prompt.go(target, 50.0)
+    for k, target in enumerate(targets):
+        if len(late.planner) >= CAPACITY:
+            late.now_s = max(late.now_s, late.planner.free_s()) + (0.1 if k % 5 == 0 else 0.0)
+            late.planner.advance(late.now_s)
+        late.planner.add(target, 50.0, late.now_s)
+    assert late.finish() == pytest.approx(prompt.finish(), abs=1e-6)
+
+
+def test_short_moves_are_stretched_only_while_few_are_queued() -> None:
+    took_s = []
+    for slowdown, fed_every_s in ((False, 0.0), (True, 0.0), (True, 0.004)):
+        planner = Planner(Limits.of(PROFILE), START, lambda e_mm, z_mm: None, slowdown)
+        now_s = 0.0
+        for k in range(1, 401):
+            now_s = max(now_s + fed_every_s, planner.free_s())
+            planner.advance(now_s)
+            planner.add((100 + k * 0.2, 100.0, 50.0, 0.0), 100.0, now_s)  # 2 ms each
+        planner.advance(math.inf)
+        took_s.append(planner.idle_since_s)
+    plain_s, full_s, late_s = took_s
+    assert plain_s == pytest.approx(0.8, rel=0.1)
+    assert plain_s < full_s < plain_s + 8 * 0.02  # only its first moves found a short queue
+    assert late_s > 2 * plain_s

@@ -1,0 +1,88 @@
+"""Laws of the heaters."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.emulator.thermal import AMBIENT_C, FULL_POWER, Heater
+from drivers.printers.profiles import PROFILES
+
+NOZZLE = PROFILES["ultimaker2_plus"].nozzle
+BED = PROFILES["ultimaker2_plus"].bed
+
+
+def test_a_new_heater_has_the_temperature_of_the_room_and_keeps_it() -> None:
+    heater = Heater(NOZZLE)
+    assert heater.temperature_c(0.0) == heater.temperature_c(1e5) == AMBIENT_C
+    assert heater.power(1e5) == 0
+
+
+@given(target_c=st.floats(50, 260))
+def test_the_nozzle_reaches_its_target_when_its_model_says_and_holds_it(target_c: float) -> None:
+    heater = Heater(NOZZLE)
+    heater.set_target(target_c, 0.0)
+    needed_s = NOZZLE.seconds_to(target_c)
+    assert heater.power(0.0) == FULL_POWER
+    assert heater.temperature_c(needed_s * 0.99) < target_c
+    assert heater.temperature_c(needed_s + 1e-6) == pytest.approx(target_c)
+    assert heater.temperature_c(needed_s + 5000.0) == pytest.approx(target_c)
+    assert 0 < heater.power(needed_s + 5000.0) < FULL_POWER
+
+
+@given(steps=st.lists(st.floats(0.01, 50), min_size=1, max_size=40))
+def test_how_often_it_is_looked_at_changes_nothing(steps: list[float]) -> None:
+    for model, period_s, target_c in ((NOZZLE, 0.0, 210.0), (BED, 5.0, 60.0)):
+        looked, left = Heater(model, period_s), Heater(model, period_s)
+        looked.set_target(target_c, 0.0)
+        left.set_target(target_c, 0.0)
+        now_s = 0.0
+        for step_s in steps:
+            now_s += step_s
+            looked.temperature_c(now_s)
+        assert looked.temperature_c(now_s) == pytest.approx(left.temperature_c(now_s), abs=1e-6)
+
+
+def test_the_bed_switches_each_five_seconds_and_stays_within_a_degree() -> None:
+    heater = Heater(BED, period_s=5.0)
+    heater.set_target(60.0, 0.0)
+    now_s = BED.seconds_to(60.0) + 10.0
+    seen = set()
+    while now_s < 3000.0:
+        assert heater.temperature_c(now_s) == pytest.approx(60.0, abs=1.0)
+        seen.add(heater.power(now_s))
+        now_s += 1.0
+    assert seen == {0, FULL_POWER}
+
+
+@given(target_c=st.floats(30, 250), wait_s=st.floats(1, 2000))
+def test_without_power_it_cools_down_towards_the_room(target_c: float, wait_s: float) -> None:
+    heater = Heater(NOZZLE)
+    heater.set_target(target_c, 0.0)
+    top_c = heater.temperature_c(5000.0)
+    heater.set_target(0.0, 5000.0)
+    to_c = AMBIENT_C + (top_c - AMBIENT_C) / 2
+    needed_s = heater.seconds_down_to(to_c, 5000.0)
+    assert needed_s == pytest.approx(NOZZLE.tau_s * math.log(2))
+    assert AMBIENT_C <= heater.temperature_c(5000.0 + wait_s) < top_c
+    assert heater.power(5000.0 + wait_s) == 0
+
+
+def test_a_lower_target_is_approached_from_above_and_then_held() -> None:
+    heater = Heater(NOZZLE)
+    heater.set_target(240.0, 0.0)
+    heater.temperature_c(2000.0)
+    heater.set_target(180.0, 2000.0)
+    assert heater.temperature_c(2001.0) > 180.0
+    assert heater.temperature_c(4000.0) == pytest.approx(180.0)
+
+
+def test_a_dead_element_never_warms() -> None:
+    heater = Heater(BED, period_s=5.0, dead=True)
+    heater.set_target(60.0, 0.0)
+    assert heater.temperature_c(3000.0) == pytest.approx(AMBIENT_C)
+    assert heater.power(3000.0) == FULL_POWER
+    assert heater.seconds_to(60.0, 3000.0) == math.inf

@@ -1,0 +1,76 @@
+import io
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.gcode.filament_position import WINDOW_LINES, place, retracted_mm
+from drivers.gcode.program import Program, strip
+
+HEAD = "M82\nG28\nM109 S210\nG92 E0\nG1 F47 X10 Y10 Z1 E7.8\nG92 E0\n"
+
+
+def program(text: str) -> Program:
+    return strip(io.BytesIO((HEAD + text).encode()))
+
+
+def after(text: str, stood: tuple[float, float, float, float] | None = None) -> float:
+    p = program(text)
+    return retracted_mm(p, p.count, stood)
+
+
+@pytest.mark.parametrize(
+    ("text", "back_mm"),
+    [
+        ("G1 X20 E5\n", 0.0),
+        ("G1 X20 E5\nG1 E-1.5\n", 6.5),
+        ("G1 X20 E5\nG1 E-1.5\nG0 X80\n", 6.5),
+        ("G1 X20 E5\nG1 E-1.5\nG0 X80\nG1 E5\n", 0.0),
+        ("G1 X20 E5\nG1 E-1.5\nG92 E0\nG1 E4\n", 2.5),
+        ("G1 X20 E5\nG92 E0\nG1 E-6.5\nG91\nG1 E-13.5\nG90\nG28\n", 20.0),
+        ("M83\nG1 X20 E5\nG1 E-2\nG1 E-1\nG1 E0.5\n", 2.5),
+    ],
+)
+def test_the_feeder_is_followed_as_the_firmware_counts(text: str, back_mm: float):
+    assert after(text) == pytest.approx(back_mm)
+
+
+HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
+
+
+@pytest.mark.parametrize(
+    ("stood", "back_mm"),
+    [
+        ((15.0, 10.0, 1.0, 2.5), 0.0),  # before the retraction
+        ((20.0, 10.0, 1.0, 2.0), 3.0),  # in it
+        ((50.0, 10.0, 1.0, -1.5), 6.5),  # behind it
+        ((80.0, 10.0, 1.0, 2.0), 3.0),  # on the way back
+        ((85.0, 10.0, 1.0, 5.5), 0.0),
+        ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there: by the last line
+    ],
+)
+def test_of_the_moves_that_were_acknowledged_the_one_under_way_counts(
+    stood: tuple[float, float, float, float], back_mm: float
+):
+    assert after(HOP, stood) == pytest.approx(back_mm)
+
+
+@given(st.lists(st.sampled_from((1.0, 0.5, -2.0, 2.0, 0.0)), min_size=1, max_size=60), st.booleans())
+def test_long_before_does_not_matter_and_absolute_is_as_relative(feeds: list[float], relative: bool):
+    e_mm = back_mm = 0.0
+    moves = []
+    for i, feed in enumerate(feeds):
+        e_mm += feed
+        back_mm = max(0.0, back_mm - feed)
+        moves.append(f"G1 X{i} E{feed if relative else 100 + e_mm:g}\n")
+    long = "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not relative else "M83\n"
+    assert WINDOW_LINES < 5000
+    assert after(long + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(back_mm)
+
+
+def test_a_place_is_read_from_the_answer_to_m114():
+    assert place(b"X:1.00Y:-2.50Z:3.00E:4.25 Count X: 1.00Y:2.00Z:3.00") == [1.0, -2.5, 3.0, 4.25]
+    assert place(b"echo: X") is None
+    assert place(b"X:1.0.0Y:2Z:3E:4") is None
+    assert not math.isnan(after("G1 X1 E1\n"))

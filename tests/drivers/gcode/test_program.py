@@ -1,0 +1,341 @@
+import io
+import math
+import re
+import tracemalloc
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import BadGcode
+from drivers.gcode.command import COMMAND_BYTES
+from drivers.gcode.filament_position import Walk, retracted_mm
+from drivers.gcode.program import HeaterName, Program, strip
+from drivers.gcode.timeline import Feature, Mark
+
+
+def program(text: str) -> Program:
+    return strip(io.BytesIO(text.encode()))
+
+
+SLICED = """;FLAVOR:Marlin
+;LAYER_COUNT:2
+M140 S60 ; bed
+G28
+M190 S60
+M105
+M109 S210
+G1 F2400 Z20
+
+;LAYER:0
+G1 X1 Y1 E1
+G1 X2 Y1 E2
+;TIME_ELAPSED:10.0
+;LAYER:1
+G1 X3 Y1 E3
+G1 X4 Y1 E4
+;TIME_ELAPSED:30.0
+M104 S0
+M140 S0
+"""
+
+
+def test_comments_blanks_and_questions_do_not_reach_the_wire():
+    p = program(SLICED)
+    assert p.lines(0, 3) == [b"M140 S60", b"G28", b"M190 S60"]
+    assert p.count == 11
+    assert not any(b";" in line or b"M105" in line for line in p.lines(0, p.count))
+
+
+def test_heats_say_what_is_set_and_what_is_waited_for():
+    p = program(SLICED)
+    waits = [(h.heater, h.target_c) for h in p.heats if h.waits]
+    assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
+    assert p.target_c(HeaterName.NOZZLE, 0) is None
+    assert p.target_c(HeaterName.NOZZLE, 4) == 210.0
+    assert p.target_c(HeaterName.NOZZLE, p.count) == 0.0
+
+
+def test_progress_is_by_time_and_linear_in_a_layer():
+    p = program(SLICED)
+    assert p.homes == 1
+    assert p.extrudes == 5
+    assert p.at(0).seconds == 0.0
+    assert p.at(7).seconds == 10.0
+    assert p.at(8).seconds == 20.0
+    assert p.at(p.count).seconds == 30.0
+    assert [p.at(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
+    assert p.layers == 2
+
+
+FEATURES = """M109 S210
+;LAYER:0
+G0 F9000 X1 Y1 Z0.27
+;TYPE:SKIRT
+G1 X2 E1
+;TIME_ELAPSED:4.0
+;TYPE:WALL-OUTER
+G1 X3 E2
+G1 X4 E3
+;TIME_ELAPSED:10.0
+;LAYER:1
+G0 X1 Z0.47
+;TYPE:FILL
+G1 X2 E4
+G1 X3 E5
+;TYPE:SOMETHING NEW
+G1 X4 E6
+;TIME_ELAPSED:20.0
+G28
+"""
+
+
+def test_a_mark_says_time_layer_height_and_feature():
+    p = program(FEATURES)
+    assert tuple(p.timeline) == (
+        Mark(1, 0.0, 0, 0.27, None),
+        Mark(2, pytest.approx(2.0), 0, 0.27, Feature.SKIRT),
+        Mark(3, 4.0, 0, 0.27, Feature.WALL_OUTER),
+        Mark(5, 10.0, 1, 0.47, None),
+        Mark(6, pytest.approx(12.5), 1, 0.47, Feature.FILL),
+        Mark(8, pytest.approx(17.5), 1, 0.47, None),
+        Mark(9, 20.0, 1, 0.47, None),
+    )
+    assert p.at(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
+    assert p.at(0) == Mark(0, 0.0)
+    assert p.at(p.count).seconds == p.time_s == 20.0
+
+
+NOTES = st.one_of(
+    st.builds("TIME_ELAPSED:{}".format, st.floats(0, 1e6)),
+    st.builds("LAYER:{}".format, st.integers(0, 500)),
+    st.builds("TYPE:{}".format, st.sampled_from([*Feature, "OTHER"])),
+    st.sampled_from(["MESH:part.stl", "", "END"]),
+)
+LINES = st.one_of(
+    st.builds("G1 X{}".format, st.integers(-99, 99)),
+    st.builds("G0 F9000 Z{:.2f}".format, st.floats(0, 300)),
+    st.builds(";{}".format, NOTES),
+    st.builds("G1 X1 ;{}".format, NOTES),
+    st.just(""),
+)
+
+
+@given(st.lists(LINES, max_size=60))
+def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: list[str]):
+    commands = [words for line in lines if (words := line.partition(";")[0].strip())]
+    if not commands:
+        return
+    p = program("\n".join(lines))
+    assert [line.decode() for line in p.lines(0, p.count)] == commands
+    marks = [(mark.line, mark.seconds) for mark in p.timeline]
+    assert marks == sorted(marks)
+    assert len({line for line, _ in marks}) == len(marks)
+    times = [p.at(line).seconds for line in range(p.count + 1)]
+    assert times == sorted(times)
+    assert times[-1] == p.time_s == max((s for _, s in marks), default=0.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("M16 12:30", "':'"),
+        ("M16 Nozzle", "'N'"),
+        ("M16 a*b", "'*'"),
+        ("G1 X1 " + "Y1.00000 " * 9, "characters"),
+        ("M0", "knob"),
+        ("M999", "stopped for a reason"),
+        ("G10", "retracts"),
+        ("M109 R200", "no temperature"),
+        ("hello", "no command"),
+        ("M16 \x01", "plain text"),
+        ("M00", "knob"),
+        ("M303 S210", "heats"),
+        ("M109 S500", "degrees"),
+        ("M140 S130", "degrees"),
+        ("G1 E1", "M109"),
+        (";FLAVOR:UltiGCode", "UltiGCode"),
+        (";LAYER:nan", "no number"),
+        (";TIME_ELAPSED:inf", "no number"),
+        (";TIME_ELAPSED:soon", "no number"),
+        (";LAYER:3000000000", "no number"),
+        (";TIME_ELAPSED:1e9", "no number"),
+        ("G1 X1.2.3", "cannot be read"),
+        ("G92 E1.2.3", "cannot be read"),
+        ("G1 X1e5", "cannot be read"),
+        ("G1 X--1", "cannot be read"),
+        ("G1 X1-1", "cannot be read"),
+        ("G1 X+1", "cannot be read"),
+        ("G1 X.", "cannot be read"),
+        ("G1 X1 X2", "cannot be read"),
+        ("G1 E1 e2", "cannot be read"),
+        ("M106 S255 G28", "cannot be read"),
+        ("g1 x1", "no command"),
+        ("G1 X1\0", "plain text"),
+        ("G1 X", "without a number"),
+        ("G92 E", "without a number"),
+        ("G1 X12345678", "no number"),
+        ("G1 X1234567", "no number"),
+        ("M104 S-5", "no temperature"),
+        ("M23 other.gcode", "SD card"),
+        ("G1 X1 ;" + 70_000 * "a", "characters"),
+    ],
+)
+def test_what_the_firmware_would_misread_is_refused_with_its_line(line: str, says: str):
+    with pytest.raises(BadGcode) as refused:
+        program("G28\n" + line + "\n")
+    assert str(refused.value).startswith("line 2: ")
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_without_a_command_is_refused():
+    with pytest.raises(BadGcode):
+        program("; nothing\n\n")
+
+
+@given(
+    st.lists(st.integers(-999, 999), min_size=1, max_size=1200),
+    st.integers(0, 1300),
+    st.integers(0, 1300),
+)
+def test_any_slice_of_the_lines_is_that_of_the_list(values: list[int], start: int, stop: int):
+    lines = [b"G1 X%d" % v for v in values]
+    p = strip(line + b" ; c\n" for line in lines)
+    assert p.lines(start, stop) == lines[start:stop]
+    assert p.count == len(lines)
+    times = [p.at(n).seconds for n in range(0, p.count + 1, 50)]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize(
+    ("line", "sent"),
+    [
+        ("G1X1Y2", b"G1 X1 Y2"),
+        ("G01 Y2 X1 F900", b"G1 Y2 X1 F900"),
+        ("G1  X 1.  Y-.5", b"G1 X1. Y-.5"),
+        ("G28 X Y", b"G28 X Y"),
+        ("G 91", b"G91"),
+        ("M0106 S128", b"M106 S128"),
+    ],
+)
+def test_what_can_be_read_goes_out_in_one_form(line: str, sent: bytes):
+    assert program(line + "\n").lines(0, 1) == [sent]
+
+
+def test_texts_for_the_display_are_left_out_whatever_they_say():
+    p = program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
+    assert p.lines(0, p.count) == [b"G28"]
+
+
+_NUMBERS = [
+    "1", "-1", "1.5", ".5", "-.5", "5.", "0", "-0", "999999", "1000000", "9" * 70, "", "1 2", "1e5", "1E5",
+    "--1", ".", "-", "+1", "+", "1.2.3", "nan", "inf", "0x10", "1_0", "\0", "é",
+]  # fmt: skip
+_BEGINNINGS = [
+    "G0", "G1", "G01", "G2", "G3", "G4", "G28", "G90", "G91", "G92", "M82", "M83", "M104", "M109", "M140",
+    "M106", "M117", "T0", "G", "g1", "", "\ufeffG1", ";LAYER:", ";TIME_ELAPSED:", "G1\tX5;LAYER:", "G1X1Y1E1",
+]  # fmt: skip
+NUMBERS = st.sampled_from(_NUMBERS)
+LETTERS = st.sampled_from([*"XYZEFSPGMTNxé*:;"])
+WORDS = st.builds("{}{}{}".format, st.sampled_from(["", " ", "  ", "\t"]), LETTERS, NUMBERS)
+HARD = st.builds(
+    "{}{}{}".format,
+    st.sampled_from(_BEGINNINGS),
+    st.lists(WORDS, max_size=4).map("".join),
+    st.sampled_from(["", " ", "\r", " ; a comment", ";", "\0", "a" * 90]),
+)
+
+
+@given(st.lists(HARD, min_size=1, max_size=12), st.data())
+@settings(deadline=None)
+def test_what_is_taken_can_be_followed_line_by_line_and_never_ends_an_agent(
+    lines: list[str], data: st.DataObject
+):
+    """A pause, a cancel or a snapshot reads numbers of the file in the middle of a print."""
+    taken = []
+    for line in ["M109 S210", *lines]:
+        try:
+            p = program("\n".join(["M109 S210", *taken, line]))
+        except BadGcode as refused:
+            assert str(refused).startswith("line ") and "\n" not in str(refused)
+        else:
+            taken.append(line)
+    p = program("\n".join(taken))
+    done = data.draw(st.integers(0, p.count))
+    walk = Walk(p, done)
+    known = [mm for mm in (*walk.at, walk.back_mm, walk.feed_mm_min) if not math.isnan(mm)]
+    assert all(abs(mm) < 1e9 for mm in known)
+    assert 0.0 <= retracted_mm(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9
+    mark = p.at(done)
+    assert all(abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.highest_mm(done), p.time_s))
+    sent = p.lines(0, p.count)
+    assert program("\n".join(line.decode() for line in sent)).lines(0, p.count) == sent
+    assert all(re.fullmatch(rb"[GMT]\d+( [A-Z](-?(\d+(\.\d*)?|\.\d+))?)*", line) for line in sent)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_stripped_or_refused(data: bytes):
+    try:
+        p = strip(io.BytesIO(data))
+    except BadGcode:
+        return
+    assert all(0 < len(line) <= COMMAND_BYTES for line in p.lines(0, p.count))
+
+
+def test_heats_are_found_however_they_are_written():
+    p = program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
+    found = [(h.heater, h.target_c, h.waits) for h in p.heats]
+    nozzle, bed = HeaterName.NOZZLE, HeaterName.BED
+    assert found == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
+
+
+def test_setting_the_place_of_the_extruder_extrudes_nothing():
+    p = program("G92 E0\nM109 S210\nG1 X1 E1\n")
+    assert p.extrudes == 2
+
+
+def test_a_long_file_is_neither_held_in_memory_nor_are_its_marks_many_objects():
+    part = "".join(f";TYPE:FILL\n{'G1 X1 Y1 E1' + chr(10)}" * 50 + f"G0 Z{i}\n" for i in range(1, 400))
+    tracemalloc.start()
+    try:
+        p = strip(io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), Nowhere())
+        held, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(p.timeline) > 15_000
+    assert held < 60 * len(p.timeline)
+
+
+class Nowhere:
+    """A store that forgets."""
+
+    def write(self, data: bytes) -> None:
+        pass
+
+    def read(self, start: int, end: int) -> bytes:
+        raise OSError
+
+
+@given(st.lists(st.sampled_from(["G90", "G91", "M82", "M83", "G1 X1", "G1 Z2", "G1 Z7"]), min_size=1))
+def test_the_modes_and_the_height_at_a_line_are_those_of_the_lines_before(lines: list[str]):
+    p = program("\n".join(lines))
+    relative = relative_e = False
+    highest_mm = 0.0
+    for n, line in enumerate(lines):
+        assert (p.relative(n), p.relative_e(n)) == (relative, relative_e)
+        assert highest_mm <= p.highest_mm(n) <= highest_mm + 1.0
+        relative = {"G91": True, "G90": False}.get(line, relative)
+        relative_e = {"M83": True, "M82": False}.get(line, relative_e)
+        if line.startswith("G1 Z") and not relative:
+            highest_mm = max(highest_mm, float(line[4:]))
+
+
+@pytest.mark.parametrize("command", ["M104", "M109", "M140", "M190"])
+def test_no_heater_is_told_more_than_its_printer_stands(command: str):
+    heater, most_c = ("nozzle", 260) if command in ("M104", "M109") else ("bed", 115)
+    assert program(f"{command} S{most_c}\n").heats[0].target_c == most_c
+    with pytest.raises(
+        BadGcode, match=f"{most_c + 0.5} degrees are too many for the {heater}: at most {most_c}"
+    ):
+        program(f"{command} S{most_c + 0.5}\n")

@@ -1,0 +1,481 @@
+"""The link against a small firmware, over wires that lose and garble.
+
+The rules are those of docs/explanation/ultimaker2-serial.md, section 1.
+"""
+
+import math
+import random
+import re
+from functools import reduce
+from operator import xor
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import Fault
+from drivers.gcode.command import COMMAND_BYTES
+from drivers.link import replies
+from drivers.link.link import ASK_S, ASKS, TRIES, Link, Phase, Report, Trouble, Up, checksum, frame
+from drivers.link.replies import QUESTION
+
+BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"
+
+
+class Firmware:
+    """Numbers, checksums, resends and oks; nothing of machines."""
+
+    def __init__(self) -> None:
+        self.last = 0
+        self.partial = b""
+        self.done: list[tuple[int, bytes]] = []  # numbered lines that were carried out
+        self.mute = False
+
+    def feed(self, data: bytes) -> bytes:
+        out = b""
+        *lines, self.partial = (self.partial + data).split(b"\n")
+        for line in lines:
+            out += self.line(line)
+        return b"" if self.mute else out
+
+    def line(self, line: bytes) -> bytes:
+        body = line
+        number = re.search(rb"N(-?\d+)", line)
+        star = line.find(b"*")
+        if number is not None:
+            n = int(number[1])
+            if n != self.last + 1 and b"M110" not in line:
+                return self.wrong(b"Line Number is not Last Line Number+1")
+            if star < 0:
+                return self.wrong(b"No Checksum with line number")
+            said = re.match(rb"\d*", line[star + 1 :])
+            if reduce(xor, line[:star], 0) != int((said and said[0]) or b"-1"):
+                return self.wrong(b"checksum mismatch")
+            self.last = n
+            body = line[:star].partition(b" ")[2]
+        elif star >= 0:
+            return b"Error:No Line Number with checksum, Last Line: %d\n" % self.last
+        if not body.strip():
+            return b""
+        if number is not None and not body.startswith((b"M110", b"M105")):
+            self.done.append((self.last, body))
+        if body.startswith(b"M105"):
+            return b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"
+        if b"M119" in body:
+            return b"Reporting endstop status\nx_min: openy_max: openz_max: openok\n"
+        return b"ok\n"
+
+    def wrong(self, what: bytes) -> bytes:
+        self.partial = b""
+        return b"Error:%b, Last Line: %d\nResend: %d\nok\n" % (what, self.last, self.last + 1)
+
+
+class Wire:
+    """Bytes from end to end, each lost or changed with the given probability; in pieces of `piece` bytes."""
+
+    def __init__(self, lost: float, changed: float, piece: int, seed: int) -> None:
+        self.lost, self.changed, self.piece = lost, changed, piece
+        self.rng = random.Random(seed)
+
+    def carry(self, data: bytes) -> list[bytes]:
+        if self.lost or self.changed:
+            out = bytearray()
+            for byte in data:
+                roll = self.rng.random()
+                if roll < self.lost:
+                    continue
+                out.append(byte ^ (1 << self.rng.randrange(8)) if roll < self.lost + self.changed else byte)
+            data = bytes(out)
+        return [data[i : i + self.piece] for i in range(0, len(data), self.piece)]
+
+
+class Bench:
+    def __init__(self, wire: Wire | None = None, floor_s: float = 0.0) -> None:
+        self.firmware = Firmware()
+        self.wire = wire or Wire(0.0, 0.0, 10_000, 0)
+        self.link = Link(floor_s)
+        self.now_s = 0.0
+        self.events: list[object] = []
+
+    def boot(self) -> "Bench":
+        self.link.opened(self.now_s)
+        self.events += self.link.receive(BANNER, self.now_s) or ()
+        return self
+
+    def run(self, until_s: float = 1e6) -> None:
+        """Until nothing happens any more, or the link has given up."""
+        for _ in range(20_000):
+            if self.now_s >= until_s:
+                return
+            if out := self.link.take():
+                for there in self.wire.carry(out):
+                    for back in self.wire.carry(self.firmware.feed(there)):
+                        self.events += self.link.receive(back, self.now_s) or ()
+                self.now_s += 0.01
+            elif self.link.deadline_s == math.inf:
+                return
+            else:
+                self.now_s = self.link.deadline_s
+                self.events += self.link.tick(self.now_s)
+        raise AssertionError(f"it does not end: {self.events[-5:]}")
+
+    def troubles(self) -> list[Fault]:
+        return [event.fault for event in self.events if isinstance(event, Trouble)]
+
+
+def lines(count: int) -> list[bytes]:
+    return [b"G1 X%d.%03d Y1 E%d" % (i % 200, i % 1000, i) for i in range(count)]
+
+
+def stream(bench: Bench, program: list[bytes]) -> None:
+    bench.link.stream(bench.now_s, lambda a, b: program[a:b], 0, len(program))
+
+
+@given(st.binary(max_size=128))
+def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes):
+    assert checksum(line) == reduce(xor, line, 0)
+
+
+def test_frames_are_those_of_the_notes():
+    assert frame(0, b"M110") == b"N0 M110*35\n"
+
+
+@given(count=st.integers(1, 700), piece=st.sampled_from([1, 2, 7, 10_000]))
+@settings(max_examples=25, deadline=None)
+def test_over_a_clean_wire_every_line_is_carried_out_once_and_nothing_is_repeated(count: int, piece: int):
+    bench = Bench(Wire(0.0, 0.0, piece, 0)).boot()
+    program = lines(count)
+    stream(bench, program)
+    bench.run()
+    assert bench.firmware.done == list(enumerate(program, 1))
+    assert bench.link.streamed == count
+    assert bench.link.repeated == 0
+    assert not bench.troubles()
+
+
+@given(
+    count=st.integers(1, 400),
+    lost=st.sampled_from([0.0, 0.0002, 0.002]),
+    changed=st.sampled_from([0.0002, 0.001, 0.01]),
+    piece=st.sampled_from([1, 10_000]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=150, deadline=None)
+def test_over_a_lossy_wire_lines_are_carried_out_once_in_order_or_the_link_ends_in_a_named_fault(
+    count: int, lost: float, changed: float, piece: int, seed: int
+):
+    bench = Bench(Wire(lost, changed, piece, seed)).boot()
+    program = [*lines(count), b"M400", b"M400", b"M400"]
+    stream(bench, program)
+    bench.run()
+    numbers = [number for number, _ in bench.firmware.done]
+    assert numbers == list(range(1, len(numbers) + 1))
+    if bench.link.phase is Phase.DEAD:
+        assert set(bench.troubles()) <= {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
+    else:
+        # Three barriers: what is believed of the last of them by mistake is no line of the print.
+        assert len(numbers) >= count
+        assert bench.link.streamed == len(program)
+
+
+@given(st.lists(st.binary(max_size=60), max_size=30))
+def test_whatever_a_board_says_the_link_never_raises(noise: list[bytes]):
+    bench = Bench().boot()
+    stream(bench, lines(20))
+    for data in noise:
+        bench.link.receive(data, bench.now_s)
+        bench.link.take()
+        bench.now_s = max(bench.now_s, min(bench.link.deadline_s, bench.now_s + 100.0))
+        bench.link.tick(bench.now_s)
+
+
+@pytest.mark.parametrize(
+    "answer", [b"Resend: %b", b"ok T:%b /0.0 B:20.0 /0.0 @:0 B@:0", b"ok T:20.0 /0.0 B:20.0 /%b @:0 B@:0"]
+)
+def test_a_number_without_end_is_noise(answer: bytes):
+    link = Link()
+    link.opened(0.0)
+    link.receive(BANNER, 0.0)
+    assert link.tick(10.0) is not None
+    link.poll(10.0)
+    link.receive(b"ok\n", 10.0)
+    events = link.receive(answer % (b"9" * 5000) + b"\n", 10.0)
+    assert not [event for event in events or () if isinstance(event, Report)]
+
+
+def test_after_the_banner_the_link_sets_the_line_number_and_says_that_it_is_up():
+    bench = Bench().boot()
+    assert bench.link.take() == b"N0 M110*35\n"
+    assert [(e.restarted, b"Vers:_3.3.0" in e.banner) for e in bench.events if isinstance(e, Up)] == [
+        (True, True)
+    ]
+
+
+def test_a_board_that_does_not_restart_is_asked_and_said_to_be_up():
+    bench = Bench()
+    bench.link.opened(0.0)
+    bench.run()
+    assert [e.restarted for e in bench.events if isinstance(e, Up)] == [False]
+
+
+def test_a_silent_board_ends_in_no_answer_and_nothing_more_is_sent():
+    bench = Bench().boot()
+    bench.run()
+    bench.firmware.mute = True
+    bench.link.send(bench.now_s, b"G1 X1")
+    bench.run()
+    assert bench.troubles() == [Fault.NO_ANSWER]
+    assert bench.link.take() == b""
+    assert bench.link.deadline_s == math.inf
+
+
+def test_a_board_that_was_only_late_is_asked_and_nothing_is_sent_twice():
+    bench = Bench().boot()
+    bench.run()
+    stream(bench, lines(50))
+    late = bench.link.take()
+    for _ in range(3):
+        bench.now_s = bench.link.deadline_s
+        bench.link.tick(bench.now_s)
+        late += bench.link.take()
+    assert late.count(QUESTION) == 3
+    bench.link.receive(bench.firmware.feed(late), bench.now_s)
+    bench.run()
+    assert [number for number, _ in bench.firmware.done] == list(range(1, 51))
+    assert bench.link.repeated == 0
+
+
+def test_patience_is_short_again_after_an_ordinary_ok():
+    bench = Bench().boot()
+    bench.run()
+    stream(bench, lines(50))
+    bench.now_s = bench.link.deadline_s
+    bench.link.tick(bench.now_s)
+    bench.now_s = bench.link.deadline_s
+    for _ in range(2):
+        bench.link.receive(b"ok\n", bench.now_s)
+        assert bench.link.deadline_s == pytest.approx(bench.now_s + ASK_S)
+
+
+def test_a_question_with_a_flipped_bit_commands_nothing():
+    for at in range(len(QUESTION)):
+        for bit in range(8):
+            asked = QUESTION[:at] + bytes((QUESTION[at] ^ 1 << bit,)) + QUESTION[at + 1 :]
+            for line in re.split(rb"[\n\r:]", asked):
+                assert not re.search(rb"[GMTN;]", line)
+
+
+def silence_s(bench: Bench, *commands: bytes) -> float:
+    """How long a board that has fallen silent is waited for."""
+    bench.run()
+    bench.firmware.mute = True
+    began_s = bench.now_s
+    bench.link.send(began_s, *commands)
+    bench.run()
+    assert bench.troubles() == [Fault.NO_ANSWER]
+    return bench.now_s - began_s
+
+
+def test_no_time_out_is_shorter_than_the_floor():
+    assert silence_s(Bench(floor_s=200.0).boot(), b"G1 X1") >= 200.0
+    bench = Bench(floor_s=200.0).boot()
+    bench.run()
+    bench.link.send(bench.now_s, b"G1 X1")
+    assert bench.link.deadline_s >= bench.now_s + 25.0  # a question costs nothing: an eighth of it
+
+
+@pytest.mark.parametrize(
+    ("command", "patience_s"),
+    [(b"G1 X1", 50.0), (b"M401", 300.0), (b"G28", 1500.0), (b"G4 P60000", 3000.0), (b"M400", 3000.0)],
+)
+def test_what_waits_for_all_moves_before_it_is_waited_for_longer(command: bytes, patience_s: float):
+    assert silence_s(Bench().boot(), command) == pytest.approx(patience_s, abs=0.1)
+
+
+def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
+    bench = Bench().boot()
+    bench.run()
+    bench.link.send(bench.now_s, b"G1 X" + b"1" * (COMMAND_BYTES - 4))
+    sent = b""
+    while bench.link.phase is Phase.LIVE:
+        sent += bench.link.take()
+        bench.now_s = bench.link.deadline_s
+        bench.link.tick(bench.now_s)
+    assert sent.count(QUESTION) == ASKS
+    assert len(sent) + len(b"234567") <= 126  # more is lost without a word
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (b"ok", [b"ok"]),
+        (b"okok", [b"ok", b"ok"]),
+        (b"ook", [b"o", b"ok"]),
+        (b"okk", [b"ok", b"k"]),
+        (b"Resend: 7ok", [b"Resend: 7", b"ok"]),
+        (b"okError:checksum mismatch, Last Line: 6", [b"ok", b"Error:checksum mismatch, Last Line: 6"]),
+        (b"Error:x, Last Line: 6Resend: 7", [b"Error:x, Last Line: 6", b"Resend: 7"]),
+        (b"ok T:20.0 /0.0 B:1.0 /0.0 @:0 B@:0", [b"ok T:20.0 /0.0 B:1.0 /0.0 @:0 B@:0"]),
+        (b"okPrinter stopped due to errors.", [b"ok", b"Printer stopped due to errors."]),
+        (b"echo:SD card ok", [b"echo:SD card ok"]),
+        (b"", []),
+    ],
+)
+def test_answers_that_lost_a_newline_are_told_apart(line: bytes, words: list[bytes]):
+    assert replies.words(line) == words
+
+
+@given(st.binary(max_size=100))
+def test_telling_answers_apart_loses_no_byte(line: bytes):
+    assert b"".join(replies.words(line)) == line
+
+
+def test_the_ok_that_is_glued_to_the_end_stops_counts():
+    bench = Bench().boot()
+    bench.link.send(bench.now_s, b"M119", b"G1 X1")
+    bench.run()
+    assert [body for _, body in bench.firmware.done] == [b"M119", b"G1 X1"]
+    assert bench.now_s < 1.0
+
+
+def test_a_plain_ok_never_answers_a_poll_and_a_report_never_acknowledges_a_line():
+    bench = Bench().boot()
+    bench.run()
+    bench.link.send(bench.now_s, b"G1 X1", b"G1 X2")
+    bench.link.take()
+    report = b"ok T:20.5 /0.0 B:21.0 /0.0 @:0 B@:0\n"
+    assert bench.link.receive(report, bench.now_s) == [Report(20.5, 0.0, 21.0, 0.0)]
+    assert bench.link.take() == b""
+    bench.link.receive(b"ok\n", bench.now_s)
+    assert bench.link.take().startswith(b"N2 ")
+
+
+@pytest.mark.parametrize(
+    ("said", "fault"),
+    [
+        (b"start\n", Fault.REBOOT),
+        (b"\xfe\x00start\n", Fault.REBOOT),
+        (b"echo:Marlin 1.0.0\n", Fault.REBOOT),
+        (b"Error:Printer stopped due to errors. Fix the error and use M999\n", Fault.STOPPED),
+        (b"Printer stopped due to errors. Fix the error and use M999\nok\n", Fault.STOPPED),
+        (b"Error:0\n: Extruder switched off. MAXTEMP triggered !\n", Fault.MAXTEMP),
+        (b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", Fault.MINTEMP),
+        (b"Error:Temperature heated bed switched off. MAXTEMP triggered !!\n", Fault.MAXTEMP),
+        (b"Error:Printer halted. kill() called!\n", Fault.KILL),
+        (b"Error:Endstop not pressed after homing down. Endstop broken?\nok\n", Fault.ENDSTOP),
+        (b"echo: cold extrusion prevented\n", Fault.COLD_EXTRUSION),
+        (b"echo: too long extrusion prevented\n", Fault.BAD_FILE),
+    ],
+)
+def test_troubles_of_the_firmware_stop_the_stream_at_once(said: bytes, fault: Fault):
+    bench = Bench().boot()
+    stream(bench, lines(50))
+    bench.run(until_s=0.1)
+    bench.link.take()
+    bench.events += bench.link.receive(said, bench.now_s) or ()
+    assert bench.troubles() == [fault]
+    bench.link.receive(b"ok\n", bench.now_s)
+    assert bench.link.take() == b""
+
+
+def test_a_board_that_lost_its_count_is_not_obeyed():
+    bench = Bench().boot()
+    stream(bench, lines(300))
+    bench.run(until_s=1.0)
+    bench.firmware.last = 0  # it was reset, and its `start` was lost
+    done = len(bench.firmware.done)
+    bench.run()
+    assert bench.troubles() == [Fault.REBOOT]
+    assert len(bench.firmware.done) == done
+    assert bench.now_s < 1.0 + (TRIES + 1) * 60.0
+
+
+def test_halting_leaves_the_line_in_flight_and_sends_no_more_of_the_program():
+    bench = Bench().boot()
+    stream(bench, lines(300))
+    bench.run(until_s=0.5)
+    bench.link.halt()
+    bench.link.send(bench.now_s, b"M401")
+    streamed = bench.link.streamed
+    bench.run()
+    bodies = [body for _, body in bench.firmware.done]
+    assert bodies[-1] == b"M401"
+    assert len(bodies) - 1 <= streamed + 1 == bench.link.streamed
+
+
+def test_commands_wait_for_the_program_to_be_halted():
+    bench = Bench().boot()
+    stream(bench, lines(300))
+    with pytest.raises(ValueError, match="halt"):
+        bench.link.send(0.0, b"M401")
+        bench.link.send(0.0, b"M401")
+
+
+@given(
+    count=st.integers(1, 600),
+    every_s=st.sampled_from([0.02, 0.05, 0.3, 1.0]),
+    changed=st.sampled_from([0.0, 0.0005]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=60, deadline=None)
+def test_polls_between_the_lines_change_neither_their_order_nor_the_count(
+    count: int, every_s: float, changed: float, seed: int
+):
+    bench = Bench(Wire(0.0, changed, 10_000, seed))
+    bench.link.poll_every_s = every_s
+    bench.boot()
+    program = lines(count)
+    bench.link.send(0.0, b"M82")
+    stream(bench, program)
+    seen = [0]
+    for _ in range(200):
+        if bench.link.drained or bench.link.phase is Phase.DEAD:
+            break
+        bench.run(until_s=bench.now_s + 0.5)
+        seen.append(bench.link.streamed)
+    if bench.link.phase is not Phase.DEAD:
+        assert len(bench.firmware.done) == count + 1
+        assert bench.link.streamed == count
+        if not changed:
+            assert [body for _, body in bench.firmware.done] == [b"M82", *program]
+            assert seen == sorted(seen)
+            assert bench.link.repeated == 0
+
+
+def test_a_last_line_from_far_back_is_believed_when_the_board_says_it_twice():
+    """One digit of it may be garbled; a board that was reset says the same once more."""
+    program, bench = lines(120), Bench().boot()
+    stream(bench, program)
+    bench.run(until_s=0.8)
+    assert 50 < bench.link.streamed < 100
+    bench.link.take()
+    for resend in (5, 6, 6):
+        bench.events += bench.link.receive(b"Resend: %d\n" % resend, bench.now_s) or ()
+    for last in (5, 6, 6):
+        assert bench.link.phase is Phase.LIVE and bench.troubles() == []
+        said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+        bench.events += bench.link.receive(said, bench.now_s) or ()
+    assert bench.troubles() == [Fault.REBOOT]
+    assert bench.link.phase is Phase.DEAD
+
+
+def test_a_board_that_says_another_last_line_each_time_is_given_up():
+    bench = Bench().boot()
+    stream(bench, lines(120))
+    bench.run(until_s=0.8)
+    bench.link.receive(b"Resend: 5\n", bench.now_s)
+    for last in range(20, 20 + TRIES + 1):
+        assert bench.link.phase is Phase.LIVE
+        said = b"Error:No Line Number with checksum, Last Line: %d\n" % last
+        bench.events += bench.link.receive(said, bench.now_s) or ()
+    assert bench.troubles() == [Fault.NOISY_LINE]
+
+
+def test_a_garbled_resend_from_far_back_costs_nothing():
+    program, bench = lines(120), Bench().boot()
+    stream(bench, program)
+    bench.run(until_s=0.8)
+    bench.events += bench.link.receive(b"Resend: 5\n", bench.now_s) or ()
+    bench.run()
+    assert [text for _, text in bench.firmware.done] == program
+    assert bench.troubles() == []

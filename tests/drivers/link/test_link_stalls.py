@@ -1,0 +1,70 @@
+"""One fault on the wire: how long the head stands still for it, and that every line is carried out once."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.stalls import KINDS, run
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.link.link import Link, Phase
+from drivers.printers.profiles import PROFILES
+
+MEDIAN_S, WORST_S = 1.0, 3.0  # simulated seconds
+OFTEN = 200
+SELDOM = 30  # of the lines that are no moves
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_fault_keeps_the_head_still_for_a_moment_and_doubles_nothing(name: str):
+    faults = SELDOM if name.startswith("M") else OFTEN
+    outcome = run(KINDS[name], faults, seed=0)
+    assert outcome.fault is None
+    assert outcome.exact
+    assert len(outcome.stalls_s) == faults
+    assert outcome.median_s <= MEDIAN_S
+    assert outcome.worst_s <= WORST_S
+
+
+@given(st.sampled_from(sorted(KINDS)), st.integers(0, 2**32))
+@settings(max_examples=60, deadline=None)
+def test_whatever_is_hit_the_print_is_exact_and_goes_on_within_3_s(name: str, seed: int):
+    outcome = run(KINDS[name], 8, seed)
+    assert outcome.exact
+    assert outcome.worst_s <= WORST_S
+
+
+@given(
+    moves=st.lists(st.sampled_from([0.5, 3.0, 40.0, 180.0]), min_size=1, max_size=40),
+    feed_mm_min=st.sampled_from([120, 600, 3000]),
+    hits=st.sets(st.integers(0, 39), max_size=2),
+)
+@settings(max_examples=60, deadline=None)
+def test_behind_slow_moves_nothing_is_sent_twice_and_a_lost_ok_costs_nothing(
+    moves: list[float], feed_mm_min: int, hits: set[int]
+):
+    """Up to 90 s a move: the board is silent for as long, and is asked meanwhile."""
+    places = [20.0 + (mm if at % 2 else 0.0) for at, mm in enumerate(moves)]
+    program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in places]
+    firmware, link = Firmware(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0), Link()
+    link.opened(0.0)
+    now_s, up, answers = 0.0, False, 0
+    while not (up and link.drained):
+        assert link.phase is not Phase.DEAD
+        now_s = max(now_s, min(firmware.deadline_s(), link.deadline_s)) + 1e-3
+        back = firmware.feed(link.take(), now_s)
+        if back == b"ok\n":
+            answers += 1
+            back = b"" if answers in hits else back
+        link.receive(back, now_s)
+        link.tick(now_s)
+        if not up and link.phase is Phase.LIVE:
+            up = True
+            link.send(now_s, b"M302 S0", b"G28")
+            link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
+    now_s += 200.0
+    firmware.feed(b"", now_s)
+    assert firmware.machine.planner.moves == len(program)
+    assert link.repeated == 0

@@ -1,0 +1,151 @@
+"""The link and the emulator's firmware over wires that cut up, delay, lose, flip and double bytes."""
+
+import math
+import random
+from collections import deque
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.soak import soak
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.emulator.noise import Noise
+from drivers.errors import Fault
+from drivers.link.link import Link, Phase, Trouble
+from drivers.printers.profiles import PROFILES
+
+NAMED = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
+
+
+class Recorder(Firmware):
+    """Remembers the numbered lines that it took."""
+
+    def __init__(self, faults: Faults, seed: int) -> None:
+        self.taken: list[tuple[int, bytes]] = []
+        super().__init__(PROFILES["ultimaker2_plus"], faults, random.Random(seed), 0.0)
+
+    def _quick_move(self) -> bool:
+        return False
+
+    def _accept(self, line: bytes) -> None:
+        before = self._last_n
+        super()._accept(line)
+        if self._last_n != before:
+            self.taken.append((self._last_n, line.partition(b"*")[0].partition(b" ")[2]))
+
+
+class Wire:
+    """One direction: pieces of `piece` bytes, each on its way for up to `late_s`; none overtakes another."""
+
+    def __init__(self, piece: int, late_s: float, rng: random.Random) -> None:
+        self.piece, self.late_s, self.rng = piece, late_s, rng
+        self.under_way: deque[tuple[float, bytes]] = deque()
+        self.last_s = 0.0
+
+    def put(self, data: bytes, now_s: float) -> None:
+        for at in range(0, len(data), self.piece):
+            self.last_s = max(self.last_s, now_s + self.rng.random() * self.late_s)
+            self.under_way.append((self.last_s, data[at : at + self.piece]))
+
+    def due_s(self) -> float:
+        return self.under_way[0][0] if self.under_way else math.inf
+
+    def take(self, now_s: float) -> bytes:
+        out = b""
+        while self.under_way and self.under_way[0][0] <= now_s:
+            out += self.under_way.popleft()[1]
+        return out
+
+
+def printed(
+    program: list[bytes], faults: Faults, piece: int, late_s: float, seed: int
+) -> tuple[Recorder, Link, list[Fault]]:
+    """Stream a program to the end, or until the link has given up."""
+    rng = random.Random(seed)
+    firmware, link = Recorder(faults, seed), Link()
+    there, back = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
+    now_s, up, troubles = 0.0, False, []
+    link.opened(now_s)
+    for _ in range(100_000):
+        there.put(link.take(), now_s)
+        due_s = min(firmware.deadline_s(), link.deadline_s, there.due_s(), back.due_s())
+        now_s = max(now_s, min(due_s, now_s + 1000.0)) + 1e-4
+        back.put(firmware.feed(there.take(now_s), now_s), now_s)
+        events = [*(link.receive(back.take(now_s), now_s) or ()), *link.tick(now_s)]
+        troubles += [event.fault for event in events if isinstance(event, Trouble)]
+        if not up and link.phase is Phase.LIVE:
+            up = True
+            link.stream(now_s, lambda a, b: program[a:b], 0, len(program))
+        elif (up and link.drained) or troubles:
+            return firmware, link, troubles
+    raise AssertionError("it does not end")
+
+
+@given(
+    count=st.integers(1, 120),
+    noise=st.sampled_from([0.0, 0.0002, 0.001, 0.01]),
+    lost=st.sampled_from([0.0, 0.0002, 0.002]),
+    doubled=st.sampled_from([0.0, 0.0002, 0.002]),
+    piece=st.sampled_from([1, 2, 7, 1000]),
+    late_s=st.sampled_from([0.0, 0.01, 0.5, 12.0]),
+    seed=st.integers(0, 2**32),
+)
+@settings(max_examples=80, deadline=None)
+def test_every_line_is_carried_out_once_in_order_and_unaltered_or_the_link_ends_in_a_named_fault(
+    count: int, noise: float, lost: float, doubled: float, piece: int, late_s: float, seed: int
+):
+    path = [b"G1 X%d.%02d Y%d E%d" % (i % 200, i % 97, i % 190, i) for i in range(1, count)]
+    program = [b"M302 S0", *path, *[b"M400"] * 3]
+    firmware, link, troubles = printed(
+        program, Faults(noise=noise, lost=lost, doubled=doubled), piece, late_s, seed
+    )
+    numbers = [number for number, _ in firmware.taken]
+    assert numbers == list(range(1, len(numbers) + 1))
+    other = sum(body != line for (_, body), line in zip(firmware.taken, program, strict=False))
+    assert other == (firmware.noise.altered if firmware.noise is not None else 0)
+    if troubles:
+        assert set(troubles) <= NAMED
+    else:
+        assert len(numbers) >= count
+        assert link.streamed == len(program)
+
+
+def test_a_collision_is_counted():
+    """Two flips of one bit keep an XOR: the firmware takes the line, and the emulator knows."""
+    firmware = Recorder(Faults(noise=1e-9), 0)
+    assert firmware.noise is not None
+    firmware.feed(b"", 10.0)
+
+    class TwoFlips(Noise):
+        def carry(self, data: bytes) -> bytes:
+            return data.replace(b"X12", b"X21")
+
+    firmware.noise.__class__ = TwoFlips
+    link = Link()
+    link.opened(10.0)
+    firmware.reset(10.0)
+    now_s = 10.0
+    for _ in range(200):
+        now_s = max(now_s + 0.01, min(firmware.deadline_s(), link.deadline_s, now_s + 1.0))
+        back = firmware.feed(link.take(), now_s)
+        link.receive(back, now_s)
+        link.tick(now_s)
+        if link.phase is Phase.LIVE and not firmware.taken and link.drained:
+            link.send(now_s, b"G1 X12", b"G1 X10")
+    assert [body for _, body in firmware.taken] == [b"G1 X21", b"G1 X10"]
+    assert firmware.noise.altered == 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_long_print_over_a_slightly_damaged_wire_ends_exactly(seed: int):
+    outcome = soak(20_000, 0.00005, seed)
+    assert outcome.exact and outcome.altered == 0
+    assert outcome.repeated > 10
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_over_a_noisy_wire_the_rule_trips(seed: int):
+    outcome = soak(20_000, 0.001, seed)
+    assert outcome.fault == Fault.NOISY_LINE

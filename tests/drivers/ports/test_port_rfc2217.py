@@ -1,0 +1,137 @@
+"""A port on another host, behind a real ser2net."""
+
+import asyncio
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import settled
+from drivers import messages as m
+from drivers.clock import Clock
+from drivers.emulator.launch import control, launch, read_status
+from drivers.errors import PortError
+from drivers.link.dialogue import talk
+from drivers.link.link import Link, Report, Up
+from drivers.ports.port import NetPort
+from drivers.remote.client import AgentClient, spawn
+from drivers.safety import estop
+
+MODEL = "ultimaker2_plus"
+DEADLINE_S = 60.0
+pytestmark = pytest.mark.filterwarnings("ignore:set(Daemon|Name):DeprecationWarning")  # pyserial's
+SER2NET = shutil.which("ser2net", path="/usr/sbin:" + os.environ["PATH"])
+CC = shutil.which("cc") or shutil.which("tcc")
+
+
+@pytest.fixture
+def url(tmp_path: Path) -> Iterator[str]:
+    """An emulated printer behind ser2net; its DTR is that of `modem_lines.c`."""
+    if SER2NET is None or CC is None:
+        pytest.skip("needs ser2net and a C compiler")
+    emulator = tmp_path / "emulator"
+    launch(f"sim://{MODEL}", emulator, Clock(60.0, time.time()))
+    lines = tmp_path / "lines.so"
+    source = Path(__file__).with_name("modem_lines.c")
+    subprocess.run([CC, "-shared", "-fPIC", "-nostdlib", "-o", lines, source], check=True)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        number = probe.getsockname()[1]
+    (tmp_path / "ser2net.yaml").write_text(
+        f"%YAML 1.1\n---\nconnection: &a\n  accepter: telnet(rfc2217),tcp,127.0.0.1,{number}\n"
+        f"  connector: serialdev,{(emulator / 'tty').resolve()},115200n81,local\n"
+        "  options: {mdns: false, mdns-sysattrs: false}\n"
+    )
+    (tmp_path / "reset.py").write_text(
+        "from pathlib import Path\nfrom drivers.emulator.launch import control\n"
+        f"control(Path({str(emulator)!r}), 'reset')\n"
+    )
+    reset = f"env -u LD_PRELOAD {sys.executable} {tmp_path}/reset.py"
+    env = {**os.environ, "LD_PRELOAD": str(lines), "RESET": reset}
+    words = [SER2NET, "-n", "-d", "-c", str(tmp_path / "ser2net.yaml")]
+    with (tmp_path / "ser2net.log").open("wb") as log:
+        server = subprocess.Popen(words, env=env, stdout=log, stderr=log, cwd=Path(__file__).parents[3])
+    try:
+        _until_it_listens(number)
+        yield f"rfc2217://127.0.0.1:{number}"
+    finally:
+        server.kill()
+        server.wait()
+        control(emulator, "power_off")
+
+
+def _until_it_listens(number: int) -> None:
+    """By the kernel's list: a connection would open the port."""
+    until_s = time.monotonic() + DEADLINE_S
+    while f":{number:04X} 00000000:0000 0A" not in Path("/proc/net/tcp").read_text():
+        assert time.monotonic() < until_s
+        time.sleep(0.02)
+
+
+@pytest.mark.system
+def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
+    port = NetPort(url)
+    try:
+        link = Link()
+        assert any(isinstance(event, Up) for _, event in talk(port, link, DEADLINE_S))
+        resets = read_status(tmp_path / "emulator").resets
+        port.reset()
+        link = Link()
+        for now_s, event in talk(port, link, DEADLINE_S):
+            if isinstance(event, Up):
+                assert event.restarted and event.banner
+                link.poll(now_s)
+            elif isinstance(event, Report):
+                assert event.off
+                break
+        else:
+            raise AssertionError("no report")
+        assert read_status(tmp_path / "emulator").resets == resets + 1
+        port.write_now(b"\nM104 S150\n")
+        assert settled(tmp_path / "emulator", lambda status: status.nozzle_target_c == 150.0)
+    finally:
+        port.close()
+    assert estop.stop(estop.Target("a", url, tmp_path / "a")).seen_off
+
+
+@pytest.mark.system
+def test_an_agent_opens_such_a_port_when_somebody_has_said_that_it_is_idle(tmp_path: Path, url: str):
+    folder = tmp_path / "agent"
+    process = spawn("a", MODEL, url, folder, Clock(60.0, time.time()))
+
+    async def story() -> None:
+        client = AgentClient(folder)
+        asked = False
+        await client.connect()
+        try:
+            async with asyncio.timeout(DEADLINE_S):
+                async for said in client.snapshots():
+                    if said.link is m.LinkState.FAULT and not asked:
+                        asked = True
+                        assert not read_status(tmp_path / "emulator").link_open
+                        assert (await client.request(m.BedCleared(id=0))).error is None
+                    if said.link is m.LinkState.READY and said.nozzle is not None:
+                        assert asked and said.reset_verified
+                        break
+        finally:
+            await client.close()
+
+    try:
+        asyncio.run(story())
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_host_that_does_not_answer_is_a_port_error():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        number = probe.getsockname()[1]
+    with pytest.raises(PortError, match="ser2net"):
+        NetPort(f"rfc2217://127.0.0.1:{number}")

@@ -1,0 +1,119 @@
+import fcntl
+import os
+import pty
+import struct
+import termios
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import everything
+from drivers.clock import Clock
+from drivers.errors import PortError
+from drivers.ports.serial_port import SerialPort, resolve
+
+TCGETS2 = 0x802C542A  # a rate that has no name among those of POSIX
+
+
+@pytest.fixture
+def ends() -> Iterator[tuple[int, Path]]:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    path = Path(os.ttyname(slave))
+    os.close(slave)
+    yield master, path
+    os.close(master)
+
+
+def test_bytes_go_both_ways_and_an_empty_port_gives_none(ends: tuple[int, Path]):
+    master, path = ends
+    port = SerialPort(path)
+    try:
+        assert port.read() == b""
+        port.write(b"M105\n")
+        assert os.read(master, 100) == b"M105\n"
+        os.write(master, b"ok\n")
+        assert port.read() == b"ok\n"
+        assert not termios.tcgetattr(port.fileno())[2] & termios.HUPCL
+        assert (
+            struct.unpack("4I B19s 2I", fcntl.ioctl(port.fileno(), TCGETS2, bytes(44)))[-2:] == (250_000,) * 2
+        )
+    finally:
+        port.close()
+
+
+def test_a_port_has_one_user(ends: tuple[int, Path]):
+    port = SerialPort(ends[1])
+    try:
+        with pytest.raises(PortError, match="another program"):
+            SerialPort(ends[1])
+        port.reset()
+        os.write(ends[0], b"start\n")
+        assert port.read() == b"start\n"
+    finally:
+        port.close()
+
+
+def test_a_port_whose_printer_went_away_says_so(ends: tuple[int, Path]):
+    port = SerialPort(ends[1])
+    try:
+        os.close(ends[0])
+        with pytest.raises(PortError, match="went away"):
+            port.read()
+    finally:
+        port.close()
+        os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
+
+
+@pytest.mark.parametrize("url", ["socket://printer:5000", "telnet://printer:5000", "sim://mendel"])
+def test_ports_that_cannot_be_printed_over_are_refused_in_one_line(url: str, tmp_path: Path):
+    with pytest.raises(PortError) as refused:
+        resolve(url, tmp_path, Clock())
+    assert "\n" not in str(refused.value)
+
+
+def test_a_path_that_is_no_port_is_refused(tmp_path: Path):
+    plain = tmp_path / "file"
+    plain.write_text("")
+    for path in (tmp_path / "none", plain):
+        with pytest.raises(PortError):
+            SerialPort(resolve(str(path), tmp_path, Clock()))
+
+
+def test_a_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Path]):
+    port = SerialPort(ends[1])
+    try:
+        os.close(ends[0])
+        with pytest.raises(PortError, match="cannot be reset"):
+            port.reset()
+    finally:
+        port.close()
+        os.dup2(os.open(os.devnull, os.O_RDONLY), ends[0])
+
+
+def test_what_cannot_wait_goes_out_before_all_that_was_not_sent(ends: tuple[int, Path]):
+    """A board that has stopped reading: the kernel's buffer is full, and ours waits behind it."""
+    master, path = ends
+    port = SerialPort(path)
+    try:
+        while not port.unwritten:
+            port.write(b"G1 X1 Y1\n" * 100)
+        port.write_now(b"\nM104 S0\n")
+        assert not port.unwritten
+        assert everything(master).endswith(b"\nM104 S0\n")
+    finally:
+        port.close()
+
+
+def test_a_board_that_takes_nothing_is_not_waited_for_for_ever(
+    ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch
+):
+    port, looks = SerialPort(ends[1]), iter(range(1000))
+    monkeypatch.setattr("drivers.ports.serial_port.time.monotonic", lambda: float(next(looks)))
+    monkeypatch.setattr(SerialPort, "_queued", lambda _: 1)
+    try:
+        port.write_now(b"M104 S0\n")
+    finally:
+        port.close()

@@ -1,0 +1,65 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.printers.profiles import BEDS, FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, part_room, place
+
+models = st.sampled_from(sorted(BEDS))
+sizes = st.floats(1.0, 400.0)
+
+
+@given(models, st.floats(0.0, 30.0))
+def test_a_box_of_the_room_with_its_brim_is_on_the_bed_and_off_the_clips(model: str, brim_mm: float):
+    profile = BEDS[model]
+    width, depth = profile.bed_mm
+    bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2)
+    for box in part_room(profile, brim_mm):
+        grown = box.rect.grown(brim_mm - 1e-9)
+        assert bed.contains(grown)
+        assert not any(grown.overlaps(clip) for clip in profile.clips)
+        assert box.height_mm == profile.height_mm
+
+
+@given(models, st.tuples(sizes, sizes, sizes))
+def test_what_is_placed_lies_in_a_box_of_the_room(model: str, extents_mm: tuple[float, float, float]):
+    room = part_room(BEDS[model], 8.0)
+    placed = place(extents_mm, room)
+    dx, dy, dz = extents_mm
+    if placed is None:
+        assert not any(
+            box.rect.width_mm >= dx and box.rect.depth_mm >= dy and box.height_mm >= dz for box in room
+        )
+        return
+    if placed.turned:
+        dx, dy = dy, dx
+    part = Rect(placed.x_mm - dx / 2, placed.y_mm - dy / 2, placed.x_mm + dx / 2, placed.y_mm + dy / 2)
+    slack = FIT_TOLERANCE_MM
+    assert any(box.rect.grown(slack).contains(part) and box.height_mm + slack >= dz for box in room)
+
+
+def test_the_room_of_a_2_plus_with_a_brim_of_8_mm():
+    sizes_mm = [box.size_mm for box in part_room(PROFILES["ultimaker2_plus"], 8.0)]
+    assert (207.0, 191.0, 205.0) in sizes_mm
+    assert any(depth == 207.0 and width <= 165.0 for width, depth, _ in sizes_mm)
+
+
+def test_a_person_s_own_limit_counts_where_it_is_smaller():
+    assert part_room(PROFILES["ultimaker2_plus"], 0.0, (100.0, 90.0, 500.0))[0].size_mm == (
+        100.0,
+        90.0,
+        205.0,
+    )
+
+
+@given(st.floats(22.0, 110.0), st.floats(22.0, 110.0))
+def test_hotter_takes_longer(one_c: float, other_c: float):
+    heater = HeaterModel(gain_c=105.0, tau_s=520.0)
+    low_c, high_c = sorted((one_c, other_c))
+    assert heater.seconds_to(low_c) <= heater.seconds_to(high_c)
+    assert heater.seconds_to(20.0) == 0.0
+    assert heater.seconds_to(200.0) == math.inf
+    assert heater.seconds_to(high_c, start_c=low_c) == pytest.approx(
+        heater.seconds_to(high_c) - heater.seconds_to(low_c), abs=1e-6
+    )

@@ -1,0 +1,297 @@
+"""The emergency stop, on real processes that hang."""
+
+import asyncio
+import hashlib
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import threading
+import time
+import tty
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import Printer, settled
+from drivers import messages as m
+from drivers.agent.journal import ESTOPPED, Journal
+from drivers.agent.start_file import Start
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, launch, read_status
+from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
+from drivers.remote.client import AgentClient, alive, spawn
+from drivers.safety import estop, heater_watch
+
+MODEL = "ultimaker2_plus"
+HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
+SCALE = 120.0
+DEADLINE_S = 30.0
+
+
+async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> None:
+    """Have an agent print; return when head and heaters are at it."""
+    text = HEAD + "".join(
+        f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(50_000)
+    )
+    path = folder.parent / "a.gcode"
+    path.write_text(text)
+    client = AgentClient(folder)
+    await client.connect()
+    asked = False
+    async with asyncio.timeout(DEADLINE_S):
+        async for said in client.snapshots():
+            if said.link is m.LinkState.READY and not asked:
+                asked = True
+                sha256 = hashlib.sha256(text.encode()).hexdigest()
+                start = m.StartPrint(
+                    id=0,
+                    print_id="p-1",
+                    gcode=str(path),
+                    sha256=sha256,
+                    print_time_s=60.0,
+                    filament=m.Filament.PARKED,
+                )
+                assert (await client.request(start)).error is None
+            if said.print is not None and said.print.phase is m.PrintPhase.PRINTING:
+                break
+    assert process.poll() is None
+    await client.close()
+
+
+async def ended(folder: Path) -> m.PrintSnapshot:
+    """What the next agent says of the print that was stopped."""
+    client = AgentClient(folder)
+    await client.connect()
+    try:
+        async with asyncio.timeout(DEADLINE_S):
+            async for said in client.snapshots():
+                if said.print is not None and said.print.phase.ended:
+                    return said.print
+    finally:
+        await client.close()
+    raise AssertionError("the agent is gone")
+
+
+@pytest.mark.system
+def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_before_the_next_print(
+    tmp_path: Path,
+):
+    folder = tmp_path / "state" / "agents" / "um2-01"
+    url = f"sim://{MODEL}"
+    process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
+    try:
+        asyncio.run(print_until_hot(folder, process))
+        process.send_signal(signal.SIGSTOP)
+        assert read_status(folder / "emulator").nozzle_target_c == 210.0
+        farm = [Path(sys.executable).with_name("farm"), "estop", "--json"]
+        farm += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
+        done = subprocess.run(farm, check=False, capture_output=True, timeout=60)
+        assert done.returncode == 0, done.stderr
+        [row] = json.loads(done.stdout)["printers"]
+        assert (row["printer"], row["seen_off"]) == ("um2-01", True)
+        assert 0.0 < row["reset_after_s"] < 10.0
+        status = read_status(folder / "emulator")
+        assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)
+        assert process.wait(10.0) == -signal.SIGKILL
+        assert Journal(folder / "journal.jsonl").memory.look == ESTOPPED
+        assert not alive(folder)
+        process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
+        told = asyncio.run(ended(folder))
+        assert (told.phase, told.fault) == (m.PrintPhase.FAILED, "estop")
+        assert told.reason == "a person stopped it by `farm estop`"
+    finally:
+        process.kill()
+        process.wait(10.0)
+        if emulator_alive(folder / "emulator"):
+            control(folder / "emulator", "power_off")
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("dies", [False, True], ids=["estop", "its agent dies"])
+def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: Path, dies: bool):
+    """The planner holds half a minute of moves."""
+    emulator = tmp_path / "emulator"
+    one = Printer(tmp_path / "state" / "agents" / "um2-01", str(emulator / "tty"))
+    slow = HEAD + "".join(f"G1 F6 X{50 + 20 * (i % 2)} Y50 Z0.3 E{i * 0.1}\n" for i in range(1000))
+
+    async def print_slowly() -> None:
+        await one.connect()
+        await one.until(lambda s: s.link is m.LinkState.FAULT)
+        assert (await one.client.request(m.BedCleared(id=0))).error is None
+        await one.ready()
+        assert (await one.start(slow)).error is None
+        await one.phase(m.PrintPhase.PRINTING)
+        assert await asyncio.to_thread(settled, emulator, lambda status: status.position_mm[2] < 1.0)
+        await one.client.close()
+
+    async def left() -> None:
+        one.spawn()
+        await one.connect()
+        assert (await one.phase(m.PrintPhase.FAILED)).fault == "agent_died"
+        await one.client.close()
+
+    try:
+        launch(f"sim://{MODEL}?no_reset=1", emulator, one.clock)
+        one.spawn()
+        asyncio.run(print_slowly())
+        assert one.process is not None
+        one.process.send_signal(signal.SIGKILL if dies else signal.SIGSTOP)
+        if dies:
+            one.process.wait(10.0)
+            asyncio.run(left())
+        else:
+            farm = [Path(sys.executable).with_name("farm"), "estop", "--json"]
+            farm += ["--state", tmp_path / "state", "--fleet", tmp_path / "none.yaml"]
+            done = subprocess.run(farm, check=False, capture_output=True, timeout=100)
+            assert done.returncode == 0, done.stderr
+            [row] = json.loads(done.stdout)["printers"]
+            assert (row["seen_off"], row["still"]) == (True, True)
+            assert "not reset" in row["text"] and "stands still" in row["text"]
+        was = read_status(emulator)
+        assert (was.nozzle_target_c, was.bed_target_c, was.resets) == (0.0, 0.0, 0)
+        assert settled(emulator, lambda status: status.time_s > was.time_s + 500.0)  # two moves and a half
+        assert read_status(emulator).position_mm == was.position_mm
+    finally:
+        if one.process is not None:
+            one.process.kill()
+            one.process.wait(10.0)
+        control(emulator, "power_off")
+
+
+@pytest.mark.parametrize(("relay", "said"), [("exit 0", "mains away"), ("echo stuck >&2; exit 3", "stuck")])
+def test_a_board_that_does_not_show_its_heaters_off_loses_its_mains(tmp_path: Path, relay: str, said: str):
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    port = os.ttyname(slave)
+    os.close(slave)
+    script = tmp_path / "relay.sh"
+    script.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/cut\n{relay}\n')
+    script.chmod(0o700)
+    try:
+        target = estop.Target("um2-01", port, tmp_path / "um2-01", f"{script} {{printer}}")
+        stopped = estop.stop(target, show_s=0.05)
+        assert not stopped.seen_off and stopped.cut_s is not None
+        assert "shows no temperatures" in stopped.text and said in stopped.text
+        assert (tmp_path / "cut").read_text() == "um2-01\n"
+    finally:
+        os.close(master)
+
+
+@pytest.mark.parametrize("listens", [True, False], ids=["", "nobody listens any more"])
+def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listens: bool
+):
+    for name, rule in tuple(heater_watch.RULES.items()):
+        monkeypatch.setitem(heater_watch.RULES, name, replace(rule, falls_s=1.0))
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+
+    def board() -> None:
+        os.write(master, b"start\necho:   M301 P10.03\n")
+        with suppress(OSError):
+            while data := os.read(master, 4096):
+                for line in data.split(b"\n")[:-1]:
+                    os.write(master, b"ok T:200.0 /0.0 B:60.0 /0.0\n" if b"M105" in line else b"ok\n")
+
+    heard: list[str] = []
+
+    def tell(text: str) -> None:
+        heard.append(text)
+        if not listens:
+            raise BrokenPipeError
+
+    threading.Timer(0.2, board).start()
+    try:
+        stopped = estop.stop(estop.Target("a", os.ttyname(slave), tmp_path / "a"), tell=tell)
+        assert not stopped.seen_off and "not seen to cool" in stopped.text
+        assert len(heard) == 1 and "both targets 0" in heard[0]
+        assert Journal(tmp_path / "a" / "journal.jsonl").memory.hot
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+def test_an_agent_of_another_user_is_no_crash_and_no_printer_that_is_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def denied(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(estop, "kill_holder", denied)
+    stopped = estop.stop(estop.Target("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01"))
+    assert not stopped.seen_off
+    assert "cannot be stopped" in stopped.text
+
+
+def test_a_simulated_printer_without_power_is_off_and_nobody_is_needed(tmp_path: Path):
+    stopped = estop.stop(estop.Target("um2-01", f"sim://{MODEL}", tmp_path / "um2-01"))
+    assert stopped.seen_off
+
+
+def test_the_farm_names_the_printer_that_it_could_not_stop(tmp_path: Path):
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(f"printers:\n  - {{name: a, model: {MODEL}, port: {tmp_path}/no-such-tty}}\n")
+    farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path, "--fleet", fleet]
+    done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "a: cannot be stopped" in done.stdout and "not seen off: a" in done.stderr
+    done = subprocess.run([*farm, "b"], check=False, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 4 and "no printer b" in done.stderr
+
+
+def test_a_lock_tells_who_holds_it(tmp_path: Path):
+    path = tmp_path / AGENT_LOCK
+    assert holder(path) is None
+    lock = hold(path)
+    assert lock is not None
+    sign(lock)
+    assert held(path) and hold(path) is None
+    assert holder(path) == os.getpid()
+    size = path.stat().st_size
+    path.write_text("[1")
+    assert holder(path) is None
+    os.close(lock)
+    assert not held(path)
+    path.write_text("1" * size)
+    lock = hold(path)
+    assert lock is not None
+    assert holder(path) is None  # nobody signed yet
+    sign(lock)
+    assert holder(path) == os.getpid()
+    assert path.stat().st_size == size  # a full disk has no room for more
+    os.close(lock)
+
+
+def test_what_an_agent_was_started_with_is_found_again_and_rubbish_is_no_printer(tmp_path: Path):
+    for name, text in (("a", None), ("b", "{}"), ("c", "[")):
+        (tmp_path / name).mkdir()
+        if text is not None:
+            (tmp_path / name / "start.json").write_text(text)
+    Start("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
+    assert estop.known(tmp_path) == {"d": estop.Target("d", "/dev/null", tmp_path / "d", "relay d")}
+
+
+def test_what_is_the_same_is_not_written_anew_as_a_disk_may_be_full(tmp_path: Path):
+    begun = Start("d", MODEL, "/dev/null")
+    begun.write(tmp_path)
+    (tmp_path / ".start.json.new").mkdir()  # nothing can be written there
+    begun.write(tmp_path)
+    with pytest.raises(OSError):
+        replace(begun, port="/dev/zero").write(tmp_path)
+
+
+def test_no_process_is_killed_for_a_number_that_an_agent_left_behind(tmp_path: Path):
+    bystander = subprocess.Popen(["sleep", "60"])
+    try:
+        (tmp_path / AGENT_LOCK).write_text(str(bystander.pid))
+        assert kill_holder(tmp_path / AGENT_LOCK)
+        assert bystander.poll() is None
+    finally:
+        bystander.kill()
+        bystander.wait()

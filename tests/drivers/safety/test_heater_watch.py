@@ -1,0 +1,138 @@
+"""The watch over both heaters, on curves that are known."""
+
+import math
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.errors import Fault
+from drivers.gcode.program import HeaterName
+from drivers.link.replies import Report
+from drivers.safety.heater_watch import RULES, Finding, Watch
+
+NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
+
+
+class Curve:
+    """A heater of first order that is told its power."""
+
+    def __init__(self, name: HeaterName, start_c: float = 21.0) -> None:
+        self.now_c = start_c
+        self.gain_c, self.tau_s = (380.0, 180.0) if name is NOZZLE else (105.0, 520.0)
+
+    def step(self, on: bool, seconds: float) -> float:
+        top_c = 21.0 + self.gain_c * on
+        self.now_c = top_c + (self.now_c - top_c) * math.exp(-seconds / self.tau_s)
+        return self.now_c
+
+
+def look(watch: Watch, name: HeaterName, now_c: float, set_c: float, now_s: float) -> Finding | None:
+    nozzle_c, bed_c = (now_c, 21.0) if name is NOZZLE else (21.0, now_c)
+    return watch.look(Report(nozzle_c, 0.0, bed_c, 0.0), {NOZZLE: 0.0, BED: 0.0} | {name: set_c}, now_s)
+
+
+@pytest.mark.parametrize(("name", "set_c"), [(NOZZLE, 210.0), (NOZZLE, 260.0), (BED, 60.0), (BED, 100.0)])
+@pytest.mark.parametrize("every_s", [1.0, 3.0, 12.0])
+def test_a_heater_in_good_health_is_left_alone_from_cold_to_cold(
+    name: HeaterName, set_c: float, every_s: float
+):
+    watch, curve, rng = Watch(4.0), Curve(name), random.Random(1)
+    now_s = 0.0
+    for target_c, seconds in ((set_c, 1800.0), (set_c - 15, 900.0), (set_c, 900.0), (0.0, 3600.0)):
+        until_s = now_s + seconds
+        while now_s < until_s:
+            now_s += every_s
+            on = curve.now_c < target_c
+            curve.step(on, every_s)
+            if (curve.now_c < target_c) != on and target_c:
+                curve.now_c = target_c
+            seen_c = curve.now_c + rng.gauss(0.0, 0.15)
+            assert look(watch, name, seen_c, target_c, now_s) is None
+    assert watch.cools
+
+
+@pytest.mark.parametrize(
+    ("name", "fails_at_c", "within_s"), [(NOZZLE, 150.0, 80.0), (BED, 45.0, 170.0), (NOZZLE, 30.0, 80.0)]
+)
+def test_a_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_c: float, within_s: float):
+    watch, curve = Watch(4.0), Curve(name)
+    set_c = 210.0 if name is NOZZLE else 60.0
+    now_s, failed_s = 0.0, math.nan
+    while now_s < 3600.0:
+        now_s += 1.0
+        if math.isnan(failed_s):
+            curve.step(True, 1.0)
+            failed_s = now_s if curve.now_c >= fails_at_c else math.nan
+        found = look(watch, name, curve.now_c, set_c, now_s)
+        if found is not None:
+            assert found.fault is Fault.HEATER_TIMEOUT
+            assert now_s - failed_s <= within_s
+            return
+    raise AssertionError("never found")
+
+
+@pytest.mark.parametrize("on", [False, True])
+@pytest.mark.parametrize("name", [NOZZLE, BED])
+def test_a_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
+    set_c = 210.0 if name is NOZZLE else 60.0
+    watch, curve, now_s = Watch(4.0), Curve(name, set_c), 0.0
+    for _ in range(100):
+        now_s += 3.0
+        assert look(watch, name, set_c, set_c, now_s) is None
+    left_s = now_s
+    while (found := look(watch, name, curve.step(on, 3.0), set_c, now_s)) is None:
+        now_s += 3.0
+        assert now_s < left_s + 400.0
+    assert found.fault is (Fault.HEATER_STUCK_ON if on else Fault.THERMAL_RUNAWAY)
+    assert abs(curve.now_c - set_c) > RULES[name].hold_c
+
+
+@pytest.mark.parametrize("name", [NOZZLE, BED])
+def test_off_is_believed_when_it_falls_and_doubted_when_it_does_not(name: HeaterName):
+    warm_c = 200.0 if name is NOZZLE else 60.0
+    falls, stays, late = Watch(4.0), Watch(4.0), Watch(4.0)
+    curve, again = Curve(name, warm_c), Curve(name, warm_c)
+    found = None
+    for second in range(1, 200):
+        now_s = float(second)
+        assert look(falls, name, curve.step(False, 1.0), 0.0, now_s) is None
+        found = found or look(stays, name, warm_c, 0.0, now_s)
+        look(late, name, again.step(second > 60, 1.0), 0.0, now_s)
+        if second == 40:
+            assert falls.cools and not stays.cools and late.cools
+    assert falls.cools and not stays.cools and not late.cools
+    assert found is not None and found.fault is Fault.HEATER_STUCK_ON
+
+
+@pytest.mark.parametrize("seconds", [70.0, 200.0, 4000.0, -4000.0])
+@pytest.mark.parametrize("name", [NOZZLE, BED])
+def test_a_gap_without_reports_is_no_fault_of_a_heater(name: HeaterName, seconds: float):
+    """A host that slept, a clock that was set, a move that took long."""
+    set_c = 210.0 if name is NOZZLE else 60.0
+    for target_c, start_c in ((set_c, 30.0), (0.0, set_c)):
+        watch, curve, now_s = Watch(4.0), Curve(name, start_c), 0.0
+        for second in range(60):
+            now_s += seconds if second in (5, 6, 30) else 1.0
+            assert look(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
+
+
+def test_a_sensor_that_reads_below_freezing_is_broken_and_not_cold():
+    watch = Watch(4.0)
+    found = [look(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
+    assert found[-1] is not None and found[-1].fault is Fault.MINTEMP
+    assert not watch.cools
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 3), st.floats(0.0, 999.0)), max_size=30), st.sampled_from([NOZZLE, BED])
+)
+def test_a_garbled_report_among_good_ones_changes_nothing(garbled: list[tuple[int, float]], name: HeaterName):
+    """At most every third is garbled: a report carries no checksum."""
+    set_c = 210.0 if name is NOZZLE else 60.0
+    watch, now_s = Watch(4.0), 0.0
+    for good, bad_c in garbled:
+        for seen_c in (*[set_c] * (good + 2), bad_c):
+            now_s += 3.0
+            assert look(watch, name, seen_c, set_c, now_s) is None

@@ -1,0 +1,145 @@
+"""The words that end motion and heat of a board which nothing resets, against the emulated firmware."""
+
+from __future__ import annotations
+
+import os
+import pty
+import tty
+from pathlib import Path
+
+import pytest
+
+from agent_with_emulator import everything
+from drivers.agent.board import Board
+from drivers.clock import Clock
+from drivers.emulator.faults import Faults
+from drivers.emulator.receiver import RING_BYTES
+from drivers.link.link import Event, Link, Up
+from drivers.ports.port import Port
+from drivers.ports.serial_port import SerialPort
+from drivers.safety import estop
+from drivers.safety.last_words import LAST_WORDS, end_heard
+from firmware_host import Host, numbered
+
+MOVE_S = 2.0
+LONGEST_LINE_BYTES = 95  # with its newline
+BLOCKED = 18  # moves that fill the planner, and one that waits for room
+
+
+def busy_host(moves: int = BLOCKED) -> Host:
+    """A hot board with its fan on whose planner is full of moves of 2 s."""
+    host = Host(faults=Faults(no_reset=True))
+    host.say("G28")
+    host.say("M140 S60")
+    host.say("M106 S255")
+    host.warm()
+    host.say("G1 F12000 X50 Y50")
+    host.say("M400")
+    for i in range(moves):
+        host.number(f"G1 F1200 X{90 if i % 2 == 0 else 50}")
+    return host
+
+
+def converse(host: Host, link: Link, seconds: float) -> list[Event]:
+    """Let link and board talk; what the link heard."""
+    events: list[Event] = []
+    end_s = host.now_s + seconds
+    while True:
+        out = link.take()
+        if not out:
+            host.now_s = min(max(host.now_s, host.firmware.deadline_s()), link.deadline_s, end_s)
+        back = host.firmware.feed(out, host.now_s)
+        events += link.receive(back, host.now_s) or ()
+        events += link.tick(host.now_s)
+        if host.now_s >= end_s:
+            return events
+        if not (out or back):
+            host.now_s += 1e-4
+
+
+def ended(host: Host) -> bool:
+    board, machine = host.board, host.firmware.machine
+    return board.nozzle.target_c == board.bed.target_c == 0.0 and not machine.waiting and not machine.planner
+
+
+def test_they_end_heat_and_queued_moves_within_one_move():
+    host = busy_host()
+    host.firmware.feed(LAST_WORDS, host.now_s)
+    assert not ended(host)
+    host.wait(1.1 * MOVE_S)
+    assert ended(host)
+
+
+@pytest.mark.parametrize("cut_off", ["G1 X7", "N19 G1 X70 Y5", "N1"])
+def test_a_line_that_was_cut_off_before_them_costs_one_more_move_at_most(cut_off: str):
+    host = busy_host()
+    host.firmware.feed(cut_off.encode(), host.now_s)
+    host.firmware.feed(LAST_WORDS, host.now_s)
+    link = Link()
+    link.opened(host.now_s, LAST_WORDS)
+    events = converse(host, link, 2.1 * MOVE_S)
+    assert ended(host)
+    [up] = [event for event in events if isinstance(event, Up)]
+    assert not up.restarted
+
+
+def test_behind_the_longest_line_they_and_a_question_fit_into_the_ring():
+    assert LONGEST_LINE_BYTES + len(LAST_WORDS) + len(b"M105\n") <= RING_BYTES
+    host = busy_host()
+    line = numbered(host.n + 1, "G1 X90 " + " " * 80)[: LONGEST_LINE_BYTES - 1]
+    host.put(line.ljust(LONGEST_LINE_BYTES - 1))
+    host.firmware.feed(LAST_WORDS, host.now_s)
+    link = Link()
+    link.opened(host.now_s, LAST_WORDS)
+    converse(host, link, 3.1 * MOVE_S)
+    assert ended(host) and link.drained
+
+
+def test_a_board_that_was_reset_loses_them_in_its_bootloader_and_is_known_to_be_new():
+    host = busy_host()
+    host.firmware.feed(LAST_WORDS, host.now_s)
+    host.firmware.reset(host.now_s)
+    link = Link()
+    link.opened(host.now_s, LAST_WORDS)
+    events = converse(host, link, 5.0)
+    assert [event.restarted for event in events if isinstance(event, Up)] == [True]
+    assert ended(host) and link.drained
+
+
+@pytest.fixture
+def silent_board():
+    """A port, and the other end of it, which says nothing by itself."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    yield os.ttyname(slave), master
+    os.close(slave)
+    os.close(master)
+
+
+def test_an_emergency_stop_says_them_before_it_waits_for_anything(tmp_path: Path, silent_board):
+    url, master = silent_board
+    stopped = estop.stop(estop.Target("a", url, tmp_path / "a"), show_s=0.0)
+    assert everything(master) == LAST_WORDS
+    assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
+
+
+def test_an_agent_says_them_when_it_opens_the_port_of_a_print_that_was_left(tmp_path: Path, silent_board):
+    url, master = silent_board
+    board = Board(url, tmp_path, Clock(1.0, 0.0), lambda: None, lambda _: None)
+    board.hot = True
+    board.open()
+    try:
+        assert everything(master) == LAST_WORDS
+    finally:
+        board.close()
+
+
+def test_an_agent_that_ends_says_them_again_to_a_board_that_refused_them(silent_board):
+    url, master = silent_board
+    port: Port = SerialPort(Path(url))
+    try:
+        os.write(master, b"Error:No Checksum with line number, Last Line: 4\nResend: 5\nok\n")
+        end_heard(port)
+        assert everything(master) == 2 * LAST_WORDS
+    finally:
+        port.close()

@@ -1,0 +1,224 @@
+"""However a print ends, the next one's first line finds the filament at the nozzle, or a person is asked."""
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import fields
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware import Firmware
+from drivers.emulator.mishaps import happen
+from drivers.errors import Fault
+from drivers.messages import Filament, PrintPhase
+from drivers.session.session import Pace, Session
+from print_rig import PLUS, Rig, gcode, hopping
+
+NEAR_MM = 0.5
+AFTER = [field.name for field in fields(Faults) if field.name.endswith("_after")]
+MADE_MM = Rig(text=gcode(150)).run().firmware.board.filament_mm
+
+Way = Callable[[Rig], None]
+
+
+def done(rig: Rig) -> None:
+    pass
+
+
+def cancelled(rig: Rig) -> None:
+    rig.session.cancel("no more", rig.now_s)
+
+
+def pause(rig: Rig, seconds: float) -> None:
+    """`seconds` after a pause was asked for, wherever its script is then."""
+    rig.session.pause(rig.now_s)
+    until_s = rig.now_s + seconds
+    rig.run(until=lambda: rig.now_s >= until_s)
+
+
+def the_agent_is_killed(rig: Rig) -> None:
+    """The next one knows the filament of the last journal record, and finds the print open."""
+    written = rig.session.filament
+    rig.link.closed()
+    rig.session = Session(rig.link, None, PLUS, written, Pace(), rig.now_s)
+
+
+def the_port_is_lost_for_a_while(rig: Rig) -> None:
+    rig.plugged = False
+    rig.link.closed()
+    rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
+    rig.back_s = rig.now_s + 10.0
+
+
+def somebody_turns_the_knob(rig: Rig) -> None:
+    rig.firmware.board.set_nozzle(150.0, rig.now_s)
+
+
+def the_board_goes_mute_and_it_is_cancelled(rig: Rig) -> None:
+    happen("silent_after", rig.firmware, rig.now_s)
+    cancelled(rig)
+
+
+def it_happens(name: str) -> Way:
+    def way(rig: Rig) -> None:
+        happen(name, rig.firmware, rig.now_s)
+
+    way.__name__ = name
+    return way
+
+
+def cancelled_after_a_pause_of(seconds: float) -> Way:
+    def way(rig: Rig) -> None:
+        pause(rig, seconds)
+        cancelled(rig)
+
+    way.__name__ = f"cancelled_after_a_pause_of_{seconds:g}_s"
+    return way
+
+
+def killed_after_a_pause_of(seconds: float) -> Way:
+    def way(rig: Rig) -> None:
+        pause(rig, seconds)
+        the_agent_is_killed(rig)
+
+    way.__name__ = f"killed_after_a_pause_of_{seconds:g}_s"
+    return way
+
+
+def cancelled_after_a_resume_of(seconds: float) -> Way:
+    def way(rig: Rig) -> None:
+        pause(rig, 60.0)
+        rig.session.resume(rig.now_s)
+        until_s = rig.now_s + seconds
+        rig.run(until=lambda: rig.now_s >= until_s)
+        cancelled(rig)
+
+    way.__name__ = f"cancelled_after_a_resume_of_{seconds:g}_s"
+    return way
+
+
+def nobody_resumes(rig: Rig) -> None:
+    pause(rig, 60.0)
+
+
+EVERYDAY: list[Way] = [
+    done, cancelled, nobody_resumes, cancelled_after_a_pause_of(30.0), cancelled_after_a_pause_of(60.0),
+]  # fmt: skip
+WAYS: list[Way] = [
+    *EVERYDAY,
+    *(cancelled_after_a_pause_of(seconds) for seconds in (0.0, 1.0, 3.0, 6.0)),
+    *(cancelled_after_a_resume_of(seconds) for seconds in (0.0, 20.0, 40.0, 50.0, 52.0, 60.0)),
+    *(killed_after_a_pause_of(seconds) for seconds in (3.0, 60.0)),
+    the_agent_is_killed,
+    the_port_is_lost_for_a_while,
+    somebody_turns_the_knob,
+    the_board_goes_mute_and_it_is_cancelled,
+    *(it_happens(name) for name in AFTER),
+]
+
+
+def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
+    """A print that goes `way` so many lines and seconds after its start."""
+    rig = Rig(text=text)
+    rig.run(until=lambda: rig.session.streamed >= lines)
+    until_s = rig.now_s + seconds
+    rig.run(until=lambda: rig.now_s >= until_s)
+    if not rig.session.ended:
+        way(rig)
+    rig.run()
+    assert rig.session.ended
+    return rig
+
+
+def print_again(rig: Rig) -> float:
+    """How far from the nozzle's tip the filament is at the file's first feeding line of the next print."""
+    board = rig.firmware.board
+    fresh = Faults()
+    after = Rig(text=gcode(20), filament=rig.session.filament)
+    after.firmware = Firmware(PLUS, fresh, random.Random(0), after.now_s)
+    after.firmware.board.filament_end_mm = board.filament_end_mm
+    after.run(until=lambda: after.session.phase is PrintPhase.PRINTING)
+    return after.firmware.board.filament_end_mm
+
+
+@pytest.mark.parametrize("lines", [0, 12, 60, 137])
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
+def test_the_next_first_line_finds_the_filament_or_a_person_is_asked(way: Way, lines: int):
+    rig = ended(way, lines, 0.7, hopping(50))
+    if rig.session.filament is not Filament.UNKNOWN:
+        assert abs(print_again(rig)) <= NEAR_MM
+        end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.filament]
+        assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=NEAR_MM)
+
+
+@given(way=st.sampled_from(WAYS), lines=st.integers(0, 250), seconds=st.floats(0.0, 20.0))
+@settings(max_examples=40, deadline=None)
+def test_wherever_it_happens(way: Way, lines: int, seconds: float):
+    rig = ended(way, lines, seconds, hopping(50))
+    if rig.session.filament is not Filament.UNKNOWN:
+        assert abs(print_again(rig)) <= NEAR_MM
+
+
+@pytest.mark.parametrize("lines", [60, 137, 210])
+def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
+    """The ways that are everyday work ask nobody."""
+    for way in EVERYDAY:
+        assert ended(way, lines, 0.7, hopping(50)).session.filament is Filament.PARKED
+
+
+@given(
+    faults=st.builds(
+        Faults,
+        noise=st.sampled_from([0.0, 0.0001, 0.002]),
+        lost=st.sampled_from([0.0, 0.0005]),
+        checksum=st.sampled_from([0.0, 0.003, 0.1]),
+        drop_ok=st.sampled_from([0.0, 0.003, 0.1]),
+        garble_ok=st.sampled_from([0.0, 0.01]),
+        swallow=st.sampled_from([0.0, 0.003]),
+        no_number=st.sampled_from([0.0, 0.003]),
+        mute_resend=st.booleans(),
+        no_reset=st.sampled_from([False, False, True]),
+        dead_bed=st.sampled_from([False, False, True]),
+        weak_nozzle=st.sampled_from([False, False, True]),
+        no_endstop=st.sampled_from([0, 0, 0, 1, 3]),
+        **{name: st.sampled_from([0, 0, 0, 0, 30, 450, 600]) for name in AFTER},
+    ),
+    cancel_s=st.sampled_from([math.inf, 5.0, 300.0, 600.0]),
+    pause_s=st.just(math.inf) | st.floats(200.0, 700.0),
+    unplug_s=st.sampled_from([math.inf, math.inf, 300.0, 500.0]),
+    back_s=st.sampled_from([2.0, 20.0, 100.0]),
+    seed=st.integers(0, 1000),
+)
+@settings(max_examples=120, deadline=None)
+def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
+    faults: Faults, cancel_s: float, pause_s: float, unplug_s: float, back_s: float, seed: int
+):
+    """Heaters off, or somebody told to cut the mains; and a print that is said to be done was made."""
+    rig = Rig(faults, text=gcode(150), seed=seed)
+    board, session, paused = rig.firmware.board, rig.session, False
+    while not session.ended:
+        rig.step()
+        passed_s = rig.now_s - 1000.0
+        if passed_s > unplug_s:
+            unplug_s, rig.plugged, rig.back_s = math.inf, False, rig.now_s + back_s
+            rig.link.closed()
+            session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
+        if passed_s > cancel_s:
+            session.cancel("no more", rig.now_s)
+        if passed_s > pause_s and not paused:
+            paused = True
+            session.pause(rig.now_s)
+        if session.phase is PrintPhase.PAUSED and passed_s > pause_s + 400.0:
+            session.resume(rig.now_s)
+        assert passed_s < 20_000.0, "it does not end"
+    assert (session.phase is PrintPhase.FAILED) == (session.fault is not None)
+    assert session.heaters_off or session.wants_power_off
+    if session.heaters_off:
+        assert rig.targets() == (0.0, 0.0)
+        for heater in (board.nozzle, board.bed):
+            assert not heater.burns or heater.temperature_c(rig.now_s) < 90.0  # it has hardly begun
+    if session.phase is PrintPhase.DONE and not (rig.firmware.noise and rig.firmware.noise.altered):
+        assert board.filament_mm == pytest.approx(MADE_MM, abs=0.05)

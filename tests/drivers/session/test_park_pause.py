@@ -1,0 +1,133 @@
+"""A print that waits for a person, and how the head and the filament leave it and come back."""
+
+import pytest
+
+from drivers.errors import Fault
+from drivers.gcode.filament_position import Walk
+from drivers.messages import Filament, PrintPhase
+from drivers.session.park import PAUSE_LIMIT_S
+from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
+
+
+@pytest.mark.parametrize("lines", [14, 40, 77, 111, 190, 260])
+def test_a_pause_parks_keeps_the_bed_warm_and_goes_on_as_if_nothing_had_been(lines: int):
+    text = hopping(60)
+    straight = Rig(text=text).run()
+    rig = Rig(text=text).printing(lines)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    board = rig.firmware.board
+    pause_s = rig.now_s
+    rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the dead-man
+    assert rig.session.phase is PrintPhase.PAUSED
+    assert rig.targets() == (0.0, 60.0)
+    assert rig.session.pause_ends_s == pytest.approx(pause_s + PAUSE_LIMIT_S, abs=60.0)
+    assert rig.session.filament is Filament.PARKED
+    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+    assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)
+    rig.session.resume(rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert board.filament_mm == pytest.approx(straight.firmware.board.filament_mm, abs=0.01)
+    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+    assert rig.moves() == straight.moves()
+
+
+def test_after_a_pause_the_head_is_back_before_the_filament():
+    rig = Rig(text=gcode(200)).printing(100)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    x, y, z, _ = Walk(rig.program, rig.session.streamed).at
+    rig.session.resume(rig.now_s)
+    at = len(rig.sent)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PRINTING)
+    back = rig.sent[at:]
+    order = [
+        b"E13.500",
+        b"G1 F9000 X%.3f Y%.3f" % (x, y),
+        b"G1 F1200 Z%.3f" % z,
+        b"G1 F1500 E6.500",
+        b"G92 E",
+    ]
+    places = [back.index(word) for word in order]
+    assert places == sorted(places)
+
+
+def one_by_one() -> str:
+    """A part of 60 mm is finished, and another one begun beside it."""
+    low = "\n".join(
+        f"G1 F3000 X{150 + 20 * (i % 2)} Y{50 + i * 0.2:.2f} E{4 + 0.1 * i:.2f}" for i in range(60)
+    )
+    high = "G1 F3000 X90 Y50 E1\n;LAYER:1\nG0 Z60\nG1 F3000 X50 Y60 E3\nG0 Z65 X150\n;LAYER:0\nG0 Z0.27\n"
+    return GCODE.format(moves=high + low, end=3.5)
+
+
+@pytest.mark.parametrize("cancel", [False, True])
+def test_the_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
+    rig = Rig(text=one_by_one())
+    rig.printing(rig.program.count - 40)
+    at = len(rig.sent)
+    planner = rig.firmware.machine.planner
+    if cancel:
+        rig.session.cancel("no more", rig.now_s)
+    else:
+        rig.session.pause(rig.now_s)
+    while not rig.session.ended and rig.targets()[1 if cancel else 0] > 0:
+        rig.step()
+    rig.run(until=lambda: b"G28 X0" in rig.sent[at:] if cancel else planner.target[:2] == (10.0, 200.0))
+    assert planner.target[2] >= 69.9
+    rig.session.resume(rig.now_s)
+    rig.run()
+    assert rig.session.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
+
+
+def test_a_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
+    rig = Rig()
+    rig.run(until=lambda: rig.session.streamed > rig.program.homes + 1)
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert b"G1 F1200 Z0.000" in rig.sent
+    assert rig.session.heaters_off
+
+
+def test_a_pause_that_nobody_ends_ends_the_print_safely():
+    rig = Rig(text=gcode(200)).printing(100)
+    rig.session.pause(rig.now_s)
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PAUSE_TIMEOUT)
+    assert rig.session.filament is Filament.PARKED
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+
+
+@pytest.mark.parametrize("lines", [0, 5])
+def test_a_pause_before_the_first_extrusion_is_nothing(lines: int):
+    rig = Rig().printing(lines)
+    rig.session.pause(rig.now_s)
+    assert_ended_off(rig.run(), PrintPhase.DONE, None)
+    assert PrintPhase.PAUSED not in rig.phases
+
+
+@pytest.mark.parametrize("layers", [True, False])
+def test_the_head_passes_over_the_highest_part_also_where_the_file_names_no_layers(layers: bool):
+    moves = ["G1 F3000 X90 Y50 E1", "G0 F9000 Z80", "G1 F3000 X90 Y80 E2", "G0 F9000 X150 Y150 Z0.27"]
+    moves += [f"G1 F3000 X{150 + i % 2} Y150 E{2 + 0.1 * i:.1f}" for i in range(300)]
+    text = GCODE.format(moves="\n".join(moves), end=25.5)
+    rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).printing(60)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
+
+
+@pytest.mark.parametrize("steps", range(12))
+def test_a_pause_that_comes_while_the_file_ends_its_heat_pushes_no_cold_filament(steps: int):
+    ends = Rig().program.lines(0, 10_000).index(b"M104 S0")
+    rig = Rig().printing(ends - 2)
+    for _ in range(steps):
+        rig.step()
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.pause_ends_s is not None or rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.streamed <= ends or rig.session.phase is not PrintPhase.PAUSED
+    cold_s = rig.now_s + 900.0
+    rig.run(until=lambda: rig.now_s > cold_s)
+    rig.session.resume(rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.DONE, None)

@@ -1,0 +1,297 @@
+"""Whole prints against the emulator's firmware, in one process and on a clock of its own."""
+
+import errno
+import os
+
+import pytest
+
+from drivers.clock import Clock
+from drivers.emulator.faults import Faults
+from drivers.errors import Fault
+from drivers.gcode.program import Memory
+from drivers.messages import Filament, PrintPhase
+from drivers.session.session import Pace
+from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
+
+
+def test_a_print_goes_through_its_phases_to_heaters_shown_off_and_filament_parked():
+    rig = Rig().run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.phases == [
+        PrintPhase.CONNECTING, PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.ENDING, PrintPhase.DONE,
+    ]  # fmt: skip
+    assert rig.session.extruded
+    assert rig.session.filament is Filament.PARKED
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+    assert rig.firmware.errors == 0
+
+
+def test_the_file_s_waits_are_never_sent_and_the_dead_man_is_armed_before_any_heat():
+    rig = Rig().run()
+    assert b"M109" not in rig.sent and b"M190" not in rig.sent
+    assert rig.sent.index(b"M85 S1200") < rig.sent.index(b"M140 S60")
+    assert rig.sent.rindex(b"M85 S0") > rig.sent.rindex(b"G28")
+
+
+@pytest.mark.parametrize(("filament", "pushes"), [(Filament.PARKED, 1), (Filament.AT_NOZZLE, 0)])
+def test_parked_filament_is_brought_back_once_and_only_where_it_was_parked(filament: Filament, pushes: int):
+    rig = Rig(filament=filament).run()
+    assert rig.sent.count(b"G1 F300 E20") == pushes
+
+
+@pytest.mark.parametrize("lines", [0, 3, 9, 10, 12, 60, 150])
+def test_a_cancel_at_any_time_ends_with_heaters_off(lines: int):
+    rig = Rig().printing(lines)
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert rig.session.reason == "no more"
+
+
+def test_a_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
+    rig = Rig().printing(100)
+    end_s = rig.now_s
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert rig.session.filament is Filament.PARKED
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+    assert rig.firmware.board.head_mm[0] == pytest.approx(0.0, abs=0.5)
+    assert rig.now_s - end_s < 60.0
+
+
+def test_a_cancel_before_homing_moves_nothing():
+    rig = Rig()
+    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert b"Z10" not in rig.sent and b"G28" not in rig.sent
+
+
+@pytest.mark.parametrize(
+    ("faults", "fault"),
+    [
+        (Faults(reset_after=100), Fault.REBOOT),
+        (Faults(kill_after=700), Fault.KILL),
+        (Faults(stop_after=700), Fault.MAXTEMP),
+        (Faults(bed_open_after=700), Fault.MAXTEMP),
+        (Faults(nozzle_short_after=700), Fault.MINTEMP),
+        (Faults(silent_after=700), Fault.NO_ANSWER),
+        (Faults(stuck_after=700), Fault.NOISY_LINE),
+        (Faults(zero_after=700), Fault.TARGET_CHANGED),
+        (Faults(dead_bed=True), Fault.HEATER_TIMEOUT),
+        (Faults(weak_bed=True), Fault.HEATER_TIMEOUT),
+        (Faults(weak_nozzle=True), Fault.HEATER_TIMEOUT),
+        (Faults(nozzle_dies_after=700), Fault.STOPPED),
+        (Faults(bed_dies_after=700), Fault.THERMAL_RUNAWAY),
+        (Faults(no_endstop=1), Fault.ENDSTOP),
+        (Faults(no_endstop=3), Fault.ENDSTOP),
+        (Faults(stuck_endstop=True), Fault.ENDSTOP),
+        (Faults(checksum=0.2), Fault.NOISY_LINE),
+    ],
+)
+def test_faults_of_the_board_fail_the_print_by_name_and_end_with_heaters_off(faults: Faults, fault: Fault):
+    assert_ended_off(Rig(faults, text=gcode(1000)).run(), PrintPhase.FAILED, fault)
+
+
+@pytest.mark.parametrize(
+    ("faults", "fault"),
+    [
+        (Faults(bed_burns_after=700), Fault.HEATER_STUCK_ON),
+        (Faults(nozzle_burns_after=700), Fault.HEATER_STUCK_ON),
+        (Faults(bed_short_after=700), Fault.MINTEMP),
+    ],
+)
+def test_off_is_not_claimed_where_a_heater_does_not_cool_and_the_mains_have_to_go(
+    faults: Faults, fault: Fault
+):
+    rig = Rig(faults, text=gcode(1000)).run()
+    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, fault), rig.session.reason
+    assert rig.session.wants_power_off and not rig.session.heaters_off
+    assert "switch the printer off" in str(rig.session.reason)
+    assert rig.targets() == (0.0, 0.0)  # which is not enough
+
+
+def test_a_heater_that_burns_on_at_the_end_fails_a_print_that_was_all_right():
+    rig = Rig(text=gcode(50))
+    rig.printing(rig.program.count - 12)
+    rig.firmware.board.bed.burns = True
+    rig.run()
+    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.HEATER_STUCK_ON)
+    assert rig.session.wants_power_off
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Faults(sleep_after=100),
+        Faults(mute_resend=True, checksum=0.004),
+        Faults(garble_ok=0.01),
+        Faults(resend=0.005),
+        Faults(swallow=0.004),
+        Faults(no_number=0.004, no_checksum=0.004, wrong_number=0.004),
+        Faults(noise=0.00005, lost=0.00002, doubled=0.00002),
+    ],
+)
+def test_what_can_be_made_good_prints_the_same_thing(faults: Faults):
+    good, bad = Rig(text=gcode(1000)).run(), Rig(faults, text=gcode(1000), seed=3).run()
+    assert_ended_off(bad, PrintPhase.DONE, None)
+    assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
+
+
+def test_a_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_targets():
+    """Its words are lost on the way; every move is answered with ok, and none is made."""
+    rig = Rig(Faults(stop_after=700), text=gcode(1000))
+    listen = rig.link.receive
+
+    def deaf(data: bytes, now_s: float) -> object:
+        heard = data.replace(b"Printer stopped", b"Pr#nter st#pped").replace(b"MAXTEMP", b"M#XT#MP")
+        return listen(heard, now_s)
+
+    rig.link.receive = deaf  # type: ignore[method-assign, assignment]
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.TARGET_CHANGED)
+
+
+def test_a_dead_nozzle_fails_by_the_firmware_s_stop_or_by_our_own_watch():
+    rig = Rig(Faults(dead_nozzle=True)).run()
+    assert rig.session.fault in (Fault.STOPPED, Fault.HEATER_TIMEOUT)
+    assert_ended_off(rig, PrintPhase.FAILED, rig.session.fault)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_wire_that_is_a_little_bad_prints_the_same_thing(seed: int):
+    good = Rig().run()
+    bad = Rig(Faults(checksum=0.004, drop_ok=0.004), seed=seed).run()
+    assert_ended_off(bad, PrintPhase.DONE, None)
+    assert bad.firmware.board.filament_mm == pytest.approx(good.firmware.board.filament_mm, abs=0.01)
+
+
+def test_cold_extrusion_ends_the_print():
+    text = gcode().replace("M109 S210", "M109 S100")
+    assert_ended_off(Rig(text=text).run(), PrintPhase.FAILED, Fault.COLD_EXTRUSION)
+
+
+def test_a_target_that_somebody_else_changed_ends_the_print():
+    rig = Rig(text=gcode(2000)).printing(100)
+    rig.firmware.board.set_nozzle(150.0, rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.FAILED, Fault.TARGET_CHANGED)
+
+
+def test_a_second_cancel_and_a_cancel_of_what_has_ended_change_nothing():
+    rig = Rig().printing(100)
+    rig.session.cancel("first", rig.now_s)
+    rig.session.cancel("second", rig.now_s)
+    rig.run()
+    rig.session.cancel("third", rig.now_s)
+    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert rig.session.reason == "first"
+
+
+def test_an_accelerated_pace_is_bounded_in_wall_time():
+    pace = Pace.of(Clock(scale=60.0))
+    assert (pace.floor_s, pace.printing_s) == (120.0, 30.0)
+    assert Pace.of(Clock()).printing_s == 3.0
+
+
+def test_a_report_is_asked_for_by_a_numbered_line():
+    """A bare M105 with one flipped bit may be an M1, which never comes back."""
+    rig = Rig().run()
+    assert b"\nM105\n" not in rig.sent
+    assert rig.sent.count(b" M105*") > 10
+
+
+def test_moves_that_take_longer_than_a_time_out_are_no_noise_and_no_silence():
+    """A brim at 10 mm/s along the longest side: each ok comes when a move is done."""
+    path = "\n".join(f"G1 F600 X{10 + 200 * (i % 2)} E{i + 1}" for i in range(60))
+    rig = Rig(text=GCODE.format(moves=path, end=60 - 6.5)).run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.firmware.errors <= 6
+
+
+def test_a_board_whose_reports_cannot_be_read_is_not_heated_for_ever():
+    rig = Rig()
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
+    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.fault is Fault.NO_ANSWER
+    rig.run()
+    assert rig.targets() == (0.0, 0.0)
+    assert not rig.session.heaters_off  # nobody could read that they are
+
+
+def test_a_board_whose_reports_cannot_be_read_any_more_does_not_print_for_ever():
+    rig = Rig(text=gcode(3000)).printing(100)
+    listen = rig.link.receive
+    rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
+    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.fault is Fault.NO_ANSWER
+    rig.run()
+    assert rig.targets() == (0.0, 0.0)
+    assert rig.session.wants_power_off  # nobody could read that it cools
+
+
+def test_a_first_stage_too_cold_to_extrude_leaves_the_filament_parked():
+    text = gcode().replace("M109 S210", "M109 S150\nM109 S210")
+    rig = Rig(text=text).run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.sent.count(b"G1 F300 E20") == 1
+
+
+@pytest.mark.parametrize("after_s", [0.1 * i for i in range(30)])
+def test_whatever_the_feeder_was_doing_a_cancel_leaves_the_filament_parked(after_s: float):
+    rig = Rig(text=hopping(120)).printing(60 + int(130 * after_s))
+    until_s = rig.now_s + after_s
+    rig.run(until=lambda: rig.now_s >= until_s)
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    assert rig.session.filament is Filament.PARKED
+    assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("end", "filament"),
+    [("", Filament.UNKNOWN), ("G1 E200\n", Filament.AT_NOZZLE), ("G1 E180\n", Filament.PARKED)],
+)
+def test_at_the_end_the_filament_is_where_the_file_left_it(end: str, filament: Filament):
+    text = gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end)
+    rig = Rig(text=text).run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.session.filament is filament
+    end_mm = {Filament.UNKNOWN: -6.5, Filament.AT_NOZZLE: 0.0, Filament.PARKED: -20.0}[filament]
+    assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=0.1)
+
+
+# --- a reset in the middle ---
+
+
+class DyingDisk(Memory):
+    """Gives its first blocks back, and then none, or others."""
+
+    def __init__(self, bad: bytes | None) -> None:
+        super().__init__()
+        self._bad = bad
+        self.mended = False
+
+    def read(self, start: int, end: int) -> bytes:
+        if start < 10_000 or self.mended:
+            return super().read(start, end)
+        if self._bad is None:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+        return self._bad
+
+
+@pytest.mark.parametrize(("bad", "says"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "not what it was")])
+def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad: bytes | None, says: str):
+    text = gcode(1500)
+    disk = DyingDisk(bad)
+    rig = Rig(text=text, store=disk).run()
+    assert_ended_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
+    assert rig.session.reason is not None and says in rig.session.reason
+    disk.mended = True
+    sent = rig.moves()
+    assert 0 < len(sent) < 1500
+    whole = [line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent)]
+    assert sent == whole[: len(sent)]
+    assert rig.session.filament is not Filament.AT_NOZZLE

@@ -1,0 +1,176 @@
+"""Resets before and after a print, boards that nothing resets, and the firmware's dead-man."""
+
+import math
+from typing import Any
+
+import pytest
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.listener import Phase
+from drivers.errors import Fault
+from drivers.link.link import Phase as LinkPhase
+from drivers.link.link import Trouble
+from drivers.messages import Filament, PrintPhase
+from drivers.session.session import Pace, Session
+from print_rig import PLUS, Rig, assert_ended_off, gcode
+
+
+def test_a_port_that_went_away_fails_the_print_and_nobody_claims_heaters_off():
+    rig = Rig().printing(100)
+    rig.plugged = False
+    rig.link.closed()
+    rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
+    rig.run()
+    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.PORT_LOST)
+    assert not rig.session.heaters_off
+    assert "switch the printer off" in str(rig.session.reason)
+
+
+def test_a_port_that_comes_back_is_reset_and_shown_off():
+    rig = Rig().printing(100)
+    rig.plugged = False
+    rig.link.closed()
+    rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
+    rig.back_s = rig.now_s + 10.0
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PORT_LOST)
+
+
+def test_without_a_program_the_board_is_reset_and_the_agent_s_death_is_the_reason():
+    rig = Rig()
+    rig.firmware.board.set_nozzle(210.0, rig.now_s)
+    rig.session = Session(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s)
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
+    assert rig.session.filament is Filament.UNKNOWN
+
+
+def test_a_print_on_a_link_that_has_printed_begins_at_nothing():
+    rig = Rig()
+    rig.run()
+    assert rig.session.streamed == rig.program.count
+    again = Session(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s)
+    assert again.streamed == 0
+
+
+def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
+    rig = Rig(text=gcode(200)).printing(100)
+    rig.session.pause(rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    pause_s = rig.now_s
+    rig.run(until=lambda: rig.now_s > pause_s + 60.0)
+    assert rig.firmware.machine.dead_man_s == 120.0
+    rig.session.resume(rig.now_s)
+    rig.run()
+    armed = [int(word.split(b"*")[0]) for word in rig.sent.split(b"M85 S")[1:]]
+    assert armed[0] == 1200 and armed[-1] == 0
+    assert {seconds: armed.count(seconds) > 0 for seconds in (600, 120)} == {600: True, 120: True}
+    assert rig.sent.index(b"M85 S600") < rig.sent.index(b"M85 S120*")
+
+
+def test_a_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("drivers.session.session.HEAT_DEAD_MAN_S", 60.0)
+    monkeypatch.setattr("drivers.session.steps.FEED_S", 20.0)
+    rig = Rig()
+    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    began_s = rig.now_s
+    rig.run(until=lambda: rig.session.phase is PrintPhase.PRINTING)
+    assert rig.now_s - began_s > 2 * 60.0
+    assert_ended_off(rig.run(), PrintPhase.DONE, None)
+
+
+def test_a_host_that_dies_hot_leaves_a_board_that_ends_its_heat_by_itself():
+    rig = Rig(text=gcode(200)).printing(100)
+    dead_s = rig.now_s
+    while (due_s := rig.firmware.deadline_s()) < dead_s + 1000.0:
+        rig.firmware.feed(b"", due_s)
+    assert rig.targets() == (0.0, 0.0)
+
+
+def test_after_a_reset_the_bed_goes_down_before_the_head_moves():
+    rig = Rig().printing(100)
+    rig.firmware.phase = Phase.MUTE
+    rig.session.cancel("no more", rig.now_s)
+    rig.run()
+    assert_ended_off(rig, PrintPhase.CANCELLED, None)
+    cut = rig.sent.rindex(b"M110")
+    assert rig.sent.index(b"G28 Z0", cut) < rig.sent.index(b"G28 X0 Y0", cut)
+
+
+def test_a_board_that_nothing_resets_prints_and_is_as_a_new_one_before():
+    rig = Rig(Faults(no_reset=True))
+    board = rig.firmware.board
+    board.bed.target_c = 50.0  # somebody warmed it up before
+    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
+    rig.run()
+    assert_ended_off(rig, PrintPhase.DONE, None)
+    assert rig.firmware.resets == 0
+    assert rig.session.identity == "X0.00 Y0.00 Z-10.00"
+    assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
+
+
+def test_another_board_that_nothing_resets_is_noticed_all_the_same():
+    rig = Rig(Faults(no_reset=True, levelled=3), identity="X0.00 Y0.00 Z-10.00").run()
+    assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
+
+
+@pytest.mark.parametrize(
+    ("faults", "fault"),
+    [({}, None), ({"stop_after": 150}, Fault.MAXTEMP), ({"dead_bed": True}, Fault.HEATER_TIMEOUT)],
+)
+def test_a_board_that_nothing_resets_ends_by_command(faults: dict[str, Any], fault: Fault | None):
+    rig = Rig(Faults(no_reset=True, **faults))
+    if fault is None:
+        rig.printing(60).session.cancel("cancelled", rig.now_s)
+    rig.run()
+    assert rig.session.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
+    assert rig.session.heaters_off and rig.targets() == (0.0, 0.0)
+    assert rig.firmware.resets == 0
+
+
+def test_a_board_that_nothing_resets_and_that_falls_silent_loses_its_mains():
+    rig = Rig(Faults(no_reset=True, silent_after=150)).run()
+    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.NO_ANSWER)
+    assert rig.session.wants_power_off and not rig.session.heaters_off
+
+
+def test_the_dead_man_of_a_board_that_nothing_resets_stays_armed_until_its_heaters_are_shown_off():
+    rig = Rig(Faults(no_reset=True, nozzle_burns_after=150)).run()
+    assert rig.session.wants_power_off
+    assert rig.firmware.machine.dead_man_s < math.inf
+    left = Rig(Faults(no_reset=True))
+    left.firmware.machine.dead_man_s = 600.0
+    left.firmware.board.set_nozzle(210.0, left.now_s)
+    left.session = Session(left.link, None, PLUS, Filament.AT_NOZZLE, Pace(), left.now_s)
+    left.session.resets = False
+    left.run(until=lambda: left.session.report is not None and left.session.report.off)
+    assert left.firmware.machine.dead_man_s == 600.0
+    assert_ended_off(left.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
+    assert left.firmware.machine.dead_man_s == math.inf  # off
+
+
+def test_a_board_that_starts_again_while_it_is_shown_off_is_asked_anew_at_once():
+    """Nobody waits for the answer of a link that is dead."""
+    rig = Rig().printing()
+    rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
+    rig.run(until=lambda: rig.session.wants_reset)
+    rig.run(until=lambda: not rig.session.wants_reset and rig.link.phase is LinkPhase.LIVE)
+    assert not rig.session.ended
+    rig.firmware.reset(rig.now_s)
+    again_s = rig.now_s
+    rig.run(until=lambda: rig.session.wants_reset)
+    assert rig.now_s - again_s < 10.0
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
+
+
+def test_a_board_that_complains_after_its_reset_is_asked_on():
+    """It has stopped by itself once more, and still answers how hot it is: no more is wanted of it."""
+    rig = Rig().printing()
+    rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
+    rig.run(until=lambda: rig.session.wants_reset)
+    rig.run(until=lambda: not rig.session.wants_reset and rig.link.phase is LinkPhase.LIVE)
+    resets = rig.firmware.resets
+    events = rig.link.receive(b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", rig.now_s)
+    assert [event.fault for event in events or () if isinstance(event, Trouble)] == [Fault.MINTEMP]
+    rig.session.advance(events or (), rig.now_s)
+    assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
+    assert rig.firmware.resets == resets

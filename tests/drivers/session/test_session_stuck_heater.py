@@ -1,0 +1,189 @@
+"""A heater that cannot be switched off: from the finding to the request to cut its mains."""
+
+import math
+
+import pytest
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.mishaps import happen
+from drivers.errors import Fault
+from drivers.gcode.program import HeaterName
+from drivers.link.replies import Report
+from drivers.messages import Filament, PrintPhase
+from drivers.safety.heater_watch import Finding, Watch
+from drivers.session.session import Pace, Session, Suspicion
+from print_rig import PLUS, Rig, gcode
+
+LIMIT_S = 30.0  # from a finding to the request
+NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
+
+
+def burning(heater: HeaterName) -> Rig:
+    """A print whose heater gets full power from now on."""
+    rig = Rig(text=gcode(4000)).printing(300)
+    happen(f"{heater}_burns_after", rig.firmware, rig.now_s)
+    return rig
+
+
+def found(rig: Rig) -> float:
+    """Go on to the finding; when that was."""
+    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.fault is Fault.HEATER_STUCK_ON
+    return rig.now_s
+
+
+def asked(rig: Rig) -> float:
+    rig.run(until=lambda: rig.session.wants_power_off)
+    assert rig.session.wants_power_off
+    return rig.now_s
+
+
+@pytest.mark.parametrize("heater", [NOZZLE, BED])
+def test_the_mains_are_asked_for_soon_after_a_heater_was_found_stuck_on(heater: HeaterName):
+    rig = burning(heater)
+    found_s = found(rig)
+    assert asked(rig) - found_s <= LIMIT_S
+    rig.run()
+    assert rig.now_s - found_s <= 150.0  # and it is not 'ending' for long
+    assert not rig.session.heaters_off
+
+
+@pytest.mark.parametrize("after_s", [0.5, 5.0, 12.0])
+@pytest.mark.parametrize("what", ["reset_after", "kill_after", "stop_after", "silent_after", "stuck_after"])
+@pytest.mark.parametrize("heater", [NOZZLE, BED])
+def test_what_the_board_does_meanwhile_does_not_put_it_off(heater: HeaterName, what: str, after_s: float):
+    rig = burning(heater)
+    found_s = found(rig)
+    rig.run(until=lambda: rig.now_s >= found_s + after_s)
+    happen(what, rig.firmware, rig.now_s)
+    assert asked(rig) - found_s <= LIMIT_S
+
+
+def test_nor_does_a_port_that_goes_away():
+    rig = burning(NOZZLE)
+    found_s = found(rig)
+    rig.plugged = False
+    rig.link.closed()
+    rig.session.fail(Fault.PORT_LOST, "unplugged", rig.now_s)
+    assert asked(rig) - found_s <= LIMIT_S
+
+
+def test_a_nozzle_that_burns_after_a_cancel_or_in_a_pause_is_found_soon():
+    """There the target is 0, and the temperature alone tells."""
+    for stop in (
+        lambda rig: rig.session.cancel("no more", rig.now_s),
+        lambda rig: rig.session.pause(rig.now_s),
+    ):
+        rig = burning(NOZZLE)
+        begun_s = rig.now_s
+        stop(rig)
+        assert asked(rig) - begun_s <= 45.0  # a pause first draws the filament back, hot
+        rig.run()
+        assert (
+            rig.session.suspicion is not None
+            and "nozzle is off, and gets hotter" in rig.session.suspicion.text
+        )
+
+
+@pytest.mark.parametrize("lines_before_the_end", [40, 12, 3])
+def test_a_nozzle_that_burns_at_the_end_of_the_file_is_found_soon(lines_before_the_end: int):
+    rig = Rig(text=gcode(50))
+    rig.printing(rig.program.count - lines_before_the_end)
+    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    begun_s = rig.now_s
+    assert asked(rig) - begun_s <= LIMIT_S
+    rig.run()
+    assert rig.session.phase is PrintPhase.FAILED
+    assert rig.session.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
+
+
+def test_a_nozzle_that_burns_while_the_bed_is_heated_is_found_before_it_is_hot():
+    rig = Rig()
+    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    asked(rig)
+    assert rig.firmware.board.nozzle.temperature_c(rig.now_s) < 80.0
+
+
+def test_a_sensor_that_breaks_is_a_suspicion_that_a_cooling_heater_lifts():
+    rig = Rig(Faults(stop_after=700), text=gcode(1000))
+    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    assert rig.session.suspicion is not None
+    rig.run()
+    assert rig.session.fault is Fault.MAXTEMP and rig.session.heaters_off
+    assert rig.session.suspicion is None and not rig.session.wants_power_off
+
+
+@pytest.mark.parametrize("burns", [False, True])
+def test_the_session_after_a_dead_agent_keeps_the_finding(burns: bool):
+    rig = burning(NOZZLE)
+    found_s = found(rig)
+    suspicion = rig.session.suspicion
+    assert suspicion is not None
+    if not burns:
+        rig.firmware.board.nozzle.temperature_c(rig.now_s)
+        rig.firmware.board.nozzle.burns = False
+    rig.link.closed()
+    rig.session = Session(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
+    if burns:
+        assert asked(rig) - found_s <= LIMIT_S
+    rig.run()
+    assert rig.session.wants_power_off is burns
+    assert rig.session.heaters_off is not burns
+
+
+@pytest.mark.parametrize("burns", [False, True])
+def test_a_finding_of_long_ago_asks_as_soon_as_the_heater_had_time_to_show_that_it_is_cold(burns: bool):
+    rig = Rig()
+    rig.firmware.board.nozzle.burns = burns
+    begun_s = rig.now_s
+    old = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
+    rig.session = Session(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old)
+    if burns:
+        rig.firmware.board.nozzle._temperature_c = 200.0
+        assert asked(rig) - begun_s <= LIMIT_S / 2
+    rig.run()
+    assert rig.session.wants_power_off is burns and rig.session.heaters_off is not burns
+
+
+def test_no_rule_is_quicker_than_the_patience_of_an_accelerated_clock():
+    quick, slow = Watch(4.0), Watch(480.0)
+    for now_s in range(400):
+        report = Report(200.0 + now_s, 0.0, 21.0, 0.0)
+        late = slow.look(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        at_once = quick.look(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        assert late is None and (at_once is None) == (now_s < 13)
+    pace = Pace(floor_s=240.0)
+    rig = Rig()
+    rig.session = Session(
+        rig.link, None, PLUS, Filament.UNKNOWN, pace, 1000.0, suspicion=Suspicion("it burns", 1000.0)
+    )
+    rig.session.advance((), 1000.0 + 479.0)
+    assert not rig.session.wants_power_off
+    rig.session.advance((), 1000.0 + 480.0)
+    assert rig.session.wants_power_off
+
+
+def overshoot(now_s: float, peak_c: float) -> float:
+    """200 C when it is switched off, `peak_c` more after 12 s, and falling from then on."""
+    return 200.0 + (
+        peak_c * math.sin(now_s / 12.0 * math.pi / 2) if now_s < 12.0 else peak_c - (now_s - 12.0)
+    )
+
+
+def look(watch: Watch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
+    return watch.look(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
+
+
+@pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])
+def test_a_nozzle_in_good_health_that_overshoots_is_left_alone(peak_c: float):
+    watch = Watch(4.0)
+    assert all(look(watch, overshoot(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
+
+
+def test_heat_before_the_board_has_heard_that_it_is_off_is_no_fault():
+    """A command waits behind a homing: the report shows that the target is not 0 yet."""
+    watch = Watch(4.0)
+    assert all(look(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
+    assert all(look(watch, overshoot(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60)))

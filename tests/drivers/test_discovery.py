@@ -1,0 +1,129 @@
+import os
+import pty
+import select
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drivers.agent.journal import Journal
+from drivers.clock import Clock
+from drivers.discovery import commission, model_of, plugged
+from drivers.emulator.launch import control, launch
+from drivers.errors import DriverError, PortError
+from drivers.ports.serial_port import Device
+from drivers.remote.client import pid, spawn
+
+MODEL = "ultimaker2_extended_plus"
+FARM = Path(sys.executable).with_name("farm")
+
+
+@pytest.fixture
+def printer(tmp_path: Path) -> Iterator[Path]:
+    """An emulated printer behind a path of which nothing else is known."""
+    folder = tmp_path / "printer"
+    launch(f"sim://{MODEL}", folder, Clock(120.0, time.time()))
+    yield folder / "tty"
+    control(folder, "power_off")
+
+
+def farm(tmp_path: Path, port: object, *arguments: str) -> subprocess.CompletedProcess[str]:
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(f"printers:\n  - {{name: a, model: ultimaker2_plus, port: {port}}}\n")
+    command = [FARM, "discover", "--state", tmp_path / "state", "--fleet", fleet, *arguments]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=90)
+
+
+def test_what_is_plugged_in_is_named_by_its_socket_and_by_the_fleet(tmp_path: Path):
+    for name in ("ttyACM0", "ttyACM1", "ttyS0"):
+        (tmp_path / name).touch()
+    by_path = tmp_path / "by-path"
+    by_path.mkdir()
+    (by_path / "usb-0:2:1.0").symlink_to(tmp_path / "ttyACM0")
+    (by_path / "usb-0:3:1.0").symlink_to(tmp_path / "ttyACM1")
+    found = [Device(tmp_path / name, "a board") for name in ("ttyACM0", "ttyACM1", "ttyS0")]
+    fleet = [("um2-01", str(by_path / "usb-0:3:1.0")), ("um2-02", "sim://ultimaker2_plus")]
+    rows = plugged(fleet, found, by_path)
+    assert [(row.port.name, row.printer) for row in rows] == [
+        ("usb-0:2:1.0", None),
+        ("usb-0:3:1.0", "um2-01"),
+        ("ttyS0", None),
+    ]
+
+
+@pytest.mark.system
+def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
+    assert commission(str(printer), tmp_path / "agent") == MODEL
+    memory = Journal(tmp_path / "agent" / "journal.jsonl").memory
+    assert memory.reset_verified == str(printer) and memory.opened is not None
+
+
+def test_a_board_that_prints_from_its_card_is_not_reset():
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    path = Path(os.ttyname(slave))  # the slave stays open: a close would be seen by the master
+    heard = b""
+
+    def board() -> None:
+        nonlocal heard
+        while True:
+            try:
+                data = os.read(master, 4096)
+            except OSError:
+                return
+            heard += data
+            for line in data.split(b"\n")[:-1]:
+                if b"M27" in line:
+                    os.write(master, b"SD printing byte 77/900\n")
+                os.write(master, b"ok T:200.0 /200.0 B:60.0 /60.0 @:0 B@:0\n" if b"M105" in line else b"ok\n")
+
+    thread = threading.Thread(target=board, daemon=True)
+    thread.start()
+    try:
+        with pytest.raises(PortError, match="SD card"):
+            commission(str(path), None, answer_s=30.0)
+        assert b"M27" in heard
+    finally:
+        os.close(slave)
+        os.close(master)
+
+
+@pytest.mark.parametrize("banner", [b"", b"echo: Last Updated: by nobody"])
+def test_a_board_of_an_unknown_version_is_no_printer_of_ours(banner: bytes):
+    with pytest.raises(DriverError):
+        model_of(banner)
+
+
+@pytest.mark.system
+def test_the_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Path, printer: Path):
+    alone = farm(tmp_path, "/dev/null", "--commission", str(printer), "--yes")
+    assert alone.returncode == 0, alone.stderr
+    assert f"model: {MODEL}" in alone.stdout  # the line for fleet.yaml
+    (tmp_path / "by-path").symlink_to(printer)
+    wrong = farm(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")  # by another name
+    assert wrong.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong.stderr
+    folder = tmp_path / "state" / "agents" / "b"
+    process = spawn("b", MODEL, str(printer), folder, Clock(120.0, time.time()))
+    try:
+        fleet = tmp_path / "fleet.yaml"
+        fleet.write_text(f"printers:\n  - {{name: b, model: {MODEL}, port: {printer}}}\n")
+        until_s = time.monotonic() + 30.0
+        while pid(folder) is None and time.monotonic() < until_s:
+            select.select([], [], [], 0.02)
+        command = [FARM, "discover", "--commission", "b", "--yes"]
+        command += ["--state", tmp_path / "state", "--fleet", fleet]
+        done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=90)
+        assert done.returncode == 0 and "can be stopped" in done.stdout, done.stderr
+    finally:
+        process.kill()
+        process.wait(10.0)
+    assert Journal(folder / "journal.jsonl").memory.reset_verified == str(printer)
+    far = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
+    assert far.returncode == 5 and "is on pc-b" in far.stderr  # the port of that name here is another's
+    unknown = farm(tmp_path, printer, "--commission", "z", "--yes")
+    assert unknown.returncode == 4

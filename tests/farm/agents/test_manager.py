@@ -1,0 +1,366 @@
+"""The daemon's side of real agents."""
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import AsyncIterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from drivers import messages as m
+from drivers.agent import heartbeat
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, launch
+from drivers.remote import client as client_module
+from drivers.remote.client import alive, kill, pid
+from farm.agents.manager import AgentLink, Links
+from farm.agents.protocol_adapter import on_its_clock, translate
+from farm.agents.protocol_adapter import shift_s as shift_s_of
+from farm.config import Fleet, PrinterSection
+from farm.model import AgentPrint, AgentSnapshot, Link
+from farm.paths import StateFolder
+from farm.scheduling.situation_builder import Span
+from farm.state import events as ev
+from farm.state.books import Books
+from make_books import printing
+from make_books import run as booked
+
+MODEL = "ultimaker2_plus"
+DEADLINE_S = 40.0
+
+
+class Ears:
+    def __init__(self) -> None:
+        self.last: AgentSnapshot | None = None
+
+    def heard(self, snapshot: AgentSnapshot) -> None:
+        self.last = snapshot
+
+    def refused(self, print_id: str, reason: str, late: bool) -> None:
+        raise AssertionError(reason)
+
+    def untold_since_s(self, printer: str) -> float | None:
+        return None
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        raise AssertionError(prints)
+
+
+def no_span(_: str) -> Span:
+    return Span(None, None)
+
+
+@pytest.mark.system
+def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(heartbeat, "LOOK_S", 1.0)
+    monkeypatch.setattr(heartbeat, "WEDGED_S", 8.0)
+    state = StateFolder(tmp_path)
+    state.make()
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    ears = Ears()
+
+    async def story() -> None:
+        links = Links(fleet, state, Clock(60.0, time.time()), ears)
+        links.start(())
+
+        async def until_ready_as_another_than(old: int | None) -> int:
+            async with asyncio.timeout(DEADLINE_S):
+                while True:
+                    links.watch()
+                    said = ears.last
+                    if said is not None and said.link is Link.READY and said.agent_pid != old:
+                        assert said.agent_pid is not None
+                        return said.agent_pid
+                    await asyncio.sleep(0.1)
+
+        try:
+            first = await until_ready_as_another_than(None)
+            os.kill(first, signal.SIGSTOP)
+            second = await until_ready_as_another_than(first)
+            assert pid(state.agent("a")) == second
+            await links.shut_down_agents()
+            assert not alive(state.agent("a"))
+        finally:
+            await links.close()
+
+    try:
+        asyncio.run(story())
+    finally:
+        number = pid(state.agent("a"))
+        if number is not None:
+            os.kill(number, signal.SIGKILL)
+        if emulator_alive(state.agent("a") / "emulator"):
+            control(state.agent("a") / "emulator", "power_off")
+
+
+@pytest.mark.parametrize(("apart_s", "shift_s"), [(0.0, 0.0), (-20.0, 0.0), (3600.0, -3600.0), (-3e7, 3e7)])
+def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: float, shift_s: float):
+    clock = Clock()
+    began_s = clock.now() + apart_s
+    shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
+    said = m.Snapshot(
+        protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
+    )
+    heard = translate(said, clock).print
+    assert heard is not None
+    assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
+    assert shift_s_of(said, clock) == pytest.approx(shift_s, abs=30.0)
+
+
+@pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
+@pytest.mark.parametrize("later", [False, True])
+def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: float, later: bool):
+    """The agent's clock is as it was when it began: before the host's was set, or after."""
+    daemon, agent = Clock(ahead_s=step_s), Clock(ahead_s=step_s if later else 0.0)
+    began_s = agent.now()
+    shot = m.PrintSnapshot(print_id="p", phase=m.PrintPhase.PRINTING, started_s=began_s)
+    said = m.Snapshot(
+        protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
+    )
+    heard = translate(said, daemon).print
+    assert heard is not None and heard.started_s is not None
+    off_s = 30.0 if later and abs(step_s) < 60.0 else 5.0  # less than a minute may be a word's way alone
+    assert daemon.now() - heard.started_s == pytest.approx(0.0, abs=off_s + 5.0)
+    deadline_s = daemon.now() + 600.0
+    sent = on_its_clock(start(None, deadline_s), shift_s_of(said, daemon), deadline_s)
+    assert isinstance(sent, m.StartPrint)
+    assert sent.not_after_s is not None and sent.not_after_s - agent.now() == pytest.approx(600.0, abs=35.0)
+    assert sent.ends_by_s == sent.not_after_s
+
+
+class Told:
+    """A link that only keeps what it is to tell."""
+
+    def __init__(self) -> None:
+        self.requests: list[m.Request] = []
+
+    def tell(self, request: m.Request) -> None:
+        self.requests.append(request)
+
+
+def test_a_start_goes_out_with_its_hours_and_so_do_hours_that_have_changed(tmp_path: Path):
+    books, _ = booked(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p"))
+    links = Links(Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), Ears())
+    told = Told()
+    links._links["a"] = told  # type: ignore[assignment]
+    links.perform(ev.SendStart(print_id="p", printer="a"), books, tmp_path, lambda _: Span(500.0, 900.0))
+    links.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path, no_span)
+    begin, end = told.requests
+    assert isinstance(begin, m.StartPrint) and (begin.not_after_s, begin.ends_by_s) == (500.0, 900.0)
+    assert end == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
+
+
+def start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
+    facts = {"print_id": "p", "gcode": None, "sha256": "0", "print_time_s": 1.0, "filament": "parked"}
+    return m.StartPrint.model_validate({"id": 0, **facts, "not_after_s": not_after_s, "ends_by_s": ends_by_s})
+
+
+def test_what_is_told_has_its_moments_on_the_agent_s_clock_and_a_start_is_never_without_one():
+    sent = on_its_clock(start(None, None), -3600.0, 1000.0)
+    assert sent == start(4600.0, None)
+    assert on_its_clock(start(500.0, 2000.0), -3600.0, 1000.0) == start(4100.0, 5600.0)
+    assert on_its_clock(start(5000.0, 2000.0), 0.0, 1000.0) == start(1000.0, 2000.0)
+    end = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
+    assert on_its_clock(end, 500.0, 1000.0) == end.model_copy(update={"ends_by_s": 1500.0})
+    free = end.model_copy(update={"ends_by_s": None})
+    for request in (free, m.Hello(id=0)):
+        assert on_its_clock(request, 500.0, 1000.0) == request
+
+
+@pytest.mark.system
+def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent_of_its_old_one(
+    tmp_path: Path,
+):
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    clock = Clock(1.0, time.time())
+    port = launch(f"sim://{MODEL}", tmp_path / "emulator", clock)
+    ears = Ears()
+
+    def fleet(name: str) -> Fleet:
+        return Fleet.model_validate({"printers": [{"name": name, "model": MODEL, "port": str(port)}]})
+
+    async def until(links: Links, link: Link) -> None:
+        async with asyncio.timeout(DEADLINE_S):
+            while ears.last is None or ears.last.link is not link:
+                links.watch()
+                await asyncio.sleep(0.05)
+
+    async def story() -> None:
+        old = Links(fleet("old"), state, clock, ears)
+        old.start(())
+        await until(old, Link.FAULT)  # nobody has said that it may be opened
+        old.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path, no_span)
+        await until(old, Link.READY)
+        await old.close()
+        ears.last = None
+        new = Links(fleet("new"), state, clock, ears)
+        new.start(())
+        try:
+            await until(new, Link.FAULT)
+            new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path, no_span)
+            await until(new, Link.READY)
+            assert not alive(state.agent("old"))
+            ended = old._links["old"]._process
+            assert ended is not None and ended.wait(10.0) == 0
+        finally:
+            await new.shut_down_agents()
+            await new.close()
+
+    try:
+        asyncio.run(story())
+    finally:
+        kill(state.agent("old"))
+        control(tmp_path / "emulator", "power_off")
+
+
+class FakeClient:
+    """An agent that answers every request with its snapshot; an upload only when it is let."""
+
+    def __init__(self) -> None:
+        self.sent: list[m.Request] = []
+        self.let = asyncio.Event()
+        self.says = m.Snapshot(protocol=m.PROTOCOL, printer="a", agent_pid=7, link=m.LinkState.ABSENT)
+
+    async def request(self, request: m.Request) -> m.Reply:
+        self.sent.append(request)
+        if isinstance(request, m.Upload):
+            await self.let.wait()
+        return m.Reply(id=request.id, snapshot=self.says)
+
+
+def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, Ears]:  # type: ignore[no-untyped-def]
+    """What a link sends and hears while it is told a story."""
+    ears = Ears()
+    section = PrinterSection(name="a", model=MODEL, port=port)
+
+    async def main() -> FakeClient:
+        link = AgentLink("a", section, StateFolder(tmp_path), Clock(), ears)
+        client = FakeClient()
+        link._client = client  # type: ignore[assignment]
+        await story(link, client)
+        await asyncio.gather(*link._tasks)
+        return client
+
+    return asyncio.run(main()), ears
+
+
+def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path):
+    async def story(link, client):  # type: ignore[no-untyped-def]
+        link.tell(m.CancelPrint(id=0, print_id="x"))
+
+    _, ears = told(tmp_path, story)
+    assert ears.last is not None
+    assert (ears.last.link, ears.last.agent_pid, ears.last.heard_cancel) == (Link.ABSENT, 7, "x")
+
+
+class TalkingClient(FakeClient):
+    """An agent that says a word whenever somebody connects."""
+
+    connected = 0
+
+    async def connect(self) -> None:
+        self.connected += 1
+
+    async def snapshots(self) -> AsyncIterator[m.Snapshot]:
+        yield self.says
+
+    async def close(self) -> None:
+        pass
+
+
+def test_a_fault_of_the_farms_own_makes_no_link_deaf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(client_module, "RETRY_S", 0.001)
+
+    class Faulty(Ears):
+        words = 0
+
+        def heard(self, snapshot: AgentSnapshot) -> None:
+            self.words += 1
+            if self.words < 5:
+                raise ZeroDivisionError("a fault of ours")
+            super().heard(snapshot)
+
+    async def main(ears: Faulty) -> None:
+        link = AgentLink("a", None, StateFolder(tmp_path), Clock(), ears)
+        link._client = TalkingClient()  # type: ignore[assignment]
+        listening = asyncio.ensure_future(link._listen())
+        async with asyncio.timeout(DEADLINE_S):
+            while ears.last is None:
+                assert not listening.done()
+                await asyncio.sleep(0.001)
+        link._stopping = True
+        await listening
+
+    asyncio.run(main(Faulty()))
+
+
+@pytest.mark.parametrize(("port", "bed_clear"), [("/dev/ttyACM0", None), (f"sim://{MODEL}", True)])
+def test_no_agent_speaks_for_another_printer_and_only_an_emulator_knows_its_bed(
+    tmp_path: Path, port: str, bed_clear: bool | None
+):
+    lie = m.Snapshot(protocol=m.PROTOCOL, printer="b", agent_pid=7, link=m.LinkState.READY, bed_clear=True)
+
+    async def story(link, client):  # type: ignore[no-untyped-def]
+        client.says = lie
+        link.tell(m.CancelPrint(id=0, print_id="x"))
+
+    _, ears = told(tmp_path, story, port)
+    assert ears.last is not None
+    assert (ears.last.printer, ears.last.link, ears.last.bed_clear) == ("a", Link.READY, bed_clear)
+
+
+def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path: Path):
+    gcode = tmp_path / "x.gcode"
+    gcode.write_text("G28\n")
+    start = m.StartPrint(
+        id=0, print_id="x", gcode=str(gcode), sha256="0", print_time_s=1.0, filament=m.Filament.PARKED
+    )
+
+    async def story(link, client):  # type: ignore[no-untyped-def]
+        link._remote = True
+        link.tell(start)
+        while not client.sent:
+            await asyncio.sleep(0)
+        link.tell(m.CancelPrint(id=0, print_id="x"))
+        await asyncio.sleep(0)
+        client.let.set()
+
+    client, _ = told(tmp_path, story)
+    assert {type(one) for one in client.sent} == {m.Upload, m.CancelPrint}
+
+
+@pytest.mark.system
+def test_an_idle_agent_is_replaced_and_its_printer_stays_as_it_is(tmp_path: Path):
+    state = StateFolder(tmp_path)
+    state.make()
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    ears = Ears()
+
+    async def story() -> None:
+        links = Links(fleet, state, Clock(60.0, time.time()), ears)
+        links.start(())
+
+        async def ready(old: int | None) -> int:
+            async with asyncio.timeout(DEADLINE_S):
+                while True:
+                    links.watch()
+                    said = ears.last
+                    if said is not None and said.link is Link.READY and said.agent_pid not in (None, old):
+                        assert said.agent_pid is not None and not said.outdated
+                        return said.agent_pid
+                    await asyncio.sleep(0.1)
+
+        try:
+            first = await ready(None)
+            await links.replace("a")
+            assert await ready(first) == pid(state.agent("a"))
+            assert emulator_alive(state.agent("a") / "emulator")
+        finally:
+            await links.shut_down_agents()
+            await links.close()
+
+    asyncio.run(story())

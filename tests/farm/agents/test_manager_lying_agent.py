@@ -1,0 +1,150 @@
+"""Agents that say what cannot be: nothing of other printers is booked, and the books can be read again."""
+
+import json
+from datetime import datetime
+
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import MessageError
+from drivers.messages import Filament, LinkState, PrintPhase, Snapshot
+from drivers.remote.client import read_line
+from farm.agents.protocol_adapter import shift_s, translate, translate_print
+from farm.model import JobOptions
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.storage.store import Store
+from farm.views.history import history, night_view
+from farm.views.jobs import job_view, printer_view
+from farm.views.tasks import todo
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+NOW_S = datetime(2026, 11, 1).timestamp()
+WILD = [float("nan"), float("inf"), -1e300, 1e300, -1.0, 0.0, 1e-300, 1e12, NOW_S, NOW_S + 1e4]
+moments = st.sampled_from([None, *WILD])
+numbers = st.sampled_from(WILD)
+
+
+class Clock:
+    scale, ahead_s = 1.0, 0.0
+
+    def now(self):
+        return NOW_S
+
+    def wall_seconds(self, span_s):
+        return span_s
+
+
+prints = st.fixed_dictionaries(
+    {
+        "print_id": st.sampled_from(["mine", "theirs", "x", "y", ""]),
+        "phase": st.sampled_from(list(PrintPhase)),
+    },
+    optional={
+        "fault": st.sampled_from([None, "port_lost", "no such fault"]),
+        "reason": st.sampled_from([None, "", "\x1b[2J"]),
+        "progress_s": numbers,
+        "print_time_s": numbers,
+        "extruded": st.booleans(),
+        "started_s": moments,
+        "ended_s": moments,
+        "pause_ends_s": moments,
+        "ends_by_s": moments,
+        "starved_s": numbers,
+        "layer": st.sampled_from([None, -5, 10**30]),
+        "z_mm": moments,
+        "sha256": st.sampled_from([None, "0" * 64]),
+    },
+)
+alike = prints.map(lambda one: {"started_s": NOW_S + 9.0, **one, "sha256": "0" * 64})  # of a file that waits
+snapshots = st.fixed_dictionaries(
+    {
+        "printer": st.just("a"),
+        "agent_pid": st.sampled_from([-1, 7, 10**30]),
+        "link": st.sampled_from(list(LinkState)),
+    },
+    optional={
+        "now_s": numbers,
+        "filament": st.sampled_from(list(Filament)),
+        "bed_clear": st.sampled_from([None, True, False]),
+        "doubt": st.sampled_from([None, "it was moved\x1b[2J"]),
+        "alarm": st.sampled_from([None, "it was moved\x1b[2J"]),
+        "nozzle": st.fixed_dictionaries({"now_c": numbers, "target_c": numbers}),
+        "print": st.none() | prints,
+    },
+)
+
+
+def lines(said):
+    """What an agent says, as far as it can be read at all."""
+    for one in said:
+        try:
+            heard = read_line(json.dumps({"kind": "snapshot", **one}).encode())
+        except MessageError:
+            continue
+        assert isinstance(heard, Snapshot)
+        yield heard
+
+
+def look(core, folder):
+    """All that is shown to people, and sent to them."""
+    scene = core.scene(StateFolder(folder))
+    shown = [job_view(scene, job) for job in core.books.jobs.values()]
+    shown += [printer_view(scene, section, None) for section in core.fleet.printers]
+    shown += [*todo(scene), *history(scene)]
+    night = night_view(scene)
+    for view in [*shown, *([night] if night else [])]:
+        assert "\\u001b" not in view.model_dump_json()
+
+
+def busy(folder):
+    """A job on both printers, `a` of which lies."""
+    farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
+    farm.store._db.execute("PRAGMA synchronous = OFF")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.happened(
+        ev.PlanningStarted(at_s=NOW_S, job=1), planned(1, 4).model_copy(update={"at_s": NOW_S})
+    )
+    for name, plate, print_id in (("a", "1/01", "mine"), ("b", "1/02", "theirs")):
+        farm.core.happened(
+            ev.PrinterSeen(at_s=NOW_S, printer=name, bed="clear", filament="parked"),
+            ev.PlateAssigned(at_s=NOW_S, plate=plate, printer=name, print_id=print_id),
+        )
+    return farm
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(said=st.lists(snapshots, max_size=4))
+def test_whatever_an_agent_says_can_be_booked_shown_and_read_again(said, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lies")
+    farm = busy(folder)
+    other = farm.core.books.prints["theirs"]
+    for heard in lines(said):
+        farm.core.heard(translate(heard, Clock()))
+        look(farm.core, folder)
+    assert farm.core.books.prints["theirs"] == other
+    with Store(folder / "farm.db") as store:
+        assert store.load() == farm.core.books
+    farm.store.close()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(last=snapshots, told=st.lists(alike, max_size=4))
+def test_whatever_an_agent_says_that_it_printed_since_the_books_were_copied_can_be_booked(
+    last, told, tmp_path_factory
+):
+    folder = tmp_path_factory.mktemp("lies")
+    farm = busy(folder)
+    farm.core.start(restored_s=NOW_S + 1.0)
+    other = farm.core.books.prints["theirs"]
+    for heard in lines([last]):
+        shown = [one.print for one in lines({**last, "print": shot} for shot in told)]
+        shot = [translate_print(one, shift_s(heard, Clock())) for one in shown]
+        farm.core.recounted(translate(heard, Clock()), shot)
+        assert farm.core.untold_since_s("a") is None
+        look(farm.core, folder)
+    assert farm.core.books.prints["theirs"] == other
+    with Store(folder / "farm.db") as store:
+        assert store.load() == farm.core.books
+    farm.store.close()

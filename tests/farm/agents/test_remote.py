@@ -1,0 +1,341 @@
+"""An agent on another host: this one, by a way that can be cut."""
+
+import asyncio
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers import messages as m
+from drivers.agent.start_file import Start
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, launch, read_status
+from drivers.errors import AgentError
+from drivers.remote import bridge, client
+from drivers.remote.client import alive, pid
+from farm.agents import manager, remote
+from farm.agents.manager import AgentLink, Links
+from farm.config import Fleet, PrinterSection
+from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
+from farm.paths import StateFolder
+from silent_network import SilentWay
+
+MODEL = "ultimaker2_plus"
+SCALE = 120.0
+DEADLINE_S = 60.0
+GONE_S = 600.0  # of the farm's clock
+SSHD = shutil.which("sshd", path="/usr/sbin:/usr/local/sbin:" + os.environ["PATH"])
+HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
+TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
+
+
+class Ears:
+    """What a daemon hears."""
+
+    def __init__(self) -> None:
+        self.last = AgentSnapshot(printer="a", link=Link.STARTING)
+
+    def heard(self, snapshot: AgentSnapshot) -> None:
+        self.last = snapshot
+
+    def refused(self, print_id: str, reason: str, late: bool) -> None:
+        raise AssertionError(reason)
+
+    def untold_since_s(self, printer: str) -> float | None:
+        return None
+
+    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        raise AssertionError(prints)
+
+
+class Pipe:
+    """A stand-in for ssh: the command in a shell of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._gone = folder / "gone"
+        script = folder / "way.sh"
+        script.write_text(
+            f'#!/bin/sh\n[ -e {self._gone} ] && {{ echo "no route" >&2; exit 255; }}\n'
+            f'echo $$ >> {folder}/pids\nfor last; do :; done\nexec sh -c "exec env $last"\n'
+        )
+        script.chmod(0o700)
+        self.ssh = str(script)
+
+    def cut(self) -> None:
+        self._gone.touch()
+        for number in (self._folder / "pids").read_text().split():
+            with suppress(ProcessLookupError):
+                os.kill(int(number), signal.SIGKILL)
+
+    def mend(self) -> None:
+        self._gone.unlink()
+
+    def close(self) -> None:
+        self.cut()
+
+
+class Sshd:
+    """A real sshd on this host, with keys and a configuration of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        for key in ("host", "mine"):
+            words = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / key)]
+            subprocess.run(words, check=True)
+        (folder / "sshd").write_text(
+            f"HostKey {folder}/host\nAuthorizedKeysFile {folder}/mine.pub\nStrictModes no\nUsePAM no\n"
+            f"PidFile none\nPasswordAuthentication no\nListenAddress 127.0.0.1\nPort {self._free()}\n"
+        )
+        (folder / "ssh").write_text(
+            f"Host pc-b\n HostName 127.0.0.1\n Port {self._port}\n IdentityFile {folder}/mine\n"
+            f" IdentitiesOnly yes\n StrictHostKeyChecking no\n"
+            f" UserKnownHostsFile {folder}/known\n LogLevel ERROR\n"
+        )
+        self.ssh = f"{bridge.SSH} -F {folder}/ssh"
+        self._server: subprocess.Popen[bytes] | None = None
+        self.mend()
+
+    def _free(self) -> int:
+        import socket
+
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self._port: int = probe.getsockname()[1]
+        return self._port
+
+    def mend(self) -> None:
+        if os.getuid() == 0:
+            Path("/run/sshd").mkdir(exist_ok=True)  # what openssh-server's own unit would make
+        words = [str(SSHD), "-D", "-e", "-f", str(self._folder / "sshd")]
+        self._server = subprocess.Popen(words, stderr=subprocess.DEVNULL, start_new_session=True)
+
+    def cut(self) -> None:
+        """No network: the server and every connection are gone, without a word to either end's program."""
+        assert self._server is not None
+        if self._server.poll() is not None:
+            return
+        for child in _children(self._server.pid):
+            with suppress(ProcessLookupError):
+                os.kill(child, signal.SIGKILL)
+        self._server.kill()
+        self._server.wait()
+
+    def close(self) -> None:
+        self.cut()
+
+
+def _children(number: int) -> list[int]:
+    """The processes of the server for its connections; what they have started is not among them."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            before, _, after = path.read_text().rpartition(")")
+            if after.split()[1] == str(number) and before.endswith("(sshd"):
+                child = int(path.parent.name)
+                found += [child, *_children(child)]
+    return found
+
+
+class Silence(SilentWay):
+    """Not a word, and nothing that hangs up."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+
+    def ended(self) -> int:
+        """How many bridges have noticed that nobody is there any more."""
+        return sum(bridge.poll() is not None for bridge in self.there)
+
+
+@pytest.fixture(params=[Pipe, Sshd])
+def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    if request.param is Sshd and SSHD is None:
+        pytest.skip("needs openssh-server")
+    folder = tmp_path / "way"
+    folder.mkdir()
+    made = request.param(folder)
+    monkeypatch.setenv("FARM_SSH", made.ssh)
+    try:
+        yield made
+    finally:
+        made.close()
+        agent = tmp_path / "there" / "farm-agents" / "test" / "a"
+        number = pid(agent)
+        if number is not None:
+            os.kill(number, signal.SIGKILL)
+        if emulator_alive(agent / "emulator"):
+            control(agent / "emulator", "power_off")
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("way", [Pipe, Sshd, Silence], indirect=True)
+def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
+    tmp_path: Path, way: Any, monkeypatch: pytest.MonkeyPatch
+):
+    if isinstance(way, Silence):  # its ten minutes are five seconds of the wall
+        monkeypatch.setattr(manager, "_SILENCE_S", 1.5)
+        monkeypatch.setattr(manager, "_LONGEST_WAIT_S", 0.5)
+        monkeypatch.setattr(client, "FIRST_WORD_S", 10.0)
+    there = tmp_path / "there" / "farm-agents" / "test" / "a"
+    section = PrinterSection(
+        name="a",
+        model=MODEL,
+        port=f"sim://{MODEL}",
+        host="pc-b",
+        host_command=f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge",
+    )
+    state, ears, clock = StateFolder(tmp_path / "here"), Ears(), Clock(SCALE, time.time())
+    state.make()
+    moves = "".join(
+        f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5:.2f}\n" for i in range(1200)
+    )
+    text = (HEAD + moves + TAIL).encode()
+    gcode = tmp_path / "only-here.gcode"
+    gcode.write_bytes(text)
+
+    async def until(seen: Any) -> AgentSnapshot:
+        async with asyncio.timeout(DEADLINE_S):
+            while not seen(ears.last):
+                await asyncio.sleep(0.05)
+            return ears.last
+
+    async def story() -> None:
+        link = AgentLink("a", section, state, clock, ears, "test")
+        link.start()
+        try:
+            await until(lambda s: s.link is Link.READY)
+            sha256 = hashlib.sha256(text).hexdigest()
+            link.tell(
+                m.StartPrint(
+                    id=0,
+                    print_id="p-1",
+                    gcode=str(gcode),
+                    sha256=sha256,
+                    print_time_s=900.0,
+                    filament=m.Filament.PARKED,
+                )
+            )
+            await until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
+            first = pid(there)
+            began_s = clock.now()
+            way.cut()
+            await until(lambda s: s.link is Link.STARTING)
+            async with asyncio.timeout(DEADLINE_S):
+                while clock.now() < began_s + GONE_S:
+                    assert alive(there)
+                    await asyncio.sleep(0.05)
+            way.mend()
+            ended = await until(lambda s: s.print is not None and s.print.state.ended)
+            assert ended.print is not None and ended.print.state is PrintState.DONE, ended
+            assert pid(there) == first
+            if isinstance(way, Silence):
+                async with asyncio.timeout(DEADLINE_S):
+                    while way.ended() < len(way.there) - 1:
+                        await asyncio.sleep(0.05)
+                assert len(way.there) >= 2
+            await link.close()
+            ears.last = AgentSnapshot(printer="a", link=Link.STARTING)
+            link = AgentLink("a", None, state, clock, ears)  # taken out of the fleet meanwhile
+            link.start()
+            await until(lambda s: s.print is not None and s.print.state.ended)
+            assert read_status(there / "emulator").starved_s < 60.0
+            await link.shut_down()
+            async with asyncio.timeout(DEADLINE_S):
+                while alive(there):
+                    await asyncio.sleep(0.05)
+        finally:
+            await link.close()
+
+    asyncio.run(story())
+
+
+@pytest.mark.system
+def test_a_printer_on_another_host_is_stopped_and_one_that_cannot_be_reached_is_named(
+    tmp_path: Path, way: Any
+):
+    command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(
+        f"fleet: {{name: test}}\ndefaults: {{host: pc-b, host_command: '{command}'}}\n"
+        f"printers:\n  - {{name: a, model: {MODEL}, port: 'sim://{MODEL}'}}\n"
+    )
+    there = tmp_path / "there" / "farm-agents" / "test" / "a"
+    launch(f"sim://{MODEL}", there / "emulator", Clock(SCALE, time.time()))
+    farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path / "here", "--fleet", fleet]
+    done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 0 and "seen off" in done.stdout, done
+    assert read_status(there / "emulator").resets == 1
+    way.cut()
+    done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=90)
+    assert done.returncode == 1 and "a: cannot be stopped: pc-b:" in done.stdout, done
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("way", [Pipe], indirect=True)
+def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_and_none_is_started_for_that(
+    tmp_path: Path, way: Any
+):
+    command = f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge"
+    there = tmp_path / "there" / "farm-agents" / "test" / "a"
+    state, clock = StateFolder(tmp_path / "here"), Clock(SCALE, time.time())
+    state.make()
+    kept = state.agent("a") / "way.json"
+
+    def farm(*names: str) -> Links:
+        facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
+        printers = [{"name": "b", "enabled": False, **facts}, *({"name": n, **facts} for n in names)]
+        raw = {"fleet": {"name": "test"}, "printers": printers}
+        return Links(Fleet.model_validate(raw), state, clock, Ears())
+
+    async def until(seen: Callable[[], bool]) -> None:
+        async with asyncio.timeout(DEADLINE_S):
+            while not seen():
+                await asyncio.sleep(0.05)
+
+    async def story() -> None:
+        before = farm("a")
+        before.start(())
+        await until(lambda: alive(there))
+        await before.close()
+        for _ in range(2):  # the second time nobody lives there any more
+            kept_way = kept.read_text()
+            after = farm()
+            after.start(())
+            await until(lambda: not kept.exists())
+            await until(lambda: not alive(there))
+            await after.close()
+            kept.write_text(kept_way)
+
+    asyncio.run(story())
+
+
+@pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])
+def test_a_way_that_was_damaged_is_no_crash(text, tmp_path):
+    (tmp_path / "way.json").write_text(text)
+    remote.reaching(remote.kept_way(tmp_path, None, "", Clock()))
+
+
+def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():
+    for farm, printer in (("..", "a"), ("test", ".."), ("test", "a/b"), ("", "a")):
+        with pytest.raises(AgentError):
+            bridge.folder_of(farm, printer)
+
+
+def test_an_errand_comes_as_it_was_sent_and_nothing_else_is_one():
+    errand = bridge.Errand(bridge.Do.STOP, "test", Start("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
+    assert bridge.parse(errand.line()) == errand
+    for line in (b"", b"{}", b'{"do": "dance", "farm": "x", "start": {}}', json.dumps([1]).encode()):
+        with pytest.raises(AgentError):
+            bridge.parse(line)

@@ -1,0 +1,148 @@
+"""What a person is told where the daemon says nothing, or nothing that can be understood."""
+
+import json
+import socket
+import threading
+from http.server import BaseHTTPRequestHandler
+from socketserver import UnixStreamServer
+
+import pytest
+
+from farm.api import ClearedRequest
+from farm.cli.client.daemon_client import Client
+from farm.cli.client.unix_http import DaemonConnection
+from farm.errors import DaemonUnreachable, FarmError, NoSuchThing
+from farm.model import JobOptions
+
+
+class Daemon(BaseHTTPRequestHandler):
+    """Answers what it heard, or whatever its server is to answer."""
+
+    protocol_version = "HTTP/1.1"
+
+    def do_POST(self):
+        if self.server.deaf:
+            self.do_GET()
+            self.close_connection = True
+            return
+        length = self.headers.get("Content-Length")
+        if length is None:  # an upload, in chunks
+            body = b""
+            while size := int(self.rfile.readline(), 16):
+                body += self.rfile.read(size)
+                self.rfile.readline()
+            self.rfile.readline()
+        else:
+            body = self.rfile.read(int(length))
+        self.server.heard.append((self.path, body))
+        self.do_GET()
+
+    def do_GET(self):
+        status, text = self.server.answer
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(text)))
+        self.end_headers()
+        self.wfile.write(text)
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def daemon(tmp_path):
+    with UnixStreamServer(str(tmp_path / "farm.sock"), Daemon) as server:
+        server.heard, server.answer, server.deaf = [], (200, b"{}"), False
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def client(tmp_path):
+    return Client(tmp_path / "farm.sock")
+
+
+def test_where_no_daemon_is_a_person_is_told_what_starts_one(client):
+    with pytest.raises(DaemonUnreachable, match=r"\(No such file or directory\); `farm up` starts one"):
+        client.status()  # and no socket is left open: that would be a warning, and so an error here
+
+
+def test_a_daemon_that_hangs_is_not_taken_for_one_that_is_not_there(tmp_path):
+    with socket.socket(socket.AF_UNIX) as hanging:
+        hanging.bind(str(tmp_path / "farm.sock"))
+        hanging.listen()
+        with pytest.raises(DaemonUnreachable, match=r"not answered for 0\.01 s.*`farm estop` does without"):
+            Client(tmp_path / "farm.sock", answer_s=0.01).status()
+
+
+def test_who_is_not_in_the_farms_group_is_told_so(client, monkeypatch):
+    def closed(self):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(DaemonConnection, "connect", closed)
+    with pytest.raises(DaemonUnreachable, match=r"is closed to you: .* members of its group"):
+        client.status()
+
+
+def test_a_daemon_that_dies_over_its_answer_is_away(tmp_path, client):
+    def die(listening):
+        talk, _ = listening.accept()
+        talk.close()
+
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(tmp_path / "farm.sock"))
+        listening.listen()
+        thread = threading.Thread(target=die, args=[listening])
+        thread.start()
+        with pytest.raises(DaemonUnreachable, match="`farm up` starts one"):
+            client.status()
+        thread.join()
+
+
+def test_what_the_daemon_refuses_keeps_its_code_and_its_words(daemon, client):
+    problem = {"error": "there is no job 9", "code": "no_such_thing", "exit_code": 4}
+    daemon.answer = (404, json.dumps(problem).encode())
+    with pytest.raises(FarmError, match="there is no job 9") as told:
+        client.job(9)
+    assert told.value.exit_code == NoSuchThing("").exit_code
+    for text in (b"<html>", b'{"detail": "no"}', b'{"error": "no", "code": "a newer one", "exit_code": 9}'):
+        daemon.answer = (502, text)
+        with pytest.raises(FarmError, match="the daemon answered 502: "):
+            client.job(9)
+
+
+def test_a_daemon_of_another_version_is_called_so(daemon, client):
+    for text in (b"{}", b"[]", b'{"daemon": {"pid": 1, "version": "9", "since": "", "news": 1}, "job": 3}'):
+        daemon.answer = (200, text)
+        with pytest.raises(FarmError, match=r"of another version than this command .*: restart it"):
+            client.job(9)
+
+
+def test_what_is_asked_arrives_as_it_was_asked(daemon, client, tmp_path, monkeypatch):
+    daemon.answer = (200, b'{"again": null}')
+    client.cleared("um2-01", ClearedRequest(bad=True, why="warped: 3 mm & more"))
+    ((path, body),) = daemon.heard
+    assert path == "/printers/um2-01/cleared"
+    assert json.loads(body)["why"] == "warped: 3 mm & more"
+    model = tmp_path / "a part & more.stl"
+    model.write_bytes(bytes(range(256)) * 10_000)
+    daemon.answer = (200, b'{"job": 3, "again": false}')
+    monkeypatch.setattr(Client, "status", lambda self: None)
+    assert client.submit(model, JobOptions(scale=2.0)).job == 3
+    path, body = daemon.heard[-1]
+    assert "name=a+part+%26+more.stl" in path and "size=2560000" in path
+    assert body == model.read_bytes()
+
+
+def test_an_upload_that_is_refused_before_it_is_read_is_refused_in_the_daemons_words(
+    daemon, client, tmp_path, monkeypatch
+):
+    model = tmp_path / "part.stl"
+    model.write_bytes(bytes(4_000_000))  # more than the socket holds
+    problem = {"error": "the farm is going down", "code": "refused", "exit_code": 5}
+    daemon.answer, daemon.deaf = (409, json.dumps(problem).encode()), True
+    monkeypatch.setattr(Client, "status", lambda self: None)
+    with pytest.raises(FarmError, match="going down"):
+        client.submit(model, JobOptions())

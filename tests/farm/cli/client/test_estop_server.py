@@ -1,0 +1,135 @@
+"""Who connects to `estop.sock` and asks for nothing keeps nobody from stopping a printer."""
+
+import json
+import socket
+
+import pytest
+
+from farm.cli.client import estop_server
+from farm.cli.client.estop_server import MOST, MOST_EACH, REQUEST_S, EstopServer, peer_uid
+
+CROWD = 80
+REQUEST = b'{"printers":[]}\n'
+
+
+class Work:
+    """A stop that ends when it is told."""
+
+    def __init__(self):
+        self.code = None
+
+    def poll(self):
+        return self.code
+
+
+class Bench:
+    """A server with time in hand, and users who connect."""
+
+    def __init__(self, folder):
+        self.now_s, self.uid = 100.0, 1000
+        self.begun, self.ends = [], []
+        self.listening = socket.socket(socket.AF_UNIX)
+        self.path = str(folder / "s")
+        self.listening.bind(self.path)
+        self.listening.listen(128)
+        self.server = EstopServer(self.listening, self.begin, lambda _: self.uid)
+
+    def begin(self, connection, request):
+        work = Work()
+        self.begun.append((request, work))
+        return work
+
+    def connect(self, uid, said=b""):
+        self.uid = uid
+        one = socket.socket(socket.AF_UNIX)
+        self.ends.append(one)
+        one.connect(self.path)
+        one.sendall(said)
+        self.turn()
+        self.turn()
+        return one
+
+    def turn(self, later_s=0.0):
+        self.now_s += later_s
+        self.server.turn(self.now_s, 0.0)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = Bench(tmp_path)
+    yield bench
+    for one in (bench.listening, *bench.ends, *bench.server._asking):
+        one.close()
+
+
+def refused(one):
+    one.settimeout(0.0)
+    try:
+        said = one.recv(4096)
+    except BlockingIOError:
+        return False
+    return not said or "too many" in json.loads(said)["error"]
+
+
+def test_a_request_is_handed_on_whole_when_it_is_whole(bench):
+    one = bench.connect(1000, REQUEST[:5])
+    assert bench.begun == []
+    one.sendall(REQUEST[5:])
+    bench.turn()
+    assert [said for said, _ in bench.begun] == [REQUEST]
+
+
+@pytest.mark.parametrize("said", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
+def test_who_does_not_ask_within_two_seconds_is_ended(bench, said):
+    one = bench.connect(1000, said)
+    bench.turn(REQUEST_S)
+    assert not refused(one)
+    bench.turn(0.1)
+    assert refused(one) and bench.begun == []
+
+
+def test_one_user_gets_some_places_and_another_is_heard_at_once(bench):
+    crowd = [bench.connect(1000) for _ in range(CROWD)]
+    assert sum(not refused(one) for one in crowd) == MOST_EACH
+    bench.connect(2000, REQUEST)
+    assert len(bench.begun) == 1
+
+
+def test_stops_under_way_count_until_they_have_ended(bench):
+    for _ in range(MOST_EACH):
+        bench.connect(1000, REQUEST)
+    assert refused(bench.connect(1000, REQUEST)) and len(bench.begun) == MOST_EACH
+    bench.begun[0][1].code = 0
+    bench.connect(1000, REQUEST)
+    assert len(bench.begun) == MOST_EACH + 1
+
+
+def test_all_users_together_get_no_more_than_there_are_places(bench):
+    for uid in range(MOST // MOST_EACH + 1):
+        for _ in range(MOST_EACH):
+            bench.connect(uid, REQUEST)
+    assert len(bench.begun) == MOST
+
+
+def test_where_no_descriptor_is_left_it_goes_on_a_second_later(bench, monkeypatch):
+    class Full:
+        def fileno(self):
+            return bench.listening.fileno()
+
+        def accept(self):
+            raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(bench.server, "_listening", Full())
+    bench.connect(1000, REQUEST)
+    monkeypatch.setattr(bench.server, "_listening", bench.listening)
+    bench.turn(0.5)
+    assert bench.begun == []
+    bench.turn(0.6)
+    bench.turn()
+    assert len(bench.begun) == 1
+
+
+def test_the_kernel_says_who_is_at_the_other_end():
+    here, there = socket.socketpair()
+    with here, there:
+        assert peer_uid(here) == estop_server.struct.unpack("=iII", there.getsockopt(1, 17, 12))[1]

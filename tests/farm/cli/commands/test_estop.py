@@ -1,0 +1,192 @@
+"""`farm estop` of somebody who may not touch the agents: a button with two ends."""
+
+import io
+import socket
+import threading
+
+import pytest
+
+from drivers.safety.estop import Stopped
+from farm.cli.client import estop_socket
+from farm.cli.client.estop_socket import Said
+from farm.cli.commands import estop
+from farm.errors import ErrorCode, FarmError, NoSuchThing
+from farm.paths import find_places
+
+
+@pytest.fixture
+def pressed(tmp_path):
+    """Presses a button whose other end is a thread with this `stop`."""
+    path = tmp_path / "estop.sock"
+
+    def press(stop, printers):
+        with socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(str(path))
+            listening.listen()
+
+            def serve():
+                talk, _ = listening.accept()
+                with talk, talk.makefile("r", encoding="utf-8") as asked, talk.makefile("w") as said:
+                    estop_socket.answer(asked, said, stop)
+
+            serving = threading.Thread(target=serve)
+            serving.start()
+            heard = []
+            try:
+                estop_socket.press(path, printers, heard.append)
+            finally:
+                serving.join()
+            return heard
+
+    return press
+
+
+def test_what_came_of_it_is_said_as_it_comes(pressed):
+    words = [Said(printer="a", text="it cools"), Said(printer="a", text="off", seen_off=True)]
+    asked = []
+
+    def stop(printers, say):
+        asked.extend(printers)
+        for word in words:
+            say(word)
+
+    assert pressed(stop, ["a"]) == words
+    assert asked == ["a"]
+
+
+def test_what_went_wrong_at_the_other_end_goes_wrong_here(pressed):
+    def stop(printers, say):
+        raise NoSuchThing("there is no printer z")
+
+    with pytest.raises(FarmError, match="there is no printer z") as caught:
+        pressed(stop, ["z"])
+    assert caught.value.code is ErrorCode.NO_SUCH_THING
+
+
+@pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
+def test_what_is_no_wish_is_refused_and_stops_nothing(tmp_path, rubbish):
+    asked, said = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
+    estop_socket.answer(asked, said, lambda printers, say: pytest.fail(f"stopped {printers}"))
+    assert '"code":"refused"' in said.getvalue()
+
+
+@pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"{}\n", b"\n"])
+def test_an_end_that_answers_rubbish_is_no_printer_that_is_off(tmp_path, rubbish):
+    path = tmp_path / "estop.sock"
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(path))
+        listening.listen()
+
+        def answer():
+            talk, _ = listening.accept()
+            with talk:
+                talk.sendall(rubbish)
+
+        answering = threading.Thread(target=answer)
+        answering.start()
+        with pytest.raises(FarmError, match="switch the printers off by hand"):
+            estop_socket.press(path, [], lambda said: None)
+        answering.join()
+
+
+def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
+    path = tmp_path / "estop.sock"
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(str(path))
+        listening.listen()
+        dying = threading.Thread(target=lambda: listening.accept()[0].close())
+        dying.start()
+        with pytest.raises(FarmError, match="switch the printers off by hand"):
+            estop_socket.press(path, [], lambda said: None)
+        dying.join()
+    with pytest.raises(FarmError, match="switch the printers off by hand"):
+        estop_socket.press(path, [], lambda said: None)
+
+
+def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path, monkeypatch):
+    (tmp_path / "farm.sock").touch()
+    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
+    monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 4711)
+    with pytest.raises(FarmError, match="another user's and has no"):
+        estop_socket.way(places)
+    (tmp_path / "estop.sock").touch()
+    assert estop_socket.way(places) == tmp_path / "estop.sock"
+
+
+def test_root_that_was_told_the_state_folder_needs_no_button(tmp_path, monkeypatch):
+    (tmp_path / "estop.sock").touch()
+    monkeypatch.setattr(estop_socket, "_owner", lambda path: 4711 if path.exists() else None)
+    monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 0)
+    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
+    assert estop_socket.way(places) == tmp_path / "estop.sock"
+    (tmp_path / "state" / "agents").mkdir(parents=True)
+    assert estop_socket.way(places) is None
+
+
+def test_the_owner_of_a_farm_needs_no_button(tmp_path):
+    (tmp_path / "estop.sock").touch()
+    places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
+    assert estop_socket.way(places) is None
+    assert (
+        estop_socket.way(find_places(tmp_path / "state", tmp_path / "elsewhere" / "farm.sock", None)) is None
+    )
+
+
+class Sheet(io.StringIO):
+    """A stdout that keeps every write for itself."""
+
+    def __init__(self):
+        super().__init__()
+        self.writes = []
+
+    def write(self, text):
+        self.writes.append(text)
+        return len(text)
+
+
+def test_a_line_of_a_printer_is_written_whole_whatever_is_said_of_it(monkeypatch):
+    sheet = Sheet()
+    monkeypatch.setattr(estop.sys, "stdout", sheet)
+    estop.print_line(Said(printer="a", text="ssh said\nthis and\r that"))
+    assert sheet.writes == ["a: ssh said this and that\n"]
+
+
+def test_lines_of_several_printers_are_said_one_after_the_other(tmp_path, monkeypatch):
+    all_there = threading.Barrier(8)
+    busy, overlaps, heard = [], [], []
+
+    def ends(name):
+        def end(tell):
+            all_there.wait(10.0)
+            for _ in range(20):
+                tell("it cools")
+            return Stopped(name, 0.0, True, "off", still=True)
+
+        return end
+
+    def say(said):
+        busy.append(said)
+        threading.Event().wait(0.0001)  # lets another thread in
+        overlaps.extend(busy[1:])
+        busy.remove(said)
+        heard.append(said.printer)
+
+    targets = {name: ends(name) for name in "abcdefgh"}
+    monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
+    estop.stop_all(find_places(tmp_path, None, None), [], say)
+    assert overlaps == [] and len(heard) == 8 * 21
+
+
+@pytest.mark.parametrize(
+    ("seen_off", "still", "said"),
+    [(False, True, "not seen off: a"), (True, False, "not seen to stand still: a")],
+)
+def test_a_printer_that_was_not_seen_to_stop_is_an_error_that_names_it(
+    tmp_path, monkeypatch, seen_off, still, said
+):
+    targets = {"a": lambda tell: Stopped("a", 0.0, seen_off, "hm", still)}
+    monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
+    heard = []
+    with pytest.raises(FarmError, match=said):
+        estop.stop_all(find_places(tmp_path, None, None), [], heard.append)
+    assert [(one.seen_off, one.still) for one in heard] == [(seen_off, still)]

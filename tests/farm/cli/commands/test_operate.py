@@ -1,0 +1,68 @@
+"""What a person writes for a job, a part or a printer."""
+
+import pytest
+from typer.testing import CliRunner
+
+from farm.api import JobStatus, JobView, PlateStatus, PrinterView
+from farm.cli.commands import operate, submit
+from farm.cli.commands.operate import place_of, waiting_for_it
+from farm.cli.main import app
+from farm.model import Hold, HoldCode
+
+
+@pytest.mark.parametrize(
+    ("target", "path"),
+    [
+        ("3", "/jobs/3"),
+        ("3/p01", "/jobs/3/parts/p01"),
+        ("3/1", "/jobs/3/parts/1"),
+        ("3/p01a", "/jobs/3/parts/p01a"),
+        ("um2-03", "/printers/um2-03"),
+    ],
+)
+def test_a_target_is_a_job_a_part_or_a_printer(target, path):
+    assert place_of(target) == path
+
+
+def test_all_beds_are_those_that_a_person_was_asked_to_clear():
+    hold = Hold(code=HoldCode.BED_NOT_CLEAR, text="")
+    states = ("idle", "maintenance", "look", "absent", "connecting")
+    fleet = [PrinterView.model_construct(name=state, state=state, print=None, hold=hold) for state in states]
+    clear = PrinterView.model_construct(name="clear", state="idle", print=None, hold=None)
+    assert waiting_for_it([*fleet, clear]) == ["idle", "look", "connecting"]
+
+
+@pytest.mark.parametrize(
+    ("printers", "said"),
+    [
+        ([], "job 3 is cancelled"),
+        (["a"], "job 3 is cancelled; a ends safely, its bed has to be cleared"),
+        (["b", "a"], "job 3 is cancelled; a b end safely, their beds have to be cleared"),
+    ],
+)
+def test_who_cancels_a_job_is_told_which_beds_are_to_be_cleared(printers, said, monkeypatch):
+    class Daemon:
+        def __init__(self, _):
+            pass
+
+        def cancel(self, number):
+            plates = [PlateStatus.model_construct(printer=name, printing=True) for name in printers]
+            return JobStatus.model_construct(job=JobView.model_construct(plates=plates))
+
+    monkeypatch.setattr(operate, "Client", Daemon)
+    assert CliRunner().invoke(app, ["cancel", "3"]).stdout == f"{said}\n"
+
+
+def test_who_interrupts_an_upload_is_told_that_it_may_have_come(tmp_path, monkeypatch):
+    class Daemon:
+        def __init__(self, _):
+            pass
+
+        def submit(self, model, options):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(submit, "Client", Daemon)
+    (tmp_path / "part.stl").touch()
+    ended = CliRunner().invoke(app, ["submit", str(tmp_path / "part.stl")])
+    assert ended.exit_code == 130
+    assert "part.stl may be a job all the same" in ended.stderr

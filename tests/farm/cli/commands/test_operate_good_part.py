@@ -1,0 +1,142 @@
+"""`farm cleared --good`: the command, through the daemon's own routes and rules."""
+
+import asyncio
+from types import SimpleNamespace
+
+import httpx
+import pytest
+from typer.testing import CliRunner
+
+from farm.cli.client import daemon_client
+from farm.cli.main import app as cli
+from farm.http.app import make_app
+from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
+from farm.paths import StateFolder
+from farm.planning.plan import Plan
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+
+@pytest.fixture
+def farm(tmp_path, monkeypatch):
+    """A job of one part, whose print on `a` ended with its agent, behind a daemon that the CLI asks."""
+    farm = Farm(tmp_path)
+    farm.core.since_s -= 3600.0
+    farm.ready("a")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 1)
+    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    now_s = farm.core.clock.now()
+    said(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
+    died = {"fault": "agent_died", "reason": "its agent died", "started_s": now_s - 100.0, "ended_s": now_s}
+    said(farm, "a", PrintState.FAILED, **died)
+    daemon = make_app(farm.core, StateFolder(tmp_path), tmp_path / "fleet.yaml", 0.0, None, None)
+
+    class Connection:
+        def __init__(self, *_):
+            pass
+
+        def request(self, method, target, content, headers):
+            async def call():
+                transport = httpx.ASGITransport(daemon)
+                async with httpx.AsyncClient(transport=transport, base_url="http://farm") as way:
+                    return await way.request(method, target, content=content or b"", headers=headers)
+
+            self._answer = asyncio.run(call())
+
+        def getresponse(self):
+            return SimpleNamespace(status=self._answer.status_code, read=lambda: self._answer.content)
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(daemon_client, "DaemonConnection", Connection)
+    return farm
+
+
+def said(farm, printer, state, **facts):
+    attempt = farm.core.books.open_print_on(printer)
+    shown = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
+    shown |= {"started_s": None, "ended_s": None, **facts}
+    link = Link.READY if state.ended else Link.BUSY
+    snapshot = AgentSnapshot(
+        printer=printer,
+        link=link,
+        agent_pid=9,
+        filament=FilamentState.PARKED,
+        print=AgentPrint(print_id=attempt.id, state=state, **shown),
+    )
+    farm.core.heard(snapshot)
+
+
+def ask(*words):
+    return CliRunner().invoke(cli, list(words))
+
+
+def flat(text):
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("part", ["1/p01", "p01", "1"])
+def test_a_part_that_is_whole_is_not_printed_again(farm, part):
+    assert "if part 1/p01 is whole and good: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
+    answer = ask("cleared", "a", "--good", part)
+    assert answer.stdout == "a: bed clear; part 1/p01 is good, and not printed again\n"
+    assert farm.core.books.jobs[1].state is JobState.DONE
+    assert farm.core.books.printer("a").bed is Bed.CLEAR
+    farm.core.clock.ahead_s += 60.0
+    farm.ready("a", "b")
+    assert list(farm.core.books.open_prints()) == []
+
+
+def test_who_says_so_is_told_where_it_is_printed_again_already_and_how_to_end_that(farm):
+    farm.core.clock.ahead_s += 60.0  # what may have been lost with others waits for a moment
+    farm.ready("b")
+    said(farm, "b", PrintState.HEATING, started_s=farm.core.clock.now())
+    answer = ask("cleared", "a", "--good", "1/p01")
+    assert answer.stdout == (
+        "a: bed clear; part 1/p01 is good; b prints it again already: `farm cancel b` ends that\n"
+    )
+    assert ask("cancel", "b").exit_code == 0
+    assert farm.core.books.open_print_on("b").cancel_asked is not None
+    said(farm, "b", PrintState.CANCELLED, ended_s=farm.core.clock.now())
+    assert farm.core.books.jobs[1].state is JobState.DONE
+
+
+def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
+    farm.core.clock.ahead_s += 60.0
+    farm.ready("b")
+    said(farm, "b", PrintState.HEATING, started_s=farm.core.clock.now())
+    ask("cleared", "a", "--good", "1/p01")
+    farm.core.abort_all()
+    assert farm.core.books.open_print_on("b").cancel_asked is not None
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("a", "--good", "1/p02"), "what lies on a is part 1/p01, not 1/p02"),
+        (("a", "--good", "2/p01"), "what lies on a is part 1/p01, not 2/p01"),
+        (("b", "--good", "1/p01"), "no part is known to lie on b"),
+        (("a", "--good", "1/p01", "--bad"), "leave one out"),
+        (("a", "b", "--good", "1/p01"), "name the one printer"),
+        (("all", "--good", "1/p01"), "name the one printer"),
+    ],
+)
+def test_what_does_not_lie_there_is_not_called_good(farm, words, said):
+    answer = ask("cleared", *words)
+    assert answer.exit_code != 0
+    shown = flat((answer.output + str(answer.exception or "")).replace("│", " "))
+    assert said in shown
+    assert farm.core.books.jobs[1].state is JobState.PRINTING
+    assert farm.core.books.printer("a").bed is Bed.NOT_CLEAR
+
+
+def test_a_part_whose_print_was_done_may_be_named_too(farm):
+    ask("cleared", "a")
+    farm.core.clock.ahead_s += 60.0
+    farm.ready("a")
+    now_s = farm.core.clock.now()
+    said(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)
+    assert ask("cleared", "a", "--good", "p01").stdout == "a: bed clear\n"
+    assert farm.core.books.jobs[1].state is JobState.DONE

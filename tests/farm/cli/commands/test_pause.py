@@ -1,0 +1,43 @@
+"""What `farm resume` says beside that a print goes on."""
+
+import pytest
+from typer.testing import CliRunner
+
+from farm import api
+from farm.cli.commands import pause
+from farm.cli.main import app
+
+
+class Daemon:
+    """A farm in which one print goes on longer than anybody is there."""
+
+    def __init__(self, _: object) -> None:
+        self.told: list[str] = []
+
+    def tell(self, path: str) -> str:
+        return {"/jobs/3/parts/p01/pause": "um2-01"}.get(path, "")
+
+    def status(self) -> api.Status:
+        hours = api.Todo(code="hours", printers=["a"], text="a needs until Fri 19:00")
+        clear = api.Todo(code="clear", printers=["b"], text="clear 1 bed: b")
+        return api.Status.model_construct(todo=[hours, clear])
+
+
+def test_a_print_that_goes_on_but_not_to_its_end_is_warned_of(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pause, "Client", Daemon)
+    said = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
+    assert said == ["a: goes on", "a needs until Fri 19:00"]
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("3", "job 3: pausing, and nothing more of it starts; `farm resume 3` lets it go on"),
+        ("3/p01", "3/p01: pausing on um2-01; `farm resume 3/p01` lets it go on"),
+        ("3/p02", "3/p02: goes to no printer; `farm resume 3/p02` lets it go on"),
+        ("um2-01", "um2-01: pausing; `farm resume um2-01` lets it go on"),
+    ],
+)
+def test_what_is_paused_is_said(target: str, said: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pause, "Client", Daemon)
+    assert CliRunner().invoke(app, ["pause", target]).stdout == f"{said}\n"

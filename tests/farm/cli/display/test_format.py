@@ -1,0 +1,43 @@
+"""Spans and moments for people."""
+
+import pytest
+
+from farm.cli.display.format import filament, moment, planning
+from farm.model import PlanProgress, PlanStep
+from farm.text import span
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"),
+    [
+        (None, "-"),
+        (0.4, "0 s"),
+        (119.4, "119 s"),
+        (120, "2 min"),
+        (3599, "1h00"),
+        (27420, "7h37"),
+        (360000, "100h00"),
+    ],
+)
+def test_spans(seconds, words):
+    assert span(seconds) == words
+
+
+def test_filament_has_a_price_where_one_is_known():
+    assert filament(123.6, 15640.0) == "124 g, 15.6 m"
+    assert filament(123.6, 15640.0, 3.5226) == "124 g, 15.6 m, price 3.52"
+    assert filament(0.081, 12.0) == "0.08 g, 0.01 m"
+    assert filament(123.6, 15640.0, 0.0, "EUR") == "124 g, 15.6 m, 0.00 EUR"
+
+
+def test_moments():
+    assert moment(None) == "-"
+    assert moment("2026-11-21T07:05:09+00:00") == "Sat 07:05"
+
+
+def test_how_far_a_plan_is():
+    assert planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
+    assert planning(PlanProgress(step=PlanStep.LEVELLING)) == "levelling what was sliced"
+    slicing = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
+    assert planning(slicing) == "slicing 3 of 8"
+    assert planning(slicing.model_copy(update={"cached": 1})) == "slicing 3 of 8 (1 plate from the cache)"

@@ -1,0 +1,55 @@
+"""The night as text."""
+
+import io
+
+from rich.console import Console
+
+from farm import api
+from farm.cli.display.night_timeline import gantt, night
+
+
+def slot(number, printer, starts, ends):
+    return api.SlotView(
+        plate=f"4/{number:02d}",
+        parts=[f"4/p{number:02d}"],
+        printer=printer,
+        starts=f"2026-11-21T{starts}:00+00:00",
+        ends=f"2026-11-21T{ends}:00+00:00",
+        grams=30.0,
+        price=0.9,
+    )
+
+
+SLOTS = [
+    slot(1, "um2-01", "10:00", "12:00"),
+    slot(2, "um2-02", "10:00", "11:00"),
+    slot(3, "um2-02", "13:00", "14:00"),
+]
+
+
+def test_each_printer_has_a_line_of_time():
+    assert gantt(SLOTS, width=32) == [
+        "um2-01  [------01------]",
+        "um2-02  [--02--]                [--03--]",
+        "        Sat 10:00              Sat 14:00",
+    ]
+
+
+def test_a_short_plate_in_a_long_night_is_still_seen():
+    lines = gantt([slot(1, "a", "00:00", "00:01"), slot(2, "b", "00:00", "23:59")], width=20)
+    assert lines[0].startswith("a  ") and lines[0].strip() != "a"
+    assert len(lines[1]) == len("b  ") + 20
+    assert gantt([]) == []
+
+
+def test_the_night_says_what_it_takes():
+    facts = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
+    facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
+    view = api.Night(job=4, slots=SLOTS, grams=90.0, price=2.7, **facts)
+    console = Console(record=True, width=120, file=io.StringIO())
+    console.print(night(view))
+    text = console.export_text()
+    assert "3 plates, 4h00 (no order of them takes less than 2h00), 90 g, 2.70 GBP" in text
+    assert "no printer can take: 4/04" in text
+    assert text.startswith("Scaled.")
+    assert "4/p03  um2-02   Sat 13:00  Sat 14:00  1h00   30     0.90 GBP" in text

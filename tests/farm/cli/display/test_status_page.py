@@ -1,0 +1,144 @@
+"""The operator's morning: what to do now, the night, the jobs, the printers."""
+
+import io
+
+import pytest
+
+from example_night import PRINTERS, night_books, scene_of, status_of
+from farm import api
+from farm.cli.display.console import console
+from farm.cli.display.status_page import board, names, night
+from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.views.history import history, shown_jobs
+from make_books import job, plan, run
+
+
+def shown(view, width=120):
+    screen = console()
+    screen.width, screen.file, screen.record = width, io.StringIO(), True
+    screen.print(board(view, width))
+    return [line.rstrip() for line in screen.export_text().splitlines()]
+
+
+def test_it_begins_with_what_a_person_has_to_do_now():
+    lines = shown(status_of(night_books()))
+    assert lines[1] == "DO NOW   take off 3: um2-01..03     look at: um2-04 it does not get warm 00:00"
+    assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
+    assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
+    table = [line.split() for line in lines if line.startswith("um2-")]
+    assert table[0][:7] == ["um2-01", "remove", "1/01", "00:01", "+2", "%", "1.00"]
+    assert [row[1] for row in table] == ["remove"] * 3 + ["look", "printing"]
+
+
+def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
+    doubt = ev.PrinterDoubted(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
+    books, _ = run(night_books(), doubt)
+    lines = shown(status_of(books))
+    assert lines[1].startswith(
+        "DO NOW   take off 2: um2-01..02     look at: um2-03 used at its LCD 06:30, um2-04"
+    )
+
+
+def test_what_a_person_wrote_is_shown_as_it_was_written():
+    begun = ev.MaintenanceBegun(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
+    books, _ = run(night_books(), begun)
+    assert any(line.endswith("maintenance --done ([/b] new [belt])") for line in shown(status_of(books), 200))
+
+
+def test_a_job_that_has_not_begun_says_only_what_is_known():
+    events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
+    printers = (ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS)
+    held = plan(1, 1).model_copy(update={"held": True, "plan": "abc"})
+    books, _ = run(Books(), *printers, *events, held)
+    lines = shown(status_of(books), width=160)
+    assert lines[1] == "DO NOW   approve: job 1 (1 part, 3 g)"
+    assert lines[2].startswith("JOB 1    bracket.stl: held, printed 0/1; expected 100 s; alone 8 min")
+    assert lines[2].endswith("its plan is frozen until `farm approve 1` releases it")
+    books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
+    assert shown(status_of(books))[2] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
+
+
+def test_a_night_of_which_everything_was_cancelled_is_no_count_of_nothing():
+    view = api.NightView.model_construct(
+        plates=0, printed=0, failed=0, printing=0, waiting=0, grams=0.0, wasted_grams=26.0
+    )
+    assert night(view) == "nothing printed; 0 g + 26 g wasted"
+
+
+def test_a_printer_in_maintenance_says_why():
+    books, _ = run(night_books(), ev.MaintenanceBegun(at_s=300.0, printer="um2-01", why="belt", by="ann"))
+    (row,) = (line for line in shown(status_of(books)) if line.startswith("um2-01"))
+    assert row.endswith("maintenance --done (belt)")
+
+
+@pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "connecting")])
+def test_a_printer_that_is_away_has_to_be_connected_and_one_that_comes_has_not(link, needs):
+    hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
+    seen = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
+    view = status_of(night_books()).model_copy(update={"printers": [seen]})
+    assert shown(view)[-1].endswith(needs)
+
+
+def test_what_has_been_looked_at_is_good_or_bad():
+    verdicts = zip(PRINTERS[:3], (Verdict.GOOD, Verdict.BAD, Verdict.GOOD), strict=True)
+    books, _ = run(
+        night_books(),
+        *(ev.BedCleared(at_s=300.0, printer=n, by="ann", verdict=v, why="warped") for n, v in verdicts),
+    )
+    view, scene = status_of(books), scene_of(books)
+    assert (view.jobs[0].printed, view.jobs[0].good) == (2, 2)
+    assert (view.night.printed, view.night.plates, view.night.waiting) == (2, 5, 1)
+    assert view.jobs[0].wasted_grams == pytest.approx(3.0 + 3.0 * 35 / 90)
+    rows = history(scene, job=1)
+    assert [(row.printer, row.wasted) for row in rows] == [
+        ("um2-04", True),
+        *(("um2-01", False), ("um2-02", True), ("um2-03", False)),
+    ]
+    assert [row.part for row in history(scene, printer="um2-02")] == ["1/p02"]
+    assert history(scene, last=1) == rows[-1:]
+
+
+def test_things_to_do_share_a_line_only_where_it_is_long_enough():
+    narrow = shown(status_of(night_books()), width=60)
+    assert narrow[1:3] == [
+        "DO NOW   take off 3: um2-01..03",
+        "         look at: um2-04 it does not get warm 00:00",
+    ]
+    books, _ = run(Books(), *(ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS))
+    assert shown(status_of(books))[1] == "DO NOW   nothing"
+
+
+@pytest.mark.parametrize(
+    ("printers", "text"),
+    [
+        (["um2-02", "um2-01", "um2-03", "um2x-01"], "um2-01..03 um2x-01"),
+        (["a9", "a10", "a12", "b"], "a9..10 a12 b"),
+        (["42/01", "42/03"], "42/01 42/03"),
+        ([], ""),
+    ],
+)
+def test_names_that_count_on_are_drawn_together(printers, text):
+    assert names(printers) == text
+
+
+def test_jobs_that_are_over_leave_the_board_but_those_to_be_judged_stay():
+    books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=job(i)) for i in range(1, 31)))
+    books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in range(2, 31)))
+    assert [one.id for one in shown_jobs(books)] == [1, *range(21, 31)]
+
+
+def test_a_dry_run_is_on_the_board_only_while_it_is_made():
+    tried = job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
+    books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=one) for one in (job(1), tried)))
+    assert [one.id for one in shown_jobs(books)] == [1, 2]
+    books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
+    assert [one.id for one in shown_jobs(books)] == [1]
+
+
+def test_a_heater_that_cannot_be_switched_off_comes_before_all_else():
+    view = status_of(night_books())
+    alarm = api.Todo(code="alarm", printers=["um2-05"], text="go to um2-05 now: it burns")
+    lines = shown(view.model_copy(update={"todo": [alarm, *view.todo]}))
+    assert lines[1].startswith("DO NOW   go to um2-05 now: it burns")

@@ -1,0 +1,104 @@
+"""What a shell offers after TAB."""
+
+import os
+import socket
+import subprocess
+import threading
+from http.server import BaseHTTPRequestHandler
+from socketserver import UnixStreamServer
+
+import pytest
+import typer
+
+from farm.api import JobName, Names
+from farm.cli import completion
+from farm.model import JobState
+from real_farm import FARM
+
+NAMES = Names(
+    printers=["um2-01", "um2-02", "um2x-01"],
+    jobs=[
+        JobName(id=3, name="bunny.stl", state=JobState.PRINTING, parts=["3/p01", "3/p02"]),
+        JobName(id=12, name="dragon.stl", state=JobState.QUEUED, parts=[]),
+    ],
+)
+
+
+class Daemon(BaseHTTPRequestHandler):
+    def do_GET(self):
+        body = NAMES.model_dump_json().encode() if self.path == "/names" else b"?"
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def daemon(tmp_path):
+    """The socket of a daemon that knows these names."""
+    with UnixStreamServer(str(tmp_path / "farm.sock"), Daemon) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield tmp_path / "farm.sock"
+        server.shutdown()
+        thread.join()
+
+
+def offered(kind, incomplete, **params):
+    context = typer.Context(typer.main.get_command(typer.Typer(callback=lambda: None)))
+    context.params = params
+    return [word for word, _ in kind(context, incomplete)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "incomplete", "words"),
+    [
+        (completion.printers, "", NAMES.printers),
+        (completion.printers, "um2-", ["um2-01", "um2-02"]),
+        (completion.beds, "a", ["all"]),
+        (completion.jobs, "1", ["12"]),
+        (completion.parts, "p", ["p01", "p02"]),
+        (completion.targets, "3", ["3", "3/p01", "3/p02"]),
+        (completion.targets, "um2x", ["um2x-01"]),
+    ],
+)
+def test_names_that_begin_so_are_offered(daemon, kind, incomplete, words):
+    assert offered(kind, incomplete, socket=str(daemon), job=3) == words
+
+
+def test_without_a_daemon_nothing_is_offered_and_nothing_said(tmp_path, capfd):
+    assert offered(completion.targets, "", socket=tmp_path / "farm.sock") == []
+    with socket.socket(socket.AF_UNIX) as other:  # that talks no HTTP
+        other.bind(str(tmp_path / "farm.sock"))
+        other.listen()
+        thread = threading.Thread(target=lambda: other.accept()[0].close())
+        thread.start()
+        assert offered(completion.targets, "", socket=tmp_path / "farm.sock") == []
+        thread.join()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("farm clear", ["cleared"]),
+        ("farm cleared um2-", ["um2-01", "um2-02"]),
+        ("farm reprint 3 p", ["p01", "p02"]),
+        ("farm report ", ["3", "12"]),
+    ],
+)
+def test_bash_asks_the_command_itself(daemon, line, words):
+    asked = {
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(line.split(" ")) - 1),
+        "_FARM_COMPLETE": "complete_bash",
+    }
+    done = subprocess.run(
+        [FARM],
+        env={**os.environ, **asked, "FARM_SOCKET": str(daemon)},
+        capture_output=True, text=True, check=True, timeout=120,
+    )  # fmt: skip
+    assert (done.stdout.split(), done.stderr) == (words, "")

@@ -1,0 +1,197 @@
+"""Worker processes: what dies in them, takes too long, eats memory or is not wanted any more."""
+
+import asyncio
+import os
+import signal
+from pathlib import Path
+
+import pytest
+import trimesh
+
+import failing_work as work
+from farm.compute.worker_pool import DECOMPOSING, Limit, Workers, memory_for_each
+from farm.compute.worker_process import Worker
+from farm.errors import ErrorCode, FarmError
+
+
+class Pool:
+    """A pool on a folder; each `run` is an event loop of its own."""
+
+    def __init__(self, scratch):
+        self.scratch = scratch
+
+    def run(self, use, **options):
+        """The answer of `use(workers)`; nothing of the pool may be left after it."""
+
+        async def main():
+            workers = Workers(self.scratch, **{"count": 1, **options})
+            try:
+                return await use(workers)
+            finally:
+                workers.close()
+
+        answer = asyncio.run(main())
+        assert not self.scratch.exists()
+        return answer
+
+
+@pytest.fixture
+def pool(tmp_path):
+    return Pool(tmp_path / "workers")
+
+
+def gone(pid):
+    return not Path(f"/proc/{pid}").exists()
+
+
+def test_work_whose_worker_died_is_done_by_another(pool, tmp_path):
+    assert pool.run(lambda workers: workers.run(work.die_once, tmp_path / "died")) == "alive"
+
+
+def test_work_that_kills_every_worker_is_named_and_the_next_goes_on(pool, tmp_path):
+    async def use(workers):
+        with pytest.raises(FarmError, match=r"decomposing ended its worker process 2 times \(SIGSEGV\)"):
+            await workers.run(work.die, signal.SIGSEGV, limit=DECOMPOSING)
+        return await workers.run(work.whoami)
+
+    assert gone(pool.run(use))
+
+
+@pytest.mark.parametrize("how", ["dies", "is cancelled"])
+def test_a_worker_that_ends_takes_no_other_work_with_it(pool, tmp_path, how):
+    os.mkfifo(tmp_path / "fifo")
+
+    async def use(workers):
+        other = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
+        if how == "dies":
+            with pytest.raises(FarmError, match="2 times"):
+                await workers.run(work.die)
+        else:
+            before = workers.pids
+            task = asyncio.ensure_future(workers.run(work.pause))
+            await asyncio.sleep(0)  # it has its worker now
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await task
+            assert len(workers.pids - before) == 1
+        assert not other.done()  # it cannot end before somebody listens
+        assert await asyncio.to_thread((tmp_path / "fifo").read_text) == "hello"
+        return await other
+
+    # Were it done again after an end, nobody would listen any more.
+    assert pool.run(use, count=2) == "hello"
+
+
+def test_an_error_passes_between_processes_whole(pool):
+    async def use(workers):
+        with pytest.raises(FarmError, match="no such thing") as error:
+            await workers.run(work.complain)
+        assert error.value.code is ErrorCode.FAILED
+        assert "in complain" in error.value.__notes__[0]
+        with pytest.raises(FarmError, match="Unspeakable: this cannot travel"):
+            await workers.run(work.complain_unspeakably)
+
+    pool.run(use)
+
+
+@pytest.mark.parametrize("how", ["cancelled", "too long", "closed"])
+def test_work_that_is_ended_leaves_no_process_and_no_file(pool, tmp_path, how):
+    """The engine holds a FIFO open: its end is read when nobody runs it any more."""
+    os.mkfifo(tmp_path / "fifo")
+
+    async def use(workers):
+        limit = Limit("hanging", 0.0 if how == "too long" else 1000.0)
+        before = workers.pids
+        task = asyncio.ensure_future(workers.run(work.hang, tmp_path, limit=limit))
+        if how == "too long":
+            with pytest.raises(FarmError, match="hanging did not end within 0 min") as error:
+                await task
+            assert error.value.code is ErrorCode.LIMIT
+        else:
+            with await asyncio.to_thread((tmp_path / "fifo").open) as fifo:
+                engine = int(await asyncio.to_thread(fifo.readline))
+                assert not gone(engine)
+                assert list(pool.scratch.glob("worker-*/farm-engine-*"))
+                workers.close() if how == "closed" else task.cancel()
+                with pytest.raises(FarmError if how == "closed" else asyncio.CancelledError):
+                    await task
+                assert await asyncio.to_thread(fifo.read) == ""
+        assert all(gone(pid) for pid in before)
+        if how != "closed":
+            # A fresh worker takes its place, and only its folder is there.
+            assert await workers.run(work.whoami) not in before
+            assert list(pool.scratch.iterdir()) == [await workers.run(work.temporary_folder)]
+
+    pool.run(use)
+
+
+def test_what_a_person_waits_for_goes_first_and_a_turn_given_up_goes_to_the_next(pool, tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    order = []
+
+    async def one(workers, name, urgent):
+        await workers.run(work.whoami, limit=Limit(name, 60.0, urgent))
+        order.append(name)
+
+    async def use(workers):
+        busy = asyncio.ensure_future(workers.run(work.speak, tmp_path / "fifo", "hello"))
+        tasks = []
+        for name, urgent in (("plate 1", False), ("plate 2", False), ("given up", True), ("model", True)):
+            tasks.append(asyncio.ensure_future(one(workers, name, urgent)))
+        await asyncio.sleep(0)  # all of them wait now
+        tasks.pop(2).cancel()
+        await asyncio.to_thread((tmp_path / "fifo").read_text)
+        await asyncio.gather(busy, *tasks)
+
+    pool.run(use)
+    assert order == ["model", "plate 1", "plate 2"]
+
+
+def test_a_monstrous_model_ends_with_what_to_do(pool):
+    async def use(workers):
+        assert await workers.run(work.hoard, 0.1) > 10**8
+        with pytest.raises(FarmError, match=r"not enough memory for decomposing \(.* 2.0 GB\)") as error:
+            await workers.run(work.hoard, 3.0, limit=DECOMPOSING)
+        assert error.value.code is ErrorCode.LIMIT
+        assert await workers.run(work.first_to_go) > work.first_to_go()
+        return await workers.run(work.hoard, 0.1)
+
+    assert pool.run(use, memory_gb=2.0) > 10**8
+
+
+def test_a_worker_that_cannot_be_started_now_is_started_later(pool, monkeypatch):
+    class FullDisk(Worker):
+        left = 2
+
+        def __init__(self, *arguments):
+            FullDisk.left -= 1
+            if FullDisk.left >= 0:
+                raise OSError("no space left")
+            super().__init__(*arguments)
+
+    async def use(workers):
+        monkeypatch.setattr("farm.compute.worker_pool.Worker", FullDisk)
+        monkeypatch.setattr("farm.compute.worker_pool._RETRY_S", 0.0)
+        with pytest.raises(FarmError, match="2 times"):
+            await workers.run(work.die)
+        return await workers.run(work.whoami)
+
+    assert pool.run(use) > 0
+    assert FullDisk.left < 0
+
+
+def test_the_engine_is_not_under_the_workers_own_limit(pool, tmp_path):
+    """It reserves 9 MB for each of the 300 layers, of which it uses next to nothing."""
+    trimesh.creation.box((8.0, 8.0, 60.0)).export(tmp_path / "rod.stl")
+
+    async def use(workers):
+        return await workers.run(work.slice_rod, tmp_path)
+
+    assert pool.run(use, memory_gb=1.0) == 300
+
+
+def test_each_worker_has_its_share_of_the_machine_but_enough_for_a_model():
+    machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    assert memory_for_each(1, None) == pytest.approx(0.8 * machine)
+    assert memory_for_each(10_000, None) == min(4 * 2**30, machine // 2)
+    assert memory_for_each(8, 1.5) == 1.5 * 2**30

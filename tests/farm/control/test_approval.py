@@ -1,0 +1,298 @@
+"""Reels, held plans, start times, spares, G-code beside a decomposition: through the daemon's own rules."""
+
+import asyncio
+import hashlib
+from dataclasses import replace
+from datetime import datetime
+
+import pytest
+
+from farm.api import ApproveRequest, LoadRequest
+from farm.control import approval as module
+from farm.control.approval import Ahead
+from farm.errors import ErrorCode, FarmError, Refused
+from farm.model import HoldCode, JobOptions, JobState, OwnGcode
+from farm.paths import StateFolder
+from farm.planning.plan import Inspected, Plan
+from farm.state import events as ev
+from farm.state.books import put
+from farm.state.storage.file_store import sha256_of
+from farm.views.jobs import job_view
+from farm.views.tasks import todo
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+GCODE = Inspected(
+    "x.gcode", (), 1.0, OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
+)
+
+
+class NoThreads:
+    """asyncio, with what a thread would do done at once."""
+
+    @staticmethod
+    async def to_thread(work, *args):
+        return work(*args)
+
+
+@pytest.fixture
+def state(tmp_path):
+    folder = StateFolder(tmp_path / "state")
+    folder.make()
+    return folder
+
+
+@pytest.fixture
+def farm(tmp_path):
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    return farm
+
+
+def submit(farm, name="r", model=MODEL, **options):
+    return farm.core.submit(name * 8, "m.stl", model, JobOptions(**options))[0]
+
+
+def plan_for(number, state, plates=2):
+    """A plan of which the G-code lies in the file store."""
+    event = planned(number, plates)
+    gcode = b"G28\n"
+    (state.files / "g.gcode").write_bytes(gcode)
+    facts = {"sha256": hashlib.sha256(gcode).hexdigest()}
+    made = tuple(plate.model_copy(update=facts) for plate in event.plates)
+    return Plan(event.parts, made, (), 1.0, 500.0, 100.0, None)
+
+
+def starts(farm):
+    return [told.printer for told in farm.hands.told if isinstance(told, ev.SendStart)]
+
+
+def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(farm, state, monkeypatch):
+    number = submit(farm, hold=True)
+    farm.core.planned(number, plan_for(number, state))
+    plan = farm.core.books.job(number).plan
+
+    def cancel():
+        farm.core.happened(ev.JobCancelled(at_s=1.0, job=number))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "sha256_of", lambda path: (cancel(), sha256_of(path))[1])
+        patch.setattr(module, "asyncio", NoThreads)
+        with pytest.raises(Refused, match="waits for no approval: it is cancelled"):
+            asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
+    other = submit(farm, "s", hold=True)
+    farm.core.planned(other, plan_for(other, state))
+
+    def start(section):
+        farm.core.happened(ev.JobApproved(at_s=1.0, job=other, by="ann"))
+        farm.core.settle()
+
+    monkeypatch.setattr(module, "mistake_in", start)
+    monkeypatch.setattr(module, "asyncio", NoThreads)
+    with pytest.raises(Refused, match="a is printing"):
+        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(grams=500.0), "ann"))
+
+
+def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(farm, state):
+    number = submit(farm)
+    farm.core.planned(number, plan_for(number, state))
+    job = farm.core.books.job(number).model_copy(update={"plan": None})
+    farm.core.books = put(farm.core.books, job)
+    farm.core.happened(ev.BooksRestored(at_s=1.0, copied_s=0.0))
+    assert farm.core.books.job(number).state is JobState.HELD
+    asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=""), "ann"))
+    assert farm.core.books.job(number).state is JobState.PRINTING
+
+
+def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
+    number = submit(farm, hold=True)
+    farm.core.planned(number, plan_for(number, state))
+    job = farm.core.books.job(number)
+    assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
+    assert starts(farm) == []
+    ahead = Ahead(farm.core, state)
+    with pytest.raises(Refused, match="look at it again"):
+        asyncio.run(ahead.approve(number, ApproveRequest(plan="0" * 12), "ann"))
+    asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan), "ann"))
+    assert starts(farm) == ["a", "b"]
+    with pytest.raises(Refused, match="waits for no approval"):
+        asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan), "ann"))
+
+
+def test_a_plan_whose_files_changed_is_not_released(farm, state):
+    number = submit(farm, hold=True)
+    farm.core.planned(number, plan_for(number, state))
+    (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
+    with pytest.raises(Refused, match="is not what was planned"):
+        plan = farm.core.books.job(number).plan
+        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
+    assert starts(farm) == []
+
+
+def test_a_fleet_can_ask_for_approval_of_every_job(tmp_path, state):
+    farm = Farm(tmp_path, approve=True)
+    farm.ready("a", "b")
+    number = submit(farm)
+    farm.core.planned(number, plan_for(number, state))
+    assert farm.core.books.job(number).state is JobState.HELD
+
+
+def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
+    farm, state, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(module, "mistake_in", lambda section: None)
+    ahead = Ahead(farm.core, state)
+    asyncio.run(ahead.load("a", LoadRequest(grams=4.0, colour="white"), "ann"))
+    reel = asyncio.run(
+        ahead.load("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
+    )
+    assert (reel.material, reel.colour, reel.grams, reel.nozzle_mm) == ("generic_abs", None, 700.0, 0.8)
+    number = submit(farm, material="generic_pla")
+    assert farm.hands.plans == [(number, ["a"], 1)]
+    farm.core.planned(number, plan_for(number, state, plates=1))
+    hold = farm.core.books.plates[f"{number}/01"].hold
+    assert hold.code is HoldCode.REEL_TOO_SHORT
+    assert "a has 4 g, it needs 8 g" in hold.text
+    farm.store.close()
+    again = Farm(tmp_path)
+    again.ready("a", "b")
+    assert again.core.fleet.printer("b").material == "generic_abs"
+    asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0), "ann"))
+    assert starts(again) == ["a"]
+    with pytest.raises(Refused, match="is printing"):
+        asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0), "ann"))
+
+
+def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
+    monkeypatch.setattr(module, "mistake_in", lambda section: ("material", "there is no generic_gold"))
+    with pytest.raises(Refused, match="a: there is no generic_gold"):
+        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(material="generic_gold"), "ann"))
+
+
+def test_g_code_does_not_wait_behind_a_decomposition(farm):
+    first, second = submit(farm), submit(farm, "s", GCODE)
+    assert [plan[0] for plan in farm.hands.plans] == [first, second]
+    third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
+    holds = {number: farm.core.books.job(number).hold.code for number in (third, urgent)}
+    assert set(holds.values()) == {HoldCode.NOT_FRONT}
+    farm.desk.cancel_job(first, "ann")
+    assert farm.hands.plans[-1][0] == urgent
+
+
+def test_g_code_of_less_priority_leaves_the_printers_to_what_is_being_planned(farm):
+    submit(farm, priority=1)
+    second = submit(farm, "s", GCODE)
+    assert farm.core.books.job(second).hold.code is HoldCode.PRINTER_BUSY
+    assert len(farm.hands.plans) == 1
+
+
+def test_a_job_with_a_start_time_waits_for_it_and_lets_others_pass(farm):
+    then = datetime.fromtimestamp(farm.core.clock.now() + 3600).astimezone().isoformat()
+    later, now = submit(farm, at=then), submit(farm, "s")
+    assert farm.core.books.job(later).hold.code is HoldCode.START_TIME
+    assert farm.hands.plans == [(now, ["a", "b"], 1)]
+    farm.core.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
+    farm.clock_s = farm.core.books.job(later).not_before_s
+    farm.desk.cancel_job(now, "ann")
+    assert farm.hands.plans[-1][0] == later
+
+
+def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
+    for options in ({"at": "soon"}, {"overnight": True}):
+        with pytest.raises(FarmError) as error:
+            submit(farm, **options)
+        assert error.value.code is ErrorCode.SETTINGS
+
+
+def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
+    def by(seconds):
+        moment = datetime.fromtimestamp(farm.core.clock.now() + seconds).astimezone().isoformat()
+        number = submit(farm, name=f"{seconds:03d}", done_by=moment, hold=True)
+        farm.core.planned(number, plan_for(number, state))
+        return farm.core.books.job(number).repairs
+
+    assert by(3600) == ()
+    (notice,) = by(50)
+    assert notice.startswith("It was to be printed by") and "as soon as it can be is" in notice
+    assert by(600) == ()
+    for name in "ab":  # somebody has to clear them first
+        farm.core.happened(ev.PrinterDoubted(at_s=farm.core.clock.now(), printer=name, reason="so"))
+    assert len(by(601)) == 1
+
+
+def test_a_plan_of_several_materials_says_so(farm, state):
+    for name, other, notices in (("1", "generic_pla", 0), ("2", "generic_abs", 1)):
+        number = submit(farm, name=name, hold=True)
+        plan = plan_for(number, state)
+        first, second = plan.plates
+        plates = (first, second.model_copy(update={"material": other}))
+        farm.core.planned(number, replace(plan, plates=plates))
+        found = farm.core.books.job(number).repairs
+        assert len(found) == notices
+        assert all("generic_abs and generic_pla" in notice for notice in found)
+
+
+def test_done_by_comes_after_the_start(farm):
+    number = submit(farm, at="22:00", done_by="08:00")
+    job = farm.core.books.job(number)
+    assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
+
+
+def test_spares_are_left_out_of_the_plan(farm):
+    number = submit(farm, spares=1)
+    assert len(farm.hands.plans[0][1]) == 1
+    assert farm.hands.plans[0][0] == number
+
+
+def test_spares_are_kept_only_while_nobody_is_there(tmp_path, state):
+    kept = {}
+    for when, hours in {"day": ["00:00-24:00"], "night": []}.items():
+        farm = Farm(tmp_path / when, attended=hours)
+        farm.ready("a", "b")
+        first = submit(farm, spares=1)
+        farm.core.planned(first, plan_for(first, state, plates=1))
+        submit(farm, "s")
+        kept[when] = [names for number, names, _ in farm.hands.plans if number != first]
+    assert kept == {"day": [["b"]], "night": []}
+
+
+def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its_printers(farm, state):
+    numbers = [submit(farm, name, hold=True) for name in "rs"]
+    for number in numbers:
+        assert farm.hands.plans[-1] == (number, ["a", "b"], 1)
+        farm.core.planned(number, plan_for(number, state))
+    for number in reversed(numbers):
+        plan = farm.core.books.job(number).plan
+        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
+    printing = {attempt.printer: attempt.job for attempt in farm.core.books.open_prints()}
+    assert printing == {"a": numbers[1], "b": numbers[1]}  # it was approved first
+    waiting = [farm.core.books.plates[name].hold.code for name in farm.core.books.job(numbers[0]).plates]
+    assert waiting == [HoldCode.PRINTER_BUSY] * 2
+
+
+def test_the_night_of_a_held_job_is_foreseen(farm, state):
+    number = submit(farm, hold=True)
+    with pytest.raises(Refused, match="no plan yet"):
+        Ahead(farm.core, state).night(number)
+    farm.core.planned(number, plan_for(number, state, plates=3))
+    night = Ahead(farm.core, state).night(number)
+    assert {slot.plate for slot in night.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
+    assert night.grams == pytest.approx(9.0)
+    assert night.lower_bound_s <= night.makespan_s
+    assert farm.core.books.job(number).estimated_s == pytest.approx(night.makespan_s)
+
+
+def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, state, monkeypatch):
+    monkeypatch.setattr(module, "mistake_in", lambda section: None)
+    first = submit(farm, hold=True)
+    farm.core.planned(first, plan_for(first, state))
+    for name in "ab":
+        asyncio.run(Ahead(farm.core, state).load(name, LoadRequest(grams=4.0), "ann"))
+    second = submit(farm, "s")
+    farm.core.planned(second, plan_for(second, state, plates=1))
+    scene = farm.core.scene(state)
+    assert [(item.code, item.text) for item in todo(scene)] == [
+        ("approve", f"approve job {first} (2 parts, 6 g): `farm approve {first}`"),
+        ("reel", f"a has 4 g, {second}/01 needs 8 g: load a reel, then `farm load a`"),
+    ]
+    assert [job_view(scene, farm.core.books.job(n)).waits_for_person for n in (first, second)] == [True] * 2

@@ -1,0 +1,143 @@
+"""The daemon dies anywhere, or cannot write: no plate is lost, none printed twice, all times are right."""
+
+import itertools
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from farm.control.controller import REFUSALS
+from farm.errors import FarmError
+from farm.model import JobOptions, JobState, PrintState, Verdict
+from farm.paths import StateFolder
+from farm.planning.plan import Plan
+from farm.state.storage.store import Store, StoreError
+from farm.views.tasks import todo
+from make_books import plan as planned
+from recording_controller import MODEL, PLUS, Farm
+from simulated_fleet import World
+
+PLATES = 3
+
+
+def check(world):
+    """What really happened against the books: of the daemon, and of the next one that reads them."""
+    good = [plate for plate, _, verdict in world.made if verdict is Verdict.GOOD]
+    assert sorted(good) == [f"1/0{i}" for i in range(1, PLATES + 1)]  # none lost, none twice
+    books = world.core.books
+    world.store.close()
+    with Store(world.path) as store:
+        assert store.load() == books
+    begun = {name: p for name, p in books.prints.items() if p.started_s is not None}
+    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in begun.items()} == world.prints
+    for printer in "ab":  # one print at a time
+        times = sorted((p.started_s, p.ended_s) for p in begun.values() if p.printer == printer)
+        assert all(before[1] <= after[0] for before, after in itertools.pairwise(times))
+    for plate in books.plates.values():
+        times = sorted((p.started_s, p.ended_s) for p in begun.values() if p.plate == plate.id)
+        assert all(before[1] <= after[0] for before, after in itertools.pairwise(times))
+    failed = [p for p in books.prints.values() if p.state is PrintState.FAILED]
+    assert len(failed) == 1
+    assert not list(books.open_prints())
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    world = World(tmp_path_factory.mktemp("undisturbed"), PLATES)
+    world.run()
+    commits = world.commits
+    check(world)
+    return commits
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+def test_killed_at_every_commit(after, undisturbed, tmp_path):
+    assert undisturbed > 20
+    for number in range(1, undisturbed + 1):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        world = World(folder, PLATES, kills=[number], after=after)
+        world.run()
+        assert world.restarts == 1
+        check(world)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(kills=st.sets(st.integers(4, 60), min_size=2, max_size=8), after=st.booleans())
+def test_killed_again_and_again(kills, after, tmp_path_factory):
+    world = World(tmp_path_factory.mktemp("again"), PLATES, kills=kills, after=after)
+    world.run()
+    check(world)
+
+
+@pytest.mark.parametrize(
+    ("broken", "mended", "said"),
+    [
+        ("PRAGMA max_page_count = 1", "PRAGMA max_page_count = 100000", "full"),
+        ("PRAGMA query_only = 1", "PRAGMA query_only = 0", "readonly"),
+    ],
+    ids=["disk full", "read-only"],
+)
+@pytest.mark.parametrize("first", range(0, 16, 5))
+def test_books_that_cannot_be_written_for_a_while(first, broken, mended, said, tmp_path):
+    world = World(tmp_path, PLATES)
+    tell, minutes = world.tell, itertools.count()
+
+    def tell_while_broken():
+        minute = next(minutes)
+        if minute == first:
+            world.store._db.execute(broken)
+        elif minute == first + 4:
+            world.store._db.execute(mended)
+        tell()
+
+    world.tell = tell_while_broken
+    world.run()
+    check(world)
+
+
+def test_a_full_disk_is_said_and_starts_nothing(tmp_path):
+    world = World(tmp_path, PLATES)
+    world.tell()
+    world.store._db.execute("PRAGMA max_page_count = 1")
+    with pytest.raises(FarmError, match="full; nothing was started"):
+        for number in range(200):
+            world.core.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
+    assert all(agent.print_id is None for agent in world.agents.values())
+
+
+def test_printers_whose_disk_takes_no_file_cost_no_plate_an_attempt(tmp_path):
+    """A disk that has no room for a plate's file may still have some for the books."""
+    farm = Farm(tmp_path, (PLUS,) * 4)
+    farm.ready(*"abcd")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 1)
+    farm.core.planned(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    for _ in "abcd":
+        (attempt,) = farm.core.books.open_prints()
+        for _ in range(REFUSALS):
+            farm.core.refused(attempt.id, "x.gcode: cannot be written; make room on its disk")
+        farm.core.settle()
+    books = farm.core.books
+    assert not list(books.open_prints())
+    assert books.jobs[1].state is JobState.PRINTING
+    assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
+    assert all("make room on its disk" in printer.look for printer in books.printers.values())
+
+
+def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
+    farm, state = Farm(tmp_path), StateFolder(tmp_path)
+    farm.ready("a", "b")
+    farm.store._db.execute("PRAGMA query_only = 1")
+    for _ in range(2):
+        with pytest.raises(StoreError):
+            farm.ready("a", nozzle_c=205.0, doubt="its board was reset, and not by the farm")
+    farm.ready("b")  # nothing new: nothing to be booked
+    (first, *_) = todo(farm.core.scene(state))
+    assert first.code == "farm"
+    assert "nothing is booked until there is room" in first.text
+    assert farm.core.snapshots["a"].nozzle_c == 205.0
+    assert farm.core.books.printers["a"].look is None
+    farm.store._db.execute("PRAGMA query_only = 0")
+    farm.ready("a", doubt="its board was reset, and not by the farm")
+    assert [item.code for item in todo(farm.core.scene(state))] == ["look"]

@@ -1,0 +1,199 @@
+"""Books that are a copy: what was printed since is taken over from the agents, not printed unseen again."""
+
+import itertools
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    FilamentState,
+    HoldCode,
+    JobOptions,
+    JobState,
+    Link,
+    PrintState,
+    Verdict,
+)
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.recovery.journal_import import recount
+from farm.state.storage.store import copy_books
+from farm.views.tasks import todo
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+from simulated_fleet import World
+
+PLATES = 4
+PLANNED_S = 1_790_000_000.0
+
+
+def run(world, folder, copied, damaged, away=(), away_for=0):
+    """A job to its end, with books that were copied in one minute and damaged in a later one."""
+    planned, copy = None, folder / "copy.db"
+    for minute in itertools.count():
+        assert minute < 300, world.core.books
+        if planned is None and world.core.books.plates:
+            planned = minute
+        if planned is not None and minute == planned + copied:
+            copy_books(world.path, copy, world.clock.now())
+        if planned is not None and minute == planned + copied + damaged:
+            world.restore(copy)
+            world.away = frozenset(away)
+        if planned is not None and minute == planned + copied + damaged + away_for:
+            world.away = frozenset()
+        yield minute
+        job = world.core.books.jobs.get(1)
+        if job is not None and job.state is JobState.DONE and world.copied:
+            return
+        if job is not None and job.state is JobState.HELD:  # a person who does not look
+            world.core.happened(ev.JobApproved(at_s=world.clock.now(), job=1, by="ann"))
+        world.step()
+
+
+def check(world):
+    books = world.core.books
+    done = [p for p in books.prints.values() if p.state is PrintState.DONE]
+    assert len(done) == len(world.made) == PLATES
+    assert {verdict for *_, verdict in world.made} == {Verdict.GOOD}
+    begun = {name: p for name, p in books.prints.items() if p.started_s is not None}
+    assert {name: (p.printer, p.started_s, p.ended_s) for name, p in begun.items()} == world.prints
+    assert not list(books.open_prints())
+    assert len([p for p in begun.values() if p.state is PrintState.FAILED]) == 1
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    copied=st.integers(0, 12),
+    damaged=st.integers(0, 14),
+    away=st.sets(st.sampled_from("ab")),
+    away_for=st.integers(0, 8),
+    files=st.sampled_from([1, 2, PLATES]),
+)
+def test_no_plate_is_printed_twice_or_lost_whenever_the_books_were_copied(
+    copied, damaged, away, away_for, files, tmp_path_factory
+):
+    """Even where a person approves at once what the books hold, and some agents are heard only later."""
+    folder = tmp_path_factory.mktemp("copied")
+    world = World(folder, PLATES, bad=(), files=files)
+    for _ in run(world, folder, copied, damaged, away, away_for):
+        pass
+    if files == PLATES:
+        assert sorted(plate for plate, *_ in world.made) == [f"1/0{i + 1}" for i in range(PLATES)]
+    check(world)
+
+
+def copied(folder, plates=1, printing=None):
+    """A farm whose books are a copy from just after a job was planned, or its first plate given to `a`."""
+    farm = Farm(folder)
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, plates)
+    farm.core.happened(ev.PlanningStarted(at_s=PLANNED_S, job=1))
+    farm.core.happened(event.model_copy(update={"at_s": PLANNED_S}))
+    if printing is not None:
+        farm.core.happened(ev.PrinterSeen(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
+        given = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=printing)
+        farm.core.happened(given)
+    farm.core.start(restored_s=PLANNED_S + 1.0)
+    return farm
+
+
+def said(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **changes):
+    facts = {"state": PrintState.DONE, "fault": None, "reason": None, "progress_s": 90.0}
+    facts |= {"print_time_s": 90.0, "extruded": True, "ended_s": started_s + 100.0}
+    return AgentPrint(print_id=print_id, started_s=started_s, sha256=sha256, **{**facts, **changes})
+
+
+def approved(farm):
+    farm.core.happened(ev.JobApproved(at_s=farm.core.clock.now(), job=1, by="ann"))
+    farm.core.settle()
+    return farm
+
+
+def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_clears_the_bed(tmp_path):
+    farm = copied(tmp_path, 3)
+    items = {item.code: item.text for item in todo(farm.core.scene(StateFolder(tmp_path)))}
+    assert items["restored"].startswith("the books are a copy: look what of job 1 is printed")
+    assert "`farm approve 1`" in items["approve"]
+    farm.tell("a", said("x"), said("y", PLANNED_S + 300.0))
+    farm.tell("b", said("z", state=PrintState.PRINTING, ended_s=None))
+    approved(farm)
+    books = farm.core.books
+    assert {name: p.state for name, p in books.prints.items()} == {
+        "x": PrintState.DONE,
+        "y": PrintState.DONE,
+        "z": PrintState.PRINTING,
+    }
+    assert len({p.plate for p in books.prints.values()}) == 3
+    farm.desk.cleared("a", "ann", FilamentState.PARKED)
+    assert {farm.core.books.prints[name].verdict for name in "xy"} == {Verdict.GOOD}
+    farm.tell("b", said("z"))
+    assert farm.core.books.jobs[1].state is JobState.PRINTED
+
+
+def test_what_the_copy_has_as_printing_waits_for_the_word_of_an_agent_that_cannot_be_started_now(tmp_path):
+    farm = copied(tmp_path, printing="p")
+    farm.core.heard(AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start"))
+    assert not farm.core.books.prints["p"].state.ended
+    farm.tell("a", said("p"))
+    farm.tell("b")
+    assert approved(farm).core.books.jobs[1].state is JobState.PRINTED
+    # Nobody waits for it where a person wants no more of it.
+    farm = copied(tmp_path / "other", printing="p")
+    farm.desk.cancel_job(1, "ann")
+    farm.core.heard(AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start"))
+    assert farm.core.books.prints["p"].state.ended
+
+
+@pytest.mark.parametrize(
+    "stranger",
+    [
+        said(sha256="1" * 64),
+        said(sha256=None),  # an older agent began it
+        said(started_s=PLANNED_S - 100.0),
+        said(state=PrintState.PRINTING, ended_s=None, sha256="1" * 64),
+    ],
+    ids=["another file", "no file", "before it was planned", "still printing"],
+)
+def test_what_no_plate_waits_for_is_held_for_a_person(stranger, tmp_path):
+    farm = copied(tmp_path)
+    farm.tell("b")
+    farm.tell("a", stranger)
+    approved(farm)
+    state = StateFolder(tmp_path)
+    (look,) = (item for item in todo(farm.core.scene(state)) if item.code == "look")
+    assert look.printers == ["a"]
+    assert "it made a print after the books were copied that no plate waits for" in look.text
+    farm.core.heard(AgentSnapshot(printer="a", link=Link.READY, print=stranger))
+    assert look in todo(farm.core.scene(state))
+    assert not farm.core.books.prints
+    farm.desk.cleared("b", "ann", FilamentState.PARKED)
+    assert [p.printer for p in farm.core.books.prints.values()] == ["b"]
+
+
+def test_nothing_of_a_restored_job_starts_before_every_printer_has_told_or_is_taken_out_of_use(tmp_path):
+    farm = approved(copied(tmp_path))
+    farm.tell("a")
+    farm.desk.cleared("a", "ann", FilamentState.PARKED)
+    (plate,) = farm.core.books.plates.values()
+    assert plate.hold.code is HoldCode.UNTOLD
+    assert "b may have printed it" in plate.hold.text
+    farm.desk.maintenance("b", "it burnt down", "ann")
+    assert [p.printer for p in farm.core.books.prints.values()] == ["a"]
+
+
+def test_a_daemon_that_dies_while_it_books_what_an_agent_told_asks_it_again(tmp_path):
+    farm, prints = copied(tmp_path / "whole", 2), [said("x"), said("y", PLANNED_S + 300.0)]
+    ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
+    events = list(recount(farm.core.books, ready, prints, PLANNED_S + 1e3))
+    farm.core.happened(*events)
+    for dies in range(len(events)):
+        other = copied(tmp_path / str(dies), 2)
+        other.core.happened(*events[:dies])
+        since_s = other.core.untold_since_s("a")
+        assert since_s == PLANNED_S + 1.0
+        other.core.happened(*recount(other.core.books, ready, prints, PLANNED_S + 1e3))
+        assert other.core.books.prints == farm.core.books.prints
+        assert other.core.untold_since_s("a") is None

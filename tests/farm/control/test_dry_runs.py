@@ -1,0 +1,37 @@
+"""A dry run lives as long as somebody waits for its plan."""
+
+from farm.control.dry_runs import PATIENCE_S, DryRuns
+from farm.model import JobOptions, JobState
+from farm.state.books import Books
+from farm.views.operator_requests import asks
+from make_books import job as make_job
+from recording_controller import MODEL, Farm
+
+
+def submit(farm, name, **options):
+    return farm.core.submit(name * 8, "m.stl", MODEL, JobOptions(**options))[0]
+
+
+def test_one_that_nobody_asks_for_is_cancelled_and_others_are_let_be(tmp_path):
+    farm = Farm(tmp_path)
+    wanted, gone = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
+    held = submit(farm, "c", hold=True)
+    dry_runs = DryRuns(farm.core)
+    dry_runs.end_forgotten(0.0)
+    dry_runs.asked(wanted, PATIENCE_S)
+    dry_runs.end_forgotten(PATIENCE_S)
+    jobs = farm.core.books.jobs
+    assert not any(job.state.ended for job in jobs.values())
+    dry_runs.end_forgotten(PATIENCE_S + 1.0)
+    jobs = farm.core.books.jobs
+    assert [jobs[n].state.ended for n in (wanted, gone, held)] == [False, True, False]
+    assert jobs[gone].reason == "cancelled by the farm: nobody waits for its plan any more"
+    dry_runs.end_forgotten(3 * PATIENCE_S)
+    assert farm.core.books.jobs[wanted].state is JobState.CANCELLED
+
+
+def test_nobody_is_asked_to_approve_a_dry_run():
+    options = JobOptions(dry_run=True, hold=True)
+    held = make_job().model_copy(update={"options": options, "state": JobState.HELD})
+    assert asks(Books.of([held])) == []
+    assert len(asks(Books.of([held.model_copy(update={"options": JobOptions(hold=True)})]))) == 1

@@ -1,0 +1,112 @@
+"""Notifications through apprise, to a real HTTP server on this host."""
+
+import json
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from queue import SimpleQueue
+
+import pytest
+from pydantic import SecretStr
+
+from farm.config import Fleet
+from farm.control.notifier import Notifier, forget
+from farm.errors import FleetFileError
+from farm.state import events as ev
+from make_books import ended, printing, run
+
+pytest.importorskip("apprise")
+pytestmark = pytest.mark.filterwarnings("ignore:'imghdr' is deprecated:DeprecationWarning")  # apprise's
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def server():
+    """What was posted to it, and its address."""
+    posts = SimpleQueue()
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self):
+            posts.put(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield posts, f"127.0.0.1:{server.server_port}"
+        server.shutdown()
+        thread.join()
+
+
+def printed():
+    assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    return run(printing(plates=1), assigned, ended("x"))[0]
+
+
+def test_people_are_told_once_and_no_restart_tells_it_again(server, tmp_path, caplog):
+    posts, address = server
+    urls = [SecretStr(f"json://ann:secret@{address}/"), SecretStr("json://ann:secret@127.0.0.1:1/")]
+    file = tmp_path / "told.json"
+    notifier = Notifier(urls, "lab", file, 0.0)
+    notifier.tell(printed(), 500.0)
+    said = posts.get(timeout=PATIENCE_S)
+    assert said["title"] == "lab"
+    assert said["message"].splitlines() == [
+        "job 1 (bracket.stl) is printed: 1 part in 3 min",
+        "nothing is left to do",
+    ]
+    notifier.tell(printed(), 510.0)
+    again = Notifier(urls, "lab", file, 520.0)
+    again.tell(printed(), 530.0)
+    failed = ended("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
+    more = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
+    books, _ = run(printing(plates=2), more, failed)
+    again.tell(books, 700.0)
+    assert posts.get(timeout=PATIENCE_S)["message"] == "1/p02 failed on b: it was killed"
+    assert posts.empty()
+    assert "secret" not in caplog.text
+
+
+def test_what_happened_before_anybody_wanted_to_be_told_is_no_news(server, tmp_path):
+    posts, address = server
+    file = tmp_path / "told.json"
+    Notifier([SecretStr(f"json://{address}/")], "lab", file, 300.0).tell(printed(), 500.0)
+    forget(file)
+    forget(file)
+    assert not file.exists()
+    late = Notifier([SecretStr(f"json://{address}/")], "lab", file, 150.0)
+    late.tell(printed(), 500.0)
+    assert posts.get(timeout=PATIENCE_S)["title"] == "lab"
+    assert posts.empty()
+
+
+def test_an_address_that_nobody_knows_is_refused_without_saying_it(tmp_path):
+    with pytest.raises(FleetFileError, match="address 2") as caught:
+        Notifier(
+            [SecretStr("json://localhost"), SecretStr("nonsense://secret")],
+            "lab",
+            tmp_path / "told.json",
+            0.0,
+        )
+    assert "secret" not in str(caught.value)
+
+
+def test_addresses_are_never_shown():
+    row = {"name": "a", "model": "m", "port": "/dev/a"}
+    fleet = Fleet.model_validate({"fleet": {"notify": ["json://ann:secret@host"]}, "printers": [row]})
+    assert "secret" not in repr(fleet) + fleet.model_dump_json()
+
+
+def test_what_happens_after_the_clock_was_set_back_is_told(server, tmp_path):
+    posts, address = server
+    file = tmp_path / "told.json"
+    notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 4000.0)
+    notifier.clock_set(-3900.0)
+    notifier.tell(printed(), 500.0)
+    assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]
+    file.write_text(json.dumps({"since_s": 4000.0, "told": {}}))
+    Notifier([SecretStr(f"json://{address}/")], "lab", file, 100.0).tell(printed(), 500.0)
+    assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]

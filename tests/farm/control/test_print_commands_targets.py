@@ -1,0 +1,71 @@
+"""`farm pause`, `resume` and `cancel`: each for a job, a part and a printer, by what a person writes."""
+
+import asyncio
+
+import httpx
+import pytest
+
+from farm.cli.commands.operate import place_of
+from farm.http.app import make_app
+from farm.model import JobOptions, JobState, PrintState
+from farm.paths import StateFolder
+from farm.planning.plan import Plan
+from farm.state import events as ev
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+
+@pytest.fixture
+def farm(tmp_path):
+    """A job of two parts that are printed on two printers, behind the daemon's routes."""
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 2)
+    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    now_s = farm.core.clock.now()
+    for attempt in list(farm.core.books.open_prints()):
+        farm.core.happened(
+            ev.PrintProgressed(
+                at_s=now_s,
+                print_id=attempt.id,
+                state=PrintState.PRINTING,
+                started_s=now_s,
+                extruded=True,
+            )
+        )
+    app = make_app(farm.core, StateFolder(tmp_path), tmp_path / "fleet.yaml", 0.0, None, None)
+
+    def ask(target, verb):
+        async def call():
+            transport = httpx.ASGITransport(app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
+                return await client.post(f"{place_of(target)}/{verb}")
+
+        farm.hands.told.clear()
+        return asyncio.run(call())
+
+    farm.ask = ask
+    return farm
+
+
+WHO = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
+
+
+@pytest.mark.parametrize(("target", "printers"), WHO)
+def test_what_is_paused_goes_on_when_it_is_resumed(farm, target, printers):
+    for verb, wanted in (("pause", True), ("resume", False)):
+        assert farm.ask(target, verb).status_code == 200
+        told = {(one.printer, one.wanted) for one in farm.hands.told if isinstance(one, ev.SendPause)}
+        assert told == {(printer, wanted) for printer in printers}
+    assert farm.ask(target, "resume").status_code == 409
+
+
+@pytest.mark.parametrize(("target", "printers"), WHO)
+def test_what_is_cancelled_ends_and_is_never_tried_again(farm, target, printers):
+    assert farm.ask(target, "cancel").status_code == 200
+    assert {one.printer for one in farm.hands.told if isinstance(one, ev.SendCancel)} == set(printers)
+    plates = [farm.core.books.plates[f"1/0{'ab'.index(printer) + 1}"] for printer in printers]
+    assert all(plate.cancelled for plate in plates)
+    assert (farm.core.books.job(1).state is JobState.CANCELLED) is (target == "1")
+    assert farm.ask(target, "cancel").status_code == 409

@@ -1,0 +1,54 @@
+"""Timers on the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+import pytest
+
+from drivers.clock import Clock
+from farm.control.timers import Timers
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_work_runs_on_the_event_loop(plain):
+    """The daemon's state belongs to one thread: a timer in another would change it in mid-turn."""
+
+    async def run() -> threading.Thread:
+        ran: asyncio.Future[threading.Thread] = asyncio.get_running_loop().create_future()
+
+        def work() -> None:
+            if not ran.done():
+                ran.get_loop().call_soon_threadsafe(ran.set_result, threading.current_thread())
+
+        async def patient_work() -> None:
+            work()
+
+        timers = Timers(Clock())
+        timers.every(0.01, "work", work if plain else patient_work)
+        timers.start()
+        try:
+            return await ran
+        finally:
+            timers.stop()
+
+    assert asyncio.run(run()) is threading.current_thread()
+
+
+def test_a_timer_for_a_moment_runs_once_late_rather_than_never_and_can_be_moved():
+    async def run() -> list[str]:
+        ran: list[str] = []
+        done = asyncio.Event()
+        timers = Timers(Clock())
+        timers.at(0.0, "long ago", lambda: ran.append("long ago"))
+        timers.at(4e9, "moved", lambda: ran.append("far"))
+        timers.start()
+        timers.at(1.0, "moved", lambda: (ran.append("near"), done.set()))
+        try:
+            await done.wait()
+        finally:
+            timers.stop()
+        return ran
+
+    assert asyncio.run(run()) == ["long ago", "near"]

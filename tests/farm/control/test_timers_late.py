@@ -1,0 +1,116 @@
+"""Timers in a loop that stands still, and nights on which the clock changes; on a fake clock."""
+
+import asyncio
+import itertools
+from datetime import datetime, timedelta
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from fake_event_loop_clock import FakeTime
+from farm.control.timers import Timers
+from farm.paths import StateFolder
+from farm.state.storage.backups import Nightly, copies, made_s
+from farm.state.storage.store import Store
+
+BERLIN = ZoneInfo("Europe/Berlin")
+HOUR_S = 3600.0
+
+
+def at(text):
+    return datetime.fromisoformat(text).replace(tzinfo=BERLIN).timestamp()
+
+
+@pytest.fixture
+def begin(monkeypatch):
+    def begin(text):
+        return FakeTime(monkeypatch, at(text))
+
+    return begin
+
+
+def test_what_a_stalled_loop_missed_is_made_up_once(begin):
+    time = begin("2026-11-20 22:00")
+    turns, alarms = [], []
+
+    def turn():
+        turns.append(time.now_s - time.begun_s)
+        if len(turns) == 10:
+            time.stall(3 * HOUR_S)
+
+    async def evening():
+        timers = Timers(time)
+        timers.every(60.0, "turn", turn)
+        for hour in (1.0, 2.0, 6.0):
+            timers.at(time.begun_s + hour * HOUR_S, f"alarm {hour}", lambda: alarms.append(time.now_s))
+        timers.start()
+        await asyncio.sleep(7 * HOUR_S - 30.0)
+        timers.stop()
+        await asyncio.sleep(0)
+
+    time.run(evening())
+    woke_s = 600.0 + 3 * HOUR_S
+    assert turns[:10] == pytest.approx([60.0 * n for n in range(1, 11)], abs=1e-3)
+    assert woke_s <= turns[10] < turns[11] <= woke_s + 61.0  # one for all those missed, then as before
+    assert len(turns) == 10 + 1 + (7 * HOUR_S - 30.0 - woke_s) // 60.0
+    assert [moment - time.begun_s for moment in alarms[:2]] == pytest.approx([woke_s, woke_s], abs=1.0)
+    assert alarms[2] - time.begun_s == pytest.approx(6 * HOUR_S, abs=1e-3)
+
+
+@pytest.mark.parametrize("step_h", [6.0, -6.0])
+def test_a_host_whose_clock_is_set_goes_on_at_once_and_keeps_the_new_hours(begin, step_h):
+    """What is due every second is late by the look that finds it at most; an alarm is the calendar's."""
+    time = begin("2026-11-20 12:00")
+    turns, alarms = [], []
+    alarm_s = time.begun_s + 7 * HOUR_S
+
+    async def day():
+        timers = Timers(time)
+        timers.every(1.0, "turn", lambda: turns.append(time.now_s - time.begun_s))
+        timers.at(alarm_s, "alarm", lambda: alarms.append(time.now()))
+        timers.start()
+        await asyncio.sleep(60.5)
+        time.set_s = step_h * HOUR_S
+        await asyncio.sleep(1.0)
+        time.follow_host()
+        timers.clock_set()
+        await asyncio.sleep(14 * HOUR_S)
+        timers.stop()
+        await asyncio.sleep(0)
+
+    time.run(day())
+    assert max(later - turn for turn, later in itertools.pairwise(turns)) <= 3.0
+    assert alarms == pytest.approx([alarm_s], abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "first", ["2026-03-27", "2026-10-23", "2026-11-20"], ids=["spring", "autumn", "plain"]
+)
+@pytest.mark.parametrize("asleep", [False, True])
+def test_the_books_are_copied_once_a_night(begin, tmp_path, first, asleep):
+    """At four, in spring and autumn too; as soon as it can be where the host was asleep then."""
+    time = begin(f"{first} 12:00")
+    state = StateFolder(tmp_path)
+    Store(state.books).close()
+    told = []
+
+    async def nights():
+        timers = Timers(time)
+        nightly = Nightly(state, time, BERLIN, timers.at, told.append)
+        timers.start()
+        await nightly.begin()
+        if asleep:
+            await asyncio.sleep(at(f"{first} 23:30") - time.now_s)
+            time.stall(7 * HOUR_S)
+        await asyncio.sleep(at(f"{first} 12:00") + 4 * 24.5 * HOUR_S - time.now_s)
+        timers.stop()
+        await asyncio.sleep(0)
+
+    time.run(nights())
+    days = [datetime.fromisoformat(first) + timedelta(days=n) for n in range(5)]
+    made = [datetime.fromtimestamp(made_s(copy), BERLIN).replace(tzinfo=None) for copy in copies(state)]
+    due = [days[0].replace(hour=12), *(day.replace(hour=4) for day in days[1:])]
+    if asleep:
+        due[1] = days[1].replace(hour=6, minute=30)
+    assert made[::-1] == due
+    assert not any(told)

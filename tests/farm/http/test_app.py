@@ -1,0 +1,248 @@
+"""The HTTP interface, without a network: what a broken or hostile client gets."""
+
+import asyncio
+import io
+
+import httpx
+import pytest
+import trimesh
+
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.control.controller import Core
+from farm.http.app import make_app
+from farm.model import AgentSnapshot, FilamentState, Link
+from farm.paths import StateFolder
+from farm.planning.parts.part_rooms import bed_boxes
+from farm.state.storage.store import Store
+from make_gcode import marlin
+
+MODEL = "ultimaker2_plus"
+
+
+class Hands:
+    def perform(self, instruction):
+        pass
+
+    def plan(self, job, printers, rounds):
+        pass
+
+
+class SameProcess:
+    """Workers that work at once."""
+
+    async def run(self, work, *args):
+        return work(*args)
+
+
+@pytest.fixture
+def daemon(tmp_path):
+    """A core and its application, with one printer that is ready."""
+    fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    core = Core(fleet, Store(state.books), Clock(), bed_boxes, Hands())
+    core.start()
+    core.heard(AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED))
+    went_down = []
+
+    async def down(now):
+        went_down.append(now)
+
+    app = make_app(core, state, tmp_path / "fleet.yaml", 0.0, SameProcess(), down)
+    app.state.core, app.state.went_down, app.state.folder = core, went_down, state
+    return app
+
+
+def ask(app, method, path, **more):
+    async def call():
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
+            return await client.request(method, path, **more)
+
+    return asyncio.run(call())
+
+
+def stl():
+    file = io.BytesIO()
+    trimesh.creation.box((30.0, 20.0, 10.0)).export(file, "stl")
+    return file.getvalue()
+
+
+def submit(app, content, **params):
+    facts = {"request_id": "r" * 8, "name": "box.stl", "size": len(content)}
+    return ask(app, "POST", "/jobs", params={**facts, **params}, content=content)
+
+
+def test_g_code_goes_the_same_road_as_a_model(daemon):
+    content = ("\n".join(marlin()) + "\n").encode()
+    assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
+    assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
+    job = daemon.state.core.books.jobs[1]
+    assert (daemon.state.folder.files / job.model_file).read_bytes() == content
+    assert (job.name, job.own_gcode.min_mm) == ("tower.gcode", pytest.approx((-11.5, -11.5, 0.2)))
+    assert list(daemon.state.folder.work.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "code"),
+    [
+        ("t.gcode", '{"scale": 2}', "settings"),
+        ("t.gcode", '{"colour": "red"}', "refused"),
+        ("t.gcode.gz", "{}", "gcode"),
+        ("t.stl", "{}", "model"),
+    ],
+)
+def test_g_code_that_cannot_be_printed_so_is_refused_by_name(daemon, name, options, code):
+    answer = submit(daemon, ("\n".join(marlin()) + "\n").encode(), name=name, options=options).json()
+    assert answer["code"] == code
+    assert daemon.state.core.books.jobs == {}
+
+
+def test_a_submission_sent_twice_is_one_job(daemon):
+    assert submit(daemon, stl()).json() == {"job": 1, "again": False}
+    assert submit(daemon, stl()).json() == {"job": 1, "again": True}
+    assert len(daemon.state.core.books.jobs) == 1
+
+
+@pytest.mark.parametrize("size", [0, 10, 10_000_000])
+def test_a_cut_upload_is_no_job_and_leaves_no_file(daemon, size):
+    answer = submit(daemon, stl(), size=size)
+    assert answer.status_code == 409
+    assert answer.json()["exit_code"] == 5
+    assert "submit it again" in answer.json()["error"]
+    assert not daemon.state.core.books.jobs
+    assert not list(daemon.state.folder.work.iterdir())
+
+
+def test_an_upload_that_is_given_up_is_refused_and_leaves_no_file(daemon):
+    """Ctrl-C at `farm submit`: the connection ends in the middle of the body."""
+    words = [{"type": "http.request", "body": b"solid", "more_body": True}, {"type": "http.disconnect"}]
+    said = []
+
+    async def receive():
+        return words.pop(0)
+
+    async def send(message):
+        said.append(message)
+
+    query = b"request_id=rrrrrrrr&name=box.stl&size=100"
+    scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": "/jobs", "query_string": query}
+    asyncio.run(daemon({**scope, "headers": [], "state": {}}, receive, send))
+    assert said[0]["status"] == 409
+    assert not daemon.state.core.books.jobs
+    assert not list(daemon.state.folder.work.iterdir())
+
+
+NAMES = {
+    "../../evil.stl": "evil.stl",
+    "/etc/passwd.stl": "passwd.stl",
+    "ein Würfel 立方体.stl": "ein Würfel 立方体.stl",
+    "a\nb.stl": "a b.stl",
+    "a\0b.stl": "a b.stl",
+    "C:\\parts\\box.stl": "box.stl",
+    "\N{SNAKE}" * 80 + ".stl": "\N{SNAKE}" * 56 + ".stl",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_is_only_a_name(daemon, name):
+    answer = submit(daemon, stl(), name=name)
+    assert answer.status_code == 200, answer.text
+    inside = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
+    assert inside <= {"state", "files"}
+    assert daemon.state.core.books.jobs[1].name == NAMES[name]
+
+
+@pytest.mark.parametrize("name", ["..", ".", "box", "box." + "\N{SNAKE}" * 150])
+def test_a_name_without_a_known_suffix_is_refused_in_words(daemon, name):
+    answer = submit(daemon, stl(), name=name)
+    assert answer.status_code == 400
+    assert "not a known kind of model" in answer.json()["error"]
+
+
+def test_a_printer_that_nobody_has_is_refused_at_once(daemon):
+    answer = submit(daemon, stl(), options='{"material": "generic_pal"}')
+    assert answer.status_code == 409
+    assert "no printer of the fleet has generic_pal; there is generic_pla" in answer.json()["error"]
+
+
+BAD_OPTIONS = ("{", '{"printers": 0}', '{"x": 1}', '{"quality": "nonsense"}', '{"engine": "nonsense"}')
+
+
+@pytest.mark.parametrize("options", BAD_OPTIONS)
+def test_options_that_are_not_ours_are_refused(daemon, options):
+    answer = submit(daemon, stl(), options=options)
+    assert answer.status_code == 400
+    assert answer.json()["exit_code"] == 2
+
+
+def test_what_is_not_there_is_not_found(daemon):
+    for method, path in (("GET", "/jobs/9"), ("POST", "/jobs/9/cancel"), ("GET", "/nothing")):
+        answer = ask(daemon, method, path)
+        assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
+    answer = ask(daemon, "POST", "/printers/z/cleared", json={})
+    assert (answer.status_code, answer.json()["exit_code"]) == (404, 4)
+
+
+def test_status_has_the_fields_that_are_promised(daemon):
+    submit(daemon, stl())
+    status = ask(daemon, "GET", "/status").json()
+    assert list(status) == ["schema", "daemon", "todo", "fleet", "printers", "jobs", "night"]
+    assert status["schema"] == 1
+    promised = {
+        "name",
+        "model",
+        "state",
+        "bed",
+        "filament",
+        "reel",
+        "agent_pid",
+        "nozzle_c",
+        "bed_c",
+        "targets",
+    }
+    assert promised | {"print"} <= set(status["printers"][0])
+    job = ask(daemon, "GET", "/jobs/1").json()["job"]
+    promised = {
+        "id",
+        "state",
+        "parts",
+        "plates",
+        "repairs",
+        "scale",
+        "estimated_s",
+        "eta",
+        "elapsed_s",
+        "serial_s",
+    }
+    assert promised | {"speedup", "utilisation"} <= set(job)
+
+
+def test_down_goes_down(daemon):
+    assert ask(daemon, "POST", "/down", json={"now": True}).status_code == 200
+    assert daemon.state.went_down == [True]
+
+
+def test_what_a_person_asks_of_prints_goes_to_the_desk(daemon):
+    said = {"why": "a\x1b[2J\nnew belt"}
+    assert ask(daemon, "POST", "/printers/a/maintenance", json=said).status_code == 200
+    printer = ask(daemon, "GET", "/status").json()["printers"][0]
+    assert (printer["state"], printer["maintenance"]) == ("maintenance", "a [2J new belt")
+    assert ask(daemon, "POST", "/printers/a/maintained", json=said).status_code == 200
+    submit(daemon, stl())
+    assert ask(daemon, "POST", "/jobs/1/pause").status_code == 200
+    assert ask(daemon, "GET", "/jobs/1").json()["job"]["paused"]
+    assert ask(daemon, "POST", "/jobs/1/resume").status_code == 200
+    for path in (
+        *("/printers/a/fail", "/printers/a/cancel", "/printers/a/maintained", "/outage/confirm"),
+        *("/jobs/1/resume", "/printers/a/cleared"),
+    ):
+        body = None if path.startswith("/jobs") else {**said, **({"bad": True} if "cleared" in path else {})}
+        answer = ask(daemon, "POST", path, json=body)
+        assert (answer.status_code, answer.json()["exit_code"]) == (409, 5), path
+    for path in ("/jobs/1/parts/p9/reprint", "/jobs/1/parts/p9/cancel", "/jobs/7/pause", "/printers/z/fail"):
+        assert ask(daemon, "POST", path, json=said).status_code == 404, path
+    assert ask(daemon, "POST", "/jobs/1/parts/p9/pause").status_code == 404
+    assert ask(daemon, "GET", "/history").json() == {"schema": 1, "prints": []}
+    assert ask(daemon, "GET", "/history?job=7").status_code == 404

@@ -1,0 +1,176 @@
+"""Who asks is the kernel's word; what lets printers go on can be kept for a group."""
+
+import asyncio
+import grp
+import os
+import socket
+import stat
+import subprocess
+import sys
+
+import httpx
+import pytest
+import uvicorn
+
+from drivers.clock import Clock
+from farm.config import Fleet
+from farm.control.controller import Core
+from farm.errors import FleetFileError, Refused
+from farm.http.app import make_app
+from farm.http.callers import PeerProtocol, Person, check_operators, listen
+from farm.model import AgentSnapshot, FilamentState, Link
+from farm.paths import StateFolder
+from farm.planning.parts.part_rooms import bed_boxes
+from farm.planning.plan import Inspected
+from farm.state.storage.store import Store
+
+MODEL = "ultimaker2_plus"
+STRANGER = Person(uid=54321, gid=54321)
+OURS = grp.getgrgid(os.getgid()).gr_name
+NO_GROUP = "no-such-group-here"
+
+
+class Hands:
+    def perform(self, instruction):
+        pass
+
+    def plan(self, job, printers, rounds):
+        pass
+
+
+class SameProcess:
+    """Workers that find every model good."""
+
+    async def run(self, work, *args):
+        return Inspected(file="m.npz", scale=1.0, repairs=())
+
+
+def make(folder, **fleet):
+    rows = [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]
+    checked = Fleet.model_validate({"fleet": fleet, "printers": rows})
+    state = StateFolder(folder / "state")
+    state.make()
+    core = Core(checked, Store(state.books), Clock(), bed_boxes, Hands())
+    core.start()
+    core.heard(AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED))
+
+    async def down(now):
+        pass
+
+    return make_app(core, state, folder / "fleet.yaml", 0.0, SameProcess(), down)
+
+
+def ask(app, person, method, path, **more):
+    async def as_them(scope, receive, send):
+        await app({**scope, "state": {} if person is None else {"person": person}}, receive, send)
+
+    async def call():
+        transport = httpx.ASGITransport(as_them)
+        async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
+            return await client.request(method, path, **more)
+
+    return asyncio.run(call())
+
+
+LIMITED = (
+    ("/printers/a/cleared", {}),
+    ("/printers/a/load", {"grams": 500}),
+    ("/printers/a/maintained", {}),
+    ("/jobs/1/approve", {"plan": ""}),
+    ("/outage/confirm", {}),
+    ("/down", {}),
+)
+
+
+@pytest.mark.parametrize(("path", "body"), LIMITED)
+@pytest.mark.parametrize("person", [STRANGER, None])
+def test_what_lets_printers_go_on_is_kept_for_operators(tmp_path, person, path, body):
+    app = make(tmp_path, operators=NO_GROUP)
+    answer = ask(app, person, "POST", path, json=body)
+    assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
+    assert "is no operator: only members of the group no-such-group-here may" in answer.json()["error"]
+
+
+@pytest.mark.parametrize("group", [None, OURS])
+def test_a_member_may_and_so_may_everybody_where_no_group_is_named(tmp_path, group):
+    app = make(tmp_path, operators=group)
+    member = Person(uid=54321, gid=os.getgid())
+    assert ask(app, member, "POST", "/printers/a/cleared", json={}).status_code == 200
+    assert app.state.core._store.events()[-1][2].count('"by":"uid 54321"') == 1
+
+
+def test_who_runs_the_daemon_may_as_they_could_change_the_books(tmp_path):
+    app = make(tmp_path, operators=NO_GROUP)
+    assert ask(app, Person(os.getuid(), 0), "POST", "/printers/a/cleared", json={}).status_code == 200
+
+
+def test_what_stops_a_print_is_for_everybody_and_a_job_has_its_submitters_name(tmp_path):
+    app = make(tmp_path, operators=NO_GROUP)
+    params = {"request_id": "r" * 8, "name": "box.stl", "size": 1}
+    assert ask(app, STRANGER, "POST", "/jobs", params=params, content=b"x").status_code == 200
+    job = ask(app, None, "GET", "/jobs/1").json()["job"]
+    assert job["submitted_by"] == "uid 54321"
+    assert ask(app, STRANGER, "POST", "/jobs/1/pause").status_code == 200
+    answer = ask(app, STRANGER, "POST", "/jobs/1/cancel").json()["job"]
+    assert (answer["state"], answer["reason"]) == ("cancelled", "cancelled by uid 54321")
+    assert ask(app, STRANGER, "POST", "/printers/a/maintenance", json={"why": "smoke"}).status_code == 200
+
+
+def test_operators_are_a_group_that_there_is():
+    check_operators(None)
+    check_operators(OURS)
+    with pytest.raises(FleetFileError, match="`groupadd no-such-group-here`"):
+        check_operators(NO_GROUP)
+
+
+@pytest.mark.parametrize(("group", "mode"), [(OURS, 0o660), (NO_GROUP, 0o600)])
+def test_the_socket_is_for_its_group_and_where_there_is_none_for_its_owner(tmp_path, caplog, group, mode):
+    caplog.set_level("INFO")
+    path = tmp_path / "farm.sock"
+    with listen(path, group):
+        assert stat.S_IMODE(path.stat().st_mode) == mode
+    assert (f"for group {group}" if mode == 0o660 else "for this user alone") in caplog.text
+
+
+def test_a_place_where_nobody_can_listen_is_said(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(Refused, match="name another --socket"):
+        listen(tmp_path / "file" / "farm.sock", OURS)
+    with listen(tmp_path / "new" / "farm.sock", NO_GROUP):
+        assert stat.S_IMODE((tmp_path / "new").stat().st_mode) == 0o700
+
+
+ASK = """
+import os, socket, sys
+os.setgroups([]); os.setgid(int(sys.argv[2])); os.setuid(int(sys.argv[2]))
+way = socket.socket(socket.AF_UNIX)
+way.connect(bytes.fromhex(sys.argv[1]))
+way.sendall(b"POST /printers/a/cleared HTTP/1.1\\r\\nHost: farm\\r\\nConnection: close\\r\\n"
+            b"Content-Type: application/json\\r\\nContent-Length: 2\\r\\n\\r\\n{}")
+while said := way.recv(4096):
+    sys.stdout.write(said.decode())
+"""
+
+
+async def post_as(app, *uids):
+    """What a real server on a socket that all users reach answers to each."""
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(b"\0farm-test-" + os.urandom(8))
+    listening.listen()
+    server = uvicorn.Server(uvicorn.Config(app, http=PeerProtocol, log_config=None, lifespan="off"))
+    serving = asyncio.create_task(server.serve(sockets=[listening]))
+    answers = []
+    for uid in uids:
+        words = [sys.executable, "-c", ASK, listening.getsockname().hex(), str(uid)]
+        process = await asyncio.create_subprocess_exec(*words, stdout=subprocess.PIPE)
+        answers.append((await process.communicate())[0].decode())
+    server.should_exit = True
+    await serving
+    return answers
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
+def test_the_kernel_says_who_asks_whatever_they_say_of_themselves(tmp_path):
+    stranger, root = asyncio.run(post_as(make(tmp_path, operators=NO_GROUP), 54321, 0))
+    assert "uid 54321 is no operator" in stranger
+    assert root.startswith("HTTP/1.1 200")

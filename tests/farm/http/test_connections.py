@@ -1,0 +1,206 @@
+"""Clients that connect and ask for nothing cost nobody else anything."""
+
+import asyncio
+import errno
+import json
+import logging
+import os
+import signal
+import socket
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+
+import pytest
+import uvicorn
+
+from farm.http import connections
+from farm.http.callers import PeerProtocol
+from farm.http.connections import (
+    MOST,
+    REQUEST_S,
+    BoundedServer,
+    SeldomLog,
+    longest_owing,
+    most_connections,
+    overdue,
+)
+from real_farm import RealFarm, wait_for
+
+LOW = 64
+IDLE = 80
+HALF = b"GET /status HTTP/1.1\r\nHost: farm\r\n"
+WHOLE = HALF + b"Connection: close\r\n\r\n"
+
+
+@dataclass
+class One:
+    owes_since_s: float | None
+
+
+@pytest.mark.parametrize(
+    ("descriptors", "printers", "workers", "most"),
+    [(1024, 100, 2, MOST), (2**20, 3, 8, MOST), (64, 1, 2, 11), (32, 1, 2, 4)],
+)
+def test_most_of_few_descriptors_is_kept_for_the_farm(descriptors, printers, workers, most):
+    assert most_connections(descriptors, printers, workers) == most
+
+
+def test_who_owes_a_request_is_ended_after_its_time_and_the_oldest_first_where_there_is_no_room():
+    busy, old, young = One(None), One(0.0), One(5.0)
+    assert overdue([busy, old, young], REQUEST_S + 0.1) == [old]
+    assert longest_owing([busy, young, old]) is old
+    assert longest_owing([busy]) is None
+
+
+def test_a_trouble_that_comes_a_thousand_times_is_logged_once_a_minute(caplog):
+    seldom = SeldomLog()
+    with caplog.at_level(logging.WARNING):
+        for number in range(1000):
+            seldom.warn("no room", number / 100)
+        seldom.warn("no room", 60.0)
+    assert [record.getMessage() for record in caplog.records] == ["no room (1 times)", "no room (1000 times)"]
+
+
+async def hello(scope, receive, send):
+    while (await receive()).get("more_body"):
+        pass
+    await send({"type": "http.response.start", "status": 200, "headers": []})
+    await send({"type": "http.response.body", "body": b"well"})
+
+
+def serve(tmp_path, most, story):
+    """Have a story told to a server that takes so many connections."""
+
+    async def run():
+        with socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(str(tmp_path / "s"))
+            listening.listen(64)
+            listening.setblocking(False)
+            config = uvicorn.Config(hello, http=PeerProtocol, log_config=None, lifespan="off")
+            server = BoundedServer(config, most)
+            serving = asyncio.create_task(server._serve([listening]))
+            try:
+                async with asyncio.timeout(30.0):
+                    await story(server, str(tmp_path / "s"))
+            finally:
+                server.should_exit = True
+                await serving
+
+    asyncio.run(run())
+
+
+async def ask(path, *pieces):
+    reader, writer = await asyncio.open_unix_connection(path)
+    for piece in pieces:
+        writer.write(piece)
+        await writer.drain()
+    said = await reader.read()
+    writer.close()
+    return said
+
+
+def test_idle_clients_make_room_for_one_that_asks(tmp_path):
+    async def story(server, path):
+        idle = [await asyncio.open_unix_connection(path) for _ in range(40)]
+        for _, writer in idle[::2]:
+            writer.write(HALF)
+        assert b"well" in await ask(path, WHOLE)
+        assert len(server.server_state.connections) <= 4
+        for _, writer in idle:
+            writer.close()
+
+    serve(tmp_path, 4, story)
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"",
+        HALF,
+        b"POST / HTTP/1.1\r\nHost: farm\r\nContent-Length: 100\r\n\r\nhalf",
+        WHOLE.replace(b"close", b"keep"),
+    ],
+    ids=["nothing", "half a head", "half a body", "idle after its answer"],
+)
+def test_a_connection_that_owes_a_request_is_known_and_ended(tmp_path, monkeypatch, sent):
+    monkeypatch.setattr(connections, "REQUEST_S", -1.0)
+    monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
+
+    async def story(server, path):
+        await ask(path, sent)  # until the other end closes
+
+    serve(tmp_path, 4, story)
+
+
+def test_a_head_has_its_time_as_a_whole_and_a_body_each_of_its_pieces(tmp_path):
+    async def story(server, path):
+        async def since():
+            await asyncio.sleep(0.01)
+            [one] = server.server_state.connections
+            return one.owes_since_s
+
+        _, writer = await asyncio.open_unix_connection(path)
+        while not server.server_state.connections:
+            await asyncio.sleep(0.0)
+        began_s = await since()
+        writer.write(HALF)
+        assert await since() == began_s
+        writer.write(b"Content-Length: 9\r\n\r\nhalf")
+        body_s = await since()
+        assert body_s > began_s
+        writer.write(b"more")
+        assert await since() > body_s
+        writer.close()
+
+    serve(tmp_path, 4, story)
+
+
+def test_where_no_descriptor_is_left_it_is_said_once_and_tried_again(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
+
+    async def story(server, path):
+        loop, tries = asyncio.get_running_loop(), []
+        accept = loop.sock_accept
+
+        async def full(listening):
+            tries.append(1)
+            if len(tries) < 20:
+                raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+            return await accept(listening)
+
+        monkeypatch.setattr(loop, "sock_accept", full)
+        assert b"well" in await ask(path, WHOLE)  # by the accept that was under way
+        assert b"well" in await ask(path, WHOLE)
+        assert len(tries) >= 20
+
+    with caplog.at_level(logging.WARNING, logger="farm"):
+        serve(tmp_path, 4, story)
+    assert len([record for record in caplog.records if "accepted" in record.getMessage()]) == 1
+
+
+@pytest.mark.system
+def test_an_agent_that_is_killed_is_started_again_although_idle_clients_want_all_descriptors(tmp_path):
+    farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
+    farm.wrapper = ["prlimit", f"--nofile={LOW}:{LOW}"]
+    try:
+        farm.up()
+        farm.wrapper = []
+        killed = farm.printer("um2-01")["agent_pid"]
+        with ExitStack() as idle:
+            for number in range(IDLE):
+                client = idle.enter_context(closing(socket.socket(socket.AF_UNIX)))
+                client.settimeout(30.0)
+                client.connect(str(farm.state / "farm.sock"))
+                if number % 2:
+                    client.send(HALF)
+            os.kill(killed, signal.SIGKILL)
+
+            def started():
+                said = farm.run("status", "--json")
+                [printer] = json.loads(said.stdout)["printers"] if said.returncode == 0 else [{}]
+                return printer.get("agent_pid") not in (None, killed) and printer["state"] == "idle"
+
+            wait_for("another agent", started, 60.0)
+        assert len((farm.state / "daemon.log").read_text().splitlines()) < 200
+    finally:
+        farm.end()

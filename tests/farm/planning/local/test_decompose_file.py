@@ -1,0 +1,64 @@
+"""`farm decompose`: the options that choose an engine."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import trimesh
+
+from farm.errors import FarmError
+from farm.planning.local.decompose_file import decompose_to_folder
+
+USUAL = {
+    "printers": 4,
+    "volume_mm": (223.0, 223.0, 205.0),
+    "brim_mm": 8.0,
+    "longest_side_mm": None,
+    "scale": None,
+    "granularity": "vcoarse",
+    "interior": "leave",
+    "min_wall_mm": 10.0,
+    "min_glue_mm2": 25.0,
+    "engine": "guillotine",
+    "seed": 0,
+    "tries": 2,
+    "score": "low",
+    "faithful": False,
+    "budget_s": 20.0,
+    "clear_s": 120.0,
+    "assemble_s": 216.0,
+}
+
+
+@pytest.fixture
+def bar(tmp_path):
+    path = tmp_path / "bar.stl"
+    trimesh.creation.box((260.0, 24.0, 32.0)).export(path)
+    return path
+
+
+def test_an_engine_by_name(bar, tmp_path):
+    out = tmp_path / "out"
+    asked = {"engine": "parallelobox", "faithful": True, "score": "both"}
+    report = decompose_to_folder(bar, out, **USUAL | asked)
+    assert report["engine"] == "parallelobox"
+    assert report["options"]["score"] == "high"
+    assert 2 <= len(report["parts"]) <= 4
+    assert json.loads((out / "decomposition.json").read_text())["options"]["faithful"] is True
+    assert all((out / part["file"]).is_file() for part in report["parts"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"engine": "saw"}, "--engine saw: best, guillotine, parallelobox, symmetry, cube-skeleton"),
+        ({"engine": "parallelobox", "score": "up"}, "--score up: low, high or both"),
+        ({"interior": "gone"}, "--interior gone: leave or keep"),
+        ({"faithful": True}, "--faithful is for the engines of papers, not guillotine"),
+    ],
+)
+def test_a_wrong_option_is_named(bar, tmp_path, wrong, said):
+    with pytest.raises(FarmError, match=said):
+        decompose_to_folder(bar, tmp_path / "out", **USUAL | wrong)
+    assert not (tmp_path / "out").exists()

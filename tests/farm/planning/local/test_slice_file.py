@@ -1,0 +1,126 @@
+"""`farm slice` without its command: what it refuses before it slices, and what it leaves."""
+
+import re
+from pathlib import Path
+
+import pytest
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from farm.errors import ErrorCode, ExitCode, FarmError
+from farm.planning.local.slice_file import default_cache, slice_to_file
+
+SIDES = st.floats(20.0, 400.0)
+
+
+@pytest.fixture
+def box(tmp_path):
+    path = tmp_path / "box.stl"
+    trimesh.creation.box((20.0, 18.0, 6.0)).export(path)
+    return path
+
+
+def slice_(path, out, **options):
+    defaults = {
+        "printer_model": "ultimaker2_plus",
+        "quality": "glue",
+        "material": "generic_pla",
+        "nozzle_mm": 0.4,
+        "overrides": {},
+    }
+    return slice_to_file(path, out, **{**defaults, **options})
+
+
+def refused(path, out, **options):
+    with pytest.raises(FarmError) as error:
+        slice_(path, out, **options)
+    assert "\n" not in str(error.value)
+    return error.value
+
+
+def test_slicing_again_says_that_it_was_there_and_the_file_is_the_same(box, tmp_path):
+    cache, out = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
+    told = []
+    first = slice_(box, out, cache=cache, tell=told.append)
+    content = out.read_bytes()
+    assert told[:2] == ["reading box.stl", "slicing box.stl"]
+    assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in told[2:])
+    again = slice_(box, out, cache=cache)
+    assert (first["cached"], again["cached"]) == (False, True)
+    assert out.read_bytes() == content
+    assert [path.name for path in out.parent.iterdir()] == ["box.gcode"]
+    promised = {"schema", "print_time_s", "filament_mm", "filament_mm3", "grams", "layers", "cached"}
+    assert promised | {"settings", "unprinted", "estimated_s"} <= set(first)
+    assert first["estimated_s"] > first["print_time_s"] > 0
+    assert float(first["settings"]["global"]["layer_height"]) == pytest.approx(0.2, rel=0.04)
+
+
+REFUSED = {
+    "folder": ({}, ErrorCode.FAILED, "it is a folder"),
+    "printer": ({"printer_model": "ultimaker2_pls"}, ErrorCode.SETTINGS, "did you mean ultimaker2_plus"),
+    "material": ({"material": "PLA"}, ErrorCode.SETTINGS, "did you mean generic_pla"),
+    "nozzle": ({"nozzle_mm": 0.5}, ErrorCode.SETTINGS, "0.4 mm, 0.6 mm"),
+    "setting": ({"overrides": {"laier_height": "1"}}, ErrorCode.SETTINGS, "did you mean layer_height"),
+    "both": ({"scale": 1.0, "longest_side_mm": 9.0}, ErrorCode.SETTINGS, "exclude each other"),
+}
+
+
+@pytest.mark.parametrize("mistake", REFUSED)
+def test_a_mistake_is_named_and_nothing_is_written(box, tmp_path, mistake):
+    options, code, said = REFUSED[mistake]
+    out = tmp_path if mistake == "folder" else tmp_path / "new" / "deep" / "out.gcode"
+    error = refused(box, out, **options)
+    assert error.code is code
+    assert said in str(error)
+    assert [path.name for path in tmp_path.iterdir()] == ["box.stl"]
+
+
+def test_the_model_is_not_written_over(box, tmp_path):
+    content = box.read_bytes()
+    link = tmp_path / "link.stl"
+    link.symlink_to(box)
+    for out in (box, link):
+        assert "it is the model" in str(refused(box, out))
+    assert box.read_bytes() == content
+
+
+def test_a_file_is_no_folder_for_the_file(box):
+    assert "is no folder" in str(refused(box, box / "deep" / "out.gcode"))
+
+
+def test_a_model_in_inches_or_metres_is_asked_about(tmp_path):
+    path = tmp_path / "m.stl"
+    trimesh.creation.box((0.3, 0.2, 0.1)).export(path)
+    said = str(refused(path, tmp_path / "out.gcode"))
+    assert "--scale 1000 if it is in metres" in said and "--scale 25.4 if it is in inches" in said
+
+
+def test_no_engine_is_no_fault_of_the_model(box, tmp_path, monkeypatch):
+    monkeypatch.setenv("FARM_CURA_ENGINE", str(tmp_path / "none"))
+    error = refused(box, tmp_path / "out.gcode")
+    assert (error.code, error.exit_code) == (ErrorCode.ENGINE, ExitCode.FAILED)
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.tuples(SIDES, SIDES, SIDES).filter(lambda size: max(size) > 210.0), st.booleans())
+def test_what_is_proposed_for_a_model_that_is_too_large_fits(tmp_path, monkeypatch, size, by_scale):
+    path = tmp_path / "large.stl"
+    trimesh.creation.box(size).export(path)
+    said = str(refused(path, tmp_path / "out.gcode"))
+    scale, longest = re.search(r"--scale (\S+) or --longest-side (\S+)$", said).groups()
+
+    def engine(task, progress):
+        raise FarmError("it fits")
+
+    monkeypatch.setattr("farm.planning.local.slice_file.slice_part", engine)
+    proposed = {"scale": float(scale)} if by_scale else {"longest_side_mm": float(longest)}
+    assert str(refused(path, tmp_path / "out.gcode", **proposed)) == "it fits"
+
+
+def test_a_cache_that_cannot_be_written_is_none(tmp_path):
+    (tmp_path / "file").touch()
+    assert default_cache({"XDG_CACHE_HOME": str(tmp_path / "file")}) is None
+    assert default_cache({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "farm" / "slices"
+    assert default_cache({"HOME": "/proc"}) is None
+    assert default_cache({"HOME": str(tmp_path)}) == Path(tmp_path) / ".cache" / "farm" / "slices"

@@ -1,0 +1,87 @@
+"""From a part to a plate: placed, larger by what it shrinks, as high as it is. Real slices."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from drivers.printers.profiles import PROFILES, part_room
+from farm.config import PrinterSection
+from farm.errors import FarmError
+from farm.planning.parts.part_rooms import model_sizes, printer_room
+from farm.planning.parts.slice_part import slice_part
+from farm.planning.plan_records import SliceTask
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing.settings.resources import find_engine, find_resources
+
+MODEL = "ultimaker2_plus"
+
+
+@pytest.fixture
+def task(tmp_path):
+    def make(mesh, *, material="generic_pla", quality="glue", **rest):
+        stl = tmp_path / "part.stl"
+        mesh.export(stl)
+        request = SettingsRequest(MODEL, quality, material)
+        resources = find_resources()
+        settings = resolve_settings(request, resources)
+        return SliceTask(
+            part="p1",
+            stl=stl,
+            request=request,
+            resources=resources,
+            settings=settings,
+            room=part_room(PROFILES[MODEL], settings.brim_width_mm),
+            engine=find_engine(),
+            out=tmp_path / "part.gcode",
+            cache=None,
+            **rest,
+        )
+
+    return make
+
+
+def test_abs_is_printed_larger_by_what_it_shrinks(task):
+    cube = trimesh.creation.box((100.0, 100.0, 100.0))
+    for material, xy, z in (("generic_abs", 1.007, 1.0035), ("generic_pla", 1.002, 1.001)):
+        work = task(cube, material=material, brim_width_mm=0.0)
+        plate = slice_part(work)
+        # The nozzle's middle stays half a nozzle inside; Cura 5 makes parts a little narrower.
+        side_mm = 100 * xy - 0.4 + 2 * float(work.settings.extruder["xy_offset"])
+        assert plate.max_mm[0] - plate.min_mm[0] == pytest.approx(side_mm, abs=0.01)
+        assert plate.max_mm[1] - plate.min_mm[1] == pytest.approx(side_mm, abs=0.01)
+        assert plate.height_mm == pytest.approx(100 * z, abs=0.02)
+
+
+def test_a_part_has_its_own_brim_first_layer_and_height(task):
+    # A first layer that is narrower by 0.2 mm is seen where nothing else is in it.
+    flat = trimesh.creation.box((40.0, 30.0, 0.27))
+    plain, narrow = (
+        slice_part(task(flat, quality="fast", brim_width_mm=0.0, layer_0_expansion_mm=offset))
+        for offset in (None, -0.2)
+    )
+    assert plain.layers == narrow.layers == 1
+    shrunk = (plain.max_mm[0] - plain.min_mm[0]) - (narrow.max_mm[0] - narrow.min_mm[0])
+    assert shrunk == pytest.approx(0.4, abs=0.01)
+    tall = trimesh.creation.box((12.0, 12.0, 33.33))
+    brimmed = slice_part(task(tall, brim_width_mm=3.0))
+    assert brimmed.max_mm[0] == pytest.approx(12 * 1.002 / 2 + 9 * 0.35 - 0.175, abs=0.05)
+    assert brimmed.height_mm == pytest.approx(33.33 * 1.001, abs=0.02)
+
+
+@pytest.mark.parametrize("material", ["generic_pla", "generic_abs"])
+def test_a_part_that_fills_its_room_still_fits(task, material):
+    section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
+    settings = resolve_settings(SettingsRequest(MODEL, material=material), find_resources())
+    x, y, _ = model_sizes(printer_room(section, settings.brim_width_mm), settings)[0]
+    plate = slice_part(task(trimesh.creation.box((x, y, 1.0)), material=material))
+    assert plate.max_mm[0] - plate.min_mm[0] > x
+    with pytest.raises(FarmError, match="no place"):
+        slice_part(task(trimesh.creation.box((x * 1.003, y * 1.003, 1.0)), material=material))
+
+
+def test_what_is_printed_larger_is_not_moved(task):
+    """A part that does not lie on its middle: its underside stays on the bed, its box in the bed's middle."""
+    corners = [[x, y, 5.0] for x in (0, 30) for y in (0, 20)] + [[0.0, 0.0, 25.0]]
+    plate = slice_part(task(trimesh.convex.convex_hull(np.array(corners)), brim_width_mm=0.0))
+    assert plate.min_mm[:2] == pytest.approx((-15.0, -10.0), abs=0.45)
+    assert plate.max_mm[:2] == pytest.approx((15.0, 10.0), abs=0.45)

@@ -1,0 +1,160 @@
+"""When a part is made otherwise than planned: only where it is there sooner by the margin, and it can be."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
+from farm.model import Bed, HoldCode
+from farm.planning.replanning import policy
+from farm.scheduling.situation import Kind, Need
+from make_views import LOW, box, plate, printer, rules
+
+HOUR = 3600.0
+NOW_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400 + 20 * HOUR  # Monday, 20:00 UTC
+NIGHT = rules(attended=["08:00-18:00"])
+PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
+
+
+def kin(name, kin, nozzle_mm=0.4, **changes):
+    return replace(printer(name, **changes), kind=Kind(LOW, "generic_pla", None, nozzle_mm, kin))
+
+
+def part(hours=10.0, **changes):
+    facts = {"need": Need("generic_pla", None, 0.4, box(100.0), PLUS), "heating_s": 300.0, "grams": 50.0}
+    return plate("1/01", "a", **{**facts, "estimated_s": hours * HOUR, **changes})
+
+
+def test_a_piece_more_costs_what_a_decomposition_says():
+    assert policy.JOIN_S == CLEAR_S + ASSEMBLE_S
+
+
+def test_what_waits_for_a_full_bed_until_morning_is_sliced_for_another_kind():
+    full, other = kin("a", PLUS, bed=Bed.NOT_CLEAR), kin("b", PLAIN)
+    wish = policy.to_slice(part(), [part()], [full, other], [other], NIGHT, NOW_S)
+    assert wish == policy.Slice("1/01", "b")
+    assert policy.waits_for_a_kind(HoldCode.BED_NOT_CLEAR)
+
+
+@pytest.mark.parametrize(
+    ("changes", "other"),
+    [
+        ({}, {"kin": PLAIN, "grams": 10.0}),  # too little filament
+        ({"failed_on": frozenset("b")}, {"kin": PLAIN}),
+        ({"places": 0}, {"kin": PLAIN}),  # its job prints on as many as it was given
+        ({"need": Need("generic_abs", None, 0.4, box(100.0), PLUS)}, {"kin": PLAIN}),
+        ({"need": Need("generic_pla", None, 0.4, box(250.0), PLUS)}, {"kin": PLAIN}),  # too high
+        ({}, {"kin": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before
+        ({}, {"kin": PLAIN, "unattended": False}),
+    ],
+)
+def test_it_waits_where_the_other_printer_will_not_do(changes, other):
+    full = kin("a", PLUS, bed=Bed.NOT_CLEAR)
+    free = kin("b", **other)
+    view = part(**changes)
+    assert policy.to_slice(view, [view], [full, free], [free], NIGHT, NOW_S) is None
+
+
+def test_it_waits_where_its_own_printer_is_free_soon_enough():
+    """Ten hours: a fifth of the time until it would be there is what has to be saved."""
+
+    def wish(hours):
+        busy = kin("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
+        other = kin("b", PLAIN)
+        return policy.to_slice(part(), [part()], [busy, other], [other], rules(), NOW_S)
+
+    assert wish(2.0) is None
+    assert wish(4.0) is not None
+
+
+def test_a_part_whose_kind_of_printer_is_gone_for_good_is_sliced_for_another():
+    other = kin("b", PLAIN)
+    assert policy.to_slice(part(), [part()], [other], [other], rules(), NOW_S) is not None
+
+
+def test_a_printer_to_be_looked_at_is_counted_on_only_where_it_is_known_when():
+    broken, other = kin("a", PLUS, look="no heat"), kin("b", PLAIN, time_factor=2.0)  # 20 h
+
+    def wish(house):
+        return policy.to_slice(part(), [part()], [broken, other], [other], house, NOW_S)
+
+    assert wish(NIGHT) is None  # by 18:15 on the next day
+    assert wish(rules()) == policy.Slice("1/01", "b")
+
+
+def test_a_failed_part_is_cut_for_the_printers_that_others_leave():
+    fleet = [kin(name, PLUS) for name in "abcd"]
+    failed = part(failed_on=frozenset("a"))
+    other = plate("1/02", "b", estimated_s=HOUR)
+    wish = policy.to_cut(failed, [failed, other], fleet, NIGHT, NOW_S)
+    assert wish == policy.Cut("1/01", ("c", "d", "a"))
+    short = part(hours=1.0)
+    assert policy.to_cut(short, [short], fleet, NIGHT, NOW_S) is None
+    two = part(places=2)
+    assert len(policy.to_cut(two, [two], fleet, NIGHT, NOW_S).printers) == 2
+    assert policy.to_cut(part(places=1), [part(places=1)], fleet, NIGHT, NOW_S) is None
+    assert policy.to_cut(failed, [failed], fleet[:1], NIGHT, NOW_S) is None
+
+
+def test_a_part_whose_kind_of_printer_is_gone_is_cut_only_where_a_new_slice_is_not_as_good():
+    fleet = [kin(name, PLAIN) for name in "bc"]
+    short, long = part(hours=1.0), part(hours=10.0)
+    assert policy.ends_s(short, [short], fleet, NIGHT, NOW_S) == float("inf")
+    assert policy.to_cut(short, [short], fleet, NIGHT, NOW_S) is None
+    assert policy.to_slice(short, [short], fleet, fleet, NIGHT, NOW_S) == policy.Slice("1/01", "b")
+    assert policy.to_cut(long, [long], fleet, NIGHT, NOW_S) == policy.Cut("1/01", ("b", "c"))
+
+
+def test_pieces_may_end_before_quiet_hours_that_the_whole_would_run_into():
+    house = rules(quiet=["06:00-22:00"])
+    now_s = NOW_S + 3 * HOUR  # 23:00
+    fleet = [kin(name, PLUS) for name in "abc"]
+    assert policy.to_cut(part(), [part()], fleet, house, now_s) is not None
+
+
+fleets = st.lists(
+    st.builds(
+        kin,
+        st.sampled_from("abcdef"),
+        st.sampled_from([PLUS, PLAIN]),
+        nozzle_mm=st.sampled_from([0.4, 0.8]),
+        booked=st.booleans(),
+        free_s=st.none() | st.floats(NOW_S, NOW_S + 20 * HOUR),
+        bed=st.sampled_from([Bed.CLEAR, Bed.NOT_CLEAR]),
+        grams=st.none() | st.floats(0, 200),
+        time_factor=st.sampled_from([0.9, 1.0, 1.2]),
+    ),
+    min_size=1,
+    unique_by=lambda p: p.name,
+)
+parts = st.builds(
+    part,
+    st.floats(0.5, 20.0),
+    failed_on=st.frozensets(st.sampled_from("abcdef"), max_size=2),
+    places=st.none() | st.integers(0, 3),
+    grams=st.floats(1, 150),
+)
+
+
+@given(parts, fleets)
+def test_only_free_printers_with_its_filament_are_asked_for_and_only_where_it_pays(view, fleet):
+    by_name = {p.name: p for p in fleet}
+    free = [p for p in fleet if p.obstacle() is None]
+    whole_s = policy.ends_s(view, [view], fleet, NIGHT, NOW_S)
+    sliced = policy.to_slice(view, [view], fleet, free, NIGHT, NOW_S)
+    if sliced is not None:
+        other = by_name[sliced.printer]
+        assert other.obstacle() is None
+        assert not view.need.matches(other.kind)
+        assert (other.kind.material, other.name in view.failed_on) == ("generic_pla", False)
+        assert whole_s - NOW_S > policy.LEAST_GAIN_S
+    cut = policy.to_cut(view, [view], fleet, NIGHT, NOW_S)
+    if cut is not None:
+        assert 2 <= len(set(cut.printers)) == len(cut.printers) <= policy.MOST_PIECES
+        assert all(by_name[name].obstacle() is None for name in cut.printers)
+        assert view.places is None or len(cut.printers) <= view.places
+        assert whole_s - NOW_S > policy.LEAST_GAIN_S + 2 * policy.JOIN_S
+    assert policy.to_slice(view, [view], fleet[::-1], free[::-1], NIGHT, NOW_S) == sliced
+    assert policy.to_cut(view, [view], fleet[::-1], NIGHT, NOW_S) == cut

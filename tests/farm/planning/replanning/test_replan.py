@@ -1,0 +1,144 @@
+"""A part sliced again for another printer, and cut again: the real decomposition and CuraEngine."""
+
+import asyncio
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.geometry import Solid
+from farm.config import Fleet
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobOptions, Part, Plate
+from farm.paths import StateFolder
+from farm.planning.replanning import replan
+from farm.planning.replanning.cut_part import cut_part
+from farm.planning.replanning.replan import AgainTask, Remade
+from farm.planning.replanning.worker import Remaker
+from farm.state.storage.file_store import store_file
+from make_books import plan
+
+PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
+TURNED = trimesh.transformations.euler_matrix(0.3, np.pi / 2, -1.1)
+TURNED[:3, 3] = (40.0, -7.0, 300.0)
+
+
+class SameProcess:
+    async def run(self, work, *args, limit=None):
+        return work(*args)
+
+
+@pytest.fixture
+def state(tmp_path):
+    folder = StateFolder(tmp_path / "state")
+    folder.make()
+    return folder
+
+
+def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
+    """A block of a job, as it was planned, that lies turned in its model."""
+    stl = state.work / "p01.stl"
+    block = trimesh.creation.box(size)
+    block.apply_translation((0.0, 0.0, size[2] / 2))
+    block.export(stl)
+    names = zip("abc", models, strict=False)
+    fleet = Fleet.model_validate(
+        {"printers": [{"name": n, "model": model, "port": f"sim://{model}"} for n, model in names]}
+    )
+    known = plan(1, 2)
+    at = {"file": store_file(state.files, stl), "to_model": tuple(TURNED.ravel()), "brim_width_mm": 3.0}
+    part: Part = known.parts[0].model_copy(update=at)
+    plate: Plate = known.plates[0]
+    folder = state.work / "again"
+    folder.mkdir(exist_ok=True)
+    other = known.parts[1].model_copy(update={"file": part.file})
+    options = JobOptions(engine="guillotine")
+    return AgainTask(plate, part, options, fleet.printers, state.files, folder, others=(other,))
+
+
+def in_model(path, to_model):
+    mesh = trimesh.load_mesh(path)
+    matrix = np.reshape(to_model, (4, 4))
+    return Solid.from_arrays(mesh.vertices @ matrix[:3, :3].T + matrix[:3, 3], mesh.faces)
+
+
+def test_a_part_that_is_sooner_whole_is_not_cut(state):
+    with pytest.raises(FarmError, match="in one piece") as told:
+        cut_part(task_of(state, (30.0, 20.0, 5.0)))
+    assert told.value.code is ErrorCode.NO_FIT
+
+
+def remade(state, task, cut):
+    told = []
+
+    async def main():
+        remaker = Remaker(state, SameProcess(), lambda *came: told.append(came))
+        remaker.start(task, cut)
+        while not told:
+            await asyncio.sleep(0)
+
+    asyncio.run(main())
+    ((plate, result),) = told
+    assert plate == task.plate.id
+    assert not list(state.work.glob("again*"))
+    return result
+
+
+def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(state):
+    task = task_of(state)
+    whole = in_model(state.files / task.part.file, task.part.to_model)
+    result = remade(state, task, cut=True)
+    assert isinstance(result, Remade), result
+    solids = [in_model(state.files / part.file, part.to_model) for part in result.parts]
+    together = Solid.union(solids)
+    volumes = (
+        sum(solid.volume_mm3 for solid in solids),  # nothing is left out
+        together.volume_mm3,  # nothing is there twice
+        whole.intersect(together).volume_mm3,  # and all lies where the part does
+    )
+    assert volumes == pytest.approx((whole.volume_mm3,) * 3, rel=1e-5)
+    for part, solid in zip(result.parts, solids, strict=True):
+        assert np.allclose(solid.bounds_mm, (part.min_mm, part.max_mm), atol=1e-3)
+    letters = "abc"[: len(result.parts)]
+    assert [part.id for part in result.parts] == [f"1/p01{letter}" for letter in letters]
+    assert [plate.id for plate in result.plates] == [f"1/01{letter}" for letter in letters]
+    assert {part.cut_from for part in result.parts} == {"1/p01"}
+    assert len({plate.printer for plate in result.plates}) == len(result.plates)
+    kins = {"a": PLUS, "b": PLUS, "c": PLAIN}
+    assert all(plate.kin == kins[plate.printer] for plate in result.plates)
+    report = json.loads((state.files / result.decomposition).read_text())
+    assert [(one["id"], one["file"]) for one in report["parts"]] == [
+        (f"p01{letter}", f"p01{letter}.stl") for letter in letters
+    ]
+    for one, part in zip(report["parts"], result.parts, strict=True):
+        assert np.allclose(np.ravel(one["to_model"]), part.to_model)
+    assert {one["a"] for one in report["joints"]} <= {one["id"] for one in report["parts"]}
+    for name in (
+        result.picture,
+        result.assembly,
+        *(part.file for part in result.parts),
+        *(plate.gcode for plate in result.plates),
+    ):
+        assert (state.files / name).is_file()
+
+
+def test_a_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
+    task = task_of(state, (40.0, 30.0, 4.0), (PLAIN,))
+    result = remade(state, task, cut=False)
+    assert isinstance(result, Remade), result
+    ((part,), (plate,)) = result.parts, result.plates
+    assert part == task.part.model_copy(update={"plate": "1/01-2"})
+    assert (plate.id, plate.kin, plate.printer, plate.parts) == ("1/01-2", PLAIN, "a", ("1/p01",))
+    assert (state.files / task.part.file).is_file()
+    assert (state.files / plate.gcode).is_file()
+
+
+def test_a_printer_that_loses_walls_of_the_plan_is_not_used(state, monkeypatch):
+    task = task_of(state, (40.0, 0.5, 4.0), (PLAIN,))
+    task = replace(task, printers=(task.printers[0].model_copy(update={"nozzle_mm": 0.8}),))
+    result = remade(state, task, cut=False)
+    assert isinstance(result, FarmError)
+    assert (state.files / task.part.file).is_file()
+    assert replan.next_name("1/01") == "1/01-2"

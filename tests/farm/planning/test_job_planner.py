@@ -1,0 +1,196 @@
+"""The planner with workers that work at once: what it tells while it plans, and what it does not do twice."""
+
+import asyncio
+import shutil
+from dataclasses import replace
+
+import pytest
+import trimesh
+
+from farm.config import Fleet
+from farm.errors import ErrorCode, FarmError
+from farm.model import Job, JobOptions, PlanProgress, PlanStep
+from farm.paths import StateFolder
+from farm.planning import job_planner
+from farm.planning.inspect_model import inspect_model
+from farm.planning.job_planner import ROOM_BYTES, Planner
+from farm.planning.plan import Plan
+from farm.views.tasks import todo
+from recording_controller import Farm
+
+MODEL = "ultimaker2_plus"
+
+
+class SameProcess:
+    async def run(self, work, *args, limit=None):
+        return work(*args)
+
+
+@pytest.fixture
+def state(tmp_path):
+    folder = StateFolder(tmp_path / "state")
+    folder.make()
+    return folder
+
+
+def plan(state, job, factor=1.0):
+    """What the planner told of a job, and its plan for two printers with that factor."""
+    printers = [{"name": n, "model": MODEL, "port": f"sim://{MODEL}"} for n in "ab"]
+    fleet = Fleet.model_validate({"printers": printers})
+    told = []
+
+    async def main():
+        done = asyncio.get_running_loop().create_future()
+        making = Planner(
+            state,
+            SameProcess(),
+            20.0,
+            lambda _, result: done.set_result(result),
+            lambda _, far: told.append(far),
+        )
+        making.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
+        return await done
+
+    return told, asyncio.run(main())
+
+
+def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, bar):
+    def slicing(done, cached=0):
+        return PlanProgress(step=PlanStep.SLICING, done=done, of=2, cached=cached)
+
+    decomposing = PlanProgress(step=PlanStep.DECOMPOSING)
+    told, first = plan(state, bar)
+    assert isinstance(first, Plan), first
+    assert told == [decomposing, slicing(0), slicing(1), slicing(2)]
+    assert [plate.cached for plate in first.plates] == [False, False]
+    told, again = plan(state, bar.model_copy(update={"id": 2}), factor=1.1)
+    assert told == [decomposing, slicing(0), slicing(1, 1), slicing(2, 2)]
+    assert [plate.cached for plate in again.plates] == [True, True]
+    assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
+    # What was learned of the printers is in the expected time, without slicing anew.
+    longest = max(first.plates, key=lambda plate: plate.estimated_s)
+    assert again.estimated_s == pytest.approx(longest.seconds(1.1))
+    assert not list(state.work.iterdir())
+
+
+@pytest.fixture
+def bar(state, tmp_path):
+    """A job for a bar that two printers have to share, and the books' file of it."""
+    path = tmp_path / "bar.stl"
+    trimesh.creation.box((260.0, 14.0, 12.0)).export(path)
+    options = JobOptions(engine="guillotine")
+    model = inspect_model(path, "bar.stl", options, state.files)
+    return Job(id=1, request_id="r" * 8, name="bar", model_file=model.file, options=options, submitted_s=0.0)
+
+
+def slowed(monkeypatch, late_s, fail=None):
+    """CuraEngine says that parts take so many seconds more than they do; what was cut again it may refuse."""
+    slice_part, asked = job_planner.slice_part, []
+
+    def slow(task):
+        asked.append(task.stl)
+        if fail and "levelled" in str(task.stl):
+            raise fail
+        sliced = slice_part(task)
+        mesh = trimesh.load_mesh(task.stl)
+        return replace(sliced, print_time_s=sliced.print_time_s + late_s(task.stl, mesh.extents.max()))
+
+    monkeypatch.setattr(job_planner, "slice_part", slow)
+    return asked
+
+
+def test_a_part_that_is_slow_as_it_is_sliced_is_cut_again(state, bar, monkeypatch):
+    """One end of the bar takes ten seconds a mm more than it does: both ends end together after it."""
+    slowed(monkeypatch, lambda stl, length_mm: 10.0 * length_mm * (stl.stem == "p02"))
+    told, result = plan(state, bar)
+    assert isinstance(result, Plan), result
+    steps = [far.step for far in told]
+    assert steps.count(PlanStep.LEVELLING) >= 1
+    assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
+    a, b = (plate.print_time_s for plate in result.plates)
+    assert b == pytest.approx(a, rel=0.03)
+    left, right = sorted(result.parts, key=lambda part: part.volume_mm3)
+    assert left.volume_mm3 < 0.75 * right.volume_mm3
+    assert left.volume_mm3 + right.volume_mm3 == pytest.approx(260 * 14 * 12)
+    for part in result.parts:  # what is booked is what was cut last
+        mesh = trimesh.load_mesh(state.files / part.file)
+        assert mesh.volume == pytest.approx(part.volume_mm3, rel=1e-4)
+    assert not list(state.work.iterdir())
+
+
+@pytest.mark.parametrize(
+    "fail",
+    [
+        None,
+        FarmError("the engine refuses it", ErrorCode.SLICE),
+        OSError(28, "No space left"),
+        ValueError("lp"),
+    ],
+)
+def test_what_is_no_gain_or_cannot_be_sliced_is_as_if_it_never_was(state, bar, fail, monkeypatch):
+    """Sliced again, the part is slower still; or something fails."""
+    times = iter([600.0, 9000.0])
+    asked = slowed(monkeypatch, lambda stl, _: next(times) if stl.stem == "p02" else 0.0, fail)
+    told, result = plan(state, bar)
+    assert isinstance(result, Plan), result
+    assert PlanStep.LEVELLING in [far.step for far in told]
+    assert any("levelled" in str(stl) for stl in asked)
+    first, second = result.parts
+    assert first.volume_mm3 == pytest.approx(second.volume_mm3, rel=0.05)
+    assert result.plates[1].print_time_s - result.plates[0].print_time_s == pytest.approx(600.0, rel=0.1)
+
+
+def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_path, monkeypatch):
+    """Jobs that wait in a night with a full disk would fail one after the other."""
+    usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
+    monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
+    monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
+    answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
+
+    class FullDisk:
+        async def run(self, work, *args, limit=None):
+            raise next(answers)
+
+    told, scenes = [], []
+
+    def tell(number, progress):
+        told.append(progress.step)
+        farm = Farm(tmp_path / "farm")
+        farm.core.progressed(number, progress)
+        scenes.append([item.text for item in todo(farm.core.scene(state)) if item.code == "farm"])
+
+    async def main():
+        done = asyncio.get_running_loop().create_future()
+        making = Planner(state, FullDisk(), 20.0, lambda _, result: done.set_result(result), tell)
+        job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
+        making.start(job, [], 1, {})
+        return await done
+
+    result = asyncio.run(main())
+    assert told == [PlanStep.DECOMPOSING, PlanStep.NO_ROOM, PlanStep.DECOMPOSING]
+    assert "No space left" in str(result)  # the second time there was room: it is the job's own
+    assert [len(texts) for texts in scenes] == [0, 1, 0]
+    assert "make room" in scenes[1][0] and "job 7" in scenes[1][0]
+
+
+def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
+    """It was left planning until the next daemon, with nothing but a line in the log."""
+    monkeypatch.setattr(job_planner.Planner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
+    told = []
+
+    def done(number, result):
+        told.append(result)
+        if isinstance(result, Plan):
+            raise KeyError("p07")
+
+    async def main():
+        making = Planner(state, SameProcess(), 20.0, done, lambda *_: None)
+        job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
+        making.start(job, [], 1, {})
+        while asyncio.all_tasks() - {asyncio.current_task()}:
+            await asyncio.sleep(0)
+
+    asyncio.run(main())
+    assert isinstance(told[0], Plan)
+    assert str(told[1]).startswith("its plan is not taken: KeyError: 'p07'")
+    assert len(told) == 2

@@ -1,0 +1,231 @@
+"""A person's own G-code: taken, refused, and planned as one plate. Needs Cura's files, no engine."""
+
+import math
+import tracemalloc
+
+import pytest
+
+from drivers.printers.profiles import PROFILES
+from farm.config import PrinterSection
+from farm.errors import ErrorCode, FarmError
+from farm.model import Engine, JobOptions
+from farm.planning.move_times import FirmwareTime
+from farm.planning.own_gcode import inspect_gcode, is_gcode, plan_gcode
+from farm.planning.plan import DecomposeTask
+from make_gcode import marlin, square, ultigcode
+from slicing.errors import EngineMissing
+from slicing.settings.resources import find_resources
+
+LOW, TALL = "ultimaker2_plus", "ultimaker2_extended_plus"
+
+
+def printer(name, model=LOW, **more):
+    return PrinterSection(name=name, model=model, port=f"/dev/{name}", **more)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def resources():
+    try:
+        return find_resources()
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+
+
+@pytest.fixture
+def files(tmp_path):
+    folder = tmp_path / "files"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def inspect(tmp_path, files):
+    def run(lines, fleet=(), name="tower.gcode", **options):
+        upload = tmp_path / "upload"
+        upload.unlink(missing_ok=True)
+        upload.write_text("\n".join(lines) + "\n")
+        fleet = fleet or [printer("a"), printer("b", TALL)]
+        return inspect_gcode(upload, name, JobOptions(**options), fleet, files)
+
+    return run
+
+
+@pytest.fixture
+def plan(tmp_path, files, inspect):
+    def run(lines, fleet=(), **options):
+        fleet = tuple(fleet or [printer("a"), printer("b", TALL)])
+        inspected = inspect(lines, fleet, **options)
+        folder = tmp_path / "work"
+        folder.mkdir()
+        task = DecomposeTask(
+            job=7,
+            model=files / inspected.file,
+            options=JobOptions(**options),
+            printers=fleet,
+            rounds=1,
+            folder=folder,
+        )
+        return plan_gcode(task, files)
+
+    return run
+
+
+@pytest.mark.parametrize("name", ["a.gcode", "A.GCODE", "b.g", "c.gco"])
+def test_g_code_is_known_by_its_name(name):
+    assert is_gcode(name)
+    assert not is_gcode(name + ".stl")
+
+
+@pytest.mark.parametrize("name", ["a.gcode.gz", "a.g.zip", "a.bgcode", "a.ufp"])
+def test_packed_g_code_is_refused_with_what_to_do(name):
+    with pytest.raises(FarmError, match=r"unpack|plain|package") as caught:
+        is_gcode(name)
+    assert caught.value.code is ErrorCode.GCODE
+
+
+def test_packed_models_are_none_of_our_business():
+    assert not is_gcode("a.stl.gz")
+
+
+def test_a_file_is_kept_as_it_came_with_what_it_asks_for(inspect, files):
+    lines = ultigcode()
+    inspected = inspect(lines)
+    assert (files / inspected.file).read_text().splitlines() == lines
+    assert inspected.own_gcode.nozzle_mm == 0.4
+    assert inspected.own_gcode.min_mm == pytest.approx((-11.5, -11.5, 0.2))
+    assert inspected.own_gcode.max_mm == pytest.approx((8.5, 8.5, 0.6))
+    assert any("UltiGCode" in line for line in inspected.repairs)
+
+
+@pytest.mark.parametrize(
+    ("options", "flags"),
+    [
+        ({"scale": 2.0, "longest_side_mm": 9.0}, "--longest-side --scale:"),
+        ({"printers": 2}, "--printers:"),
+        ({"quality": "paper"}, "--quality:"),
+        ({"engine": Engine.GUILLOTINE}, "--engine:"),
+    ],
+)
+def test_options_that_g_code_has_decided_are_refused(inspect, options, flags):
+    with pytest.raises(FarmError, match=flags) as caught:
+        inspect(marlin(), **options)
+    assert caught.value.code is ErrorCode.SETTINGS
+
+
+def test_one_printer_may_be_asked_for(inspect):
+    assert inspect(marlin(), printers=1).scale == 1.0
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        (ultigcode(nozzle="0.8"), "nozzle of 0.8 mm, and a has 0.4 mm"),
+        (marlin(square(at_mm=210.0)), "X 210.0..230.0"),
+        (marlin(square(at_mm=0.0)), "off its clips"),
+        (marlin(square(layers=2, layer_mm=160.0, e_per_mm=5.0)), "up to Z 320.0 mm"),
+        (marlin(body=["G0 Z12", "G0 X-20"]), "moves to X -20.0"),
+        (marlin(body=["G0 Z400"]), "moves to Z 400.0"),
+    ],
+)
+def test_what_fits_no_printer_is_refused_at_once(inspect, lines, said):
+    with pytest.raises(FarmError, match=said) as caught:
+        inspect(lines)
+    assert caught.value.code is ErrorCode.NO_FIT
+
+
+def test_a_file_that_does_not_say_its_nozzle_needs_printers_of_one(inspect):
+    fleet = [printer("a"), printer("b", nozzle_mm=0.8, colour="red")]
+    with pytest.raises(FarmError, match=r"nozzle_diameter = 0\.4") as caught:
+        inspect(marlin(), fleet)
+    assert caught.value.code is ErrorCode.GCODE
+    assert (
+        inspect(marlin(square(e_per_mm=0.8 * 0.2 / 6.379)), fleet, colour="red").own_gcode.nozzle_mm is None
+    )
+    assert inspect(ultigcode(), fleet).own_gcode.nozzle_mm == 0.4
+
+
+def test_a_refusal_names_the_line(inspect):
+    with pytest.raises(FarmError, match=r"tower.gcode: line \d+: M500 changes what") as caught:
+        inspect(marlin(body=["M500"]))
+    assert caught.value.code is ErrorCode.GCODE
+
+
+def test_a_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
+    made = plan(marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
+    (plate,), (part,) = made.plates, made.parts
+    assert (plate.printer, plate.parts, part.plate) == ("c", (part.id,), plate.id)
+    assert made.serial_s == made.estimated_s == plate.estimated_s > plate.print_time_s > 0
+    assert plate.filament_mm == pytest.approx(240 * 0.08 / (math.pi * 2.85**2 / 4), abs=1e-3)
+    assert plate.grams == pytest.approx(240 * 0.08 / 1000 * 1.24, rel=0.01)
+    assert plate.price == pytest.approx(plate.grams * 0.03)
+    assert (files / plate.gcode).read_text().startswith(";FLAVOR:Marlin\n")
+    assert (files / part.file).read_text().splitlines() == marlin()
+
+
+def test_a_tall_print_goes_to_a_tall_printer(plan):
+    tall = marlin(square(layers=2, layer_mm=120.0, e_per_mm=4.0))
+    assert plan(tall).plates[0].printer == "b"
+
+
+def test_temperatures_of_ultigcode_are_those_of_the_printers_material(plan, files):
+    made = plan(ultigcode(), [printer("a", material="generic_abs")])
+    text = (files / made.plates[0].gcode).read_text()
+    abs_c = {line for line in text.splitlines() if line.startswith(("M109", "M190"))}
+    assert {line.split()[0] for line in abs_c} == {"M109", "M190"}
+    assert not abs_c & {"M109 S200", "M190 S60"}
+
+
+@pytest.mark.parametrize(("nozzle_c", "asked"), [(250, True), (215, False)])
+def test_a_file_for_another_material_is_asked_about(plan, inspect, nozzle_c, asked):
+    lines = [line.replace("S205", f"S{nozzle_c}") for line in marlin()]
+    for notices in (inspect(lines).repairs, plan(lines).repairs):
+        assert any(f"{nozzle_c} C, and generic_pla on a" in line for line in notices) is asked
+
+
+@pytest.mark.parametrize(
+    ("said", "material", "warned"),
+    [
+        ("PLA", "generic_pla", False),
+        ("PLA+", "generic_pla", False),
+        ("PETG", "generic_pla", True),
+        ("FLEX", "generic_tpu", False),
+        ("ABS", "generic_cpe", True),
+    ],
+)
+def test_a_file_that_names_another_material_is_warned_of(plan, inspect, said, material, warned):
+    lines, fleet = [*marlin(), f"; filament_type = {said}"], [printer("a", material=material)]
+    for notices in (inspect(lines, fleet).repairs, plan(lines, fleet).repairs):
+        told = [line for line in notices if line.startswith("Warning: it was sliced for")]
+        assert [repr(said) in line and material in line for line in told] == [True] * warned
+
+
+def test_another_machine_is_warned_of_on_the_job(plan, inspect):
+    lines = [*marlin(), "; printer_model = MK3S"]
+    for notices in (inspect(lines).repairs, plan(lines).repairs):
+        assert notices[-1].startswith("Warning: it was sliced for 'MK3S'.")
+
+
+def test_the_time_is_that_of_the_firmwares_planner():
+    clock = FirmwareTime(PROFILES[LOW])
+    clock.move(105.0, 50.0, 20.0, 0.0, 50.0)
+    clock.wait(3.0)
+    for n in range(40):
+        clock.move(105.0 + (n % 2), 50.0, 20.0, 0.0, 50.0)
+    # 100 mm at 50 mm/s, and to reach it and leave it 3000 mm/s2
+    assert (
+        3.0 + 2.0 < clock.seconds() < clock.seconds(finish=True) < 3.0 + 2.05 + 40 * (1 / 50 + 2 * 50 / 3000)
+    )
+    assert clock.seconds(finish=True) == clock.seconds()
+
+
+def test_a_large_file_takes_little_more_memory_than_its_text(inspect):
+    points = [(100.0 + n % 17, 100.0 + n % 13, 0.2, 0.02) for n in range(1, 20_000)]
+    lines = marlin([[(100.0, 100.0, 0.2, 0.0), *points]])
+    inspect(marlin())  # Cura's files are read once
+    tracemalloc.start()
+    try:
+        inspect(lines)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 6 * sum(map(len, lines))

@@ -1,0 +1,46 @@
+"""How long plates take, and whose work goes to whom."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.printers.profiles import PROFILES
+from farm.planning.plate_times import plate_seconds, quickest_first
+
+NAMES = list("abcdef")
+SECONDS = st.floats(0.0, 1e6)
+FACTORS = st.floats(0.8, 1.25)
+
+
+def test_what_was_learned_of_a_printer_is_said_of_its_layers_alone():
+    profile = PROFILES["ultimaker2_plus"]
+    prelude_s = plate_seconds(profile, 0.0, 200.0, 60.0, 1.2)
+    assert prelude_s == plate_seconds(profile, 0.0, 200.0, 60.0)
+    assert plate_seconds(profile, 1000.0, 200.0, 60.0, 1.2) == pytest.approx(prelude_s + 1200.0)
+
+
+def makespan(loads_s, takes, factors):
+    return max(load_s * factors[takes[name]] for name, load_s in loads_s.items())
+
+
+@given(
+    st.dictionaries(st.sampled_from(NAMES), SECONDS, min_size=1),
+    st.fixed_dictionaries(dict.fromkeys(NAMES, FACTORS)),
+    st.fixed_dictionaries({name: st.sampled_from(["low", "tall"]) for name in NAMES}),
+)
+def test_work_moves_only_among_equals_and_ends_no_later_for_it(loads_s, factors, kinds):
+    takes = quickest_first(loads_s, kinds, factors)
+    assert sorted(takes) == sorted(takes.values()) == NAMES
+    assert all(kinds[one] == kinds[other] for one, other in takes.items())
+    stays = {name: name for name in NAMES}
+    assert makespan(loads_s, takes, factors) <= makespan(loads_s, stays, factors)
+
+
+def test_where_nothing_was_learned_everything_stays():
+    kinds = dict.fromkeys(NAMES, "low")
+    assert quickest_first({"a": 1.0, "b": 9.0}, kinds, {}) == {name: name for name in NAMES}
+
+
+def test_a_single_part_goes_to_the_quickest_printer_though_the_plan_had_no_work_for_it():
+    takes = quickest_first({"a": 5.0}, {"a": 0, "b": 0}, {"a": 1.1, "b": 0.9})
+    assert takes == {"a": "b", "b": "a"}

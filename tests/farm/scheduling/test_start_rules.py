@@ -1,0 +1,248 @@
+"""Hours, reels, the breaker, priorities and spares: nothing starts that must not, and all that can does."""
+
+import math
+from dataclasses import replace
+from datetime import datetime
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from farm.model import Bed, HoldCode
+from farm.scheduling.assign import assign
+from farm.scheduling.situation import Need
+from farm.scheduling.start_rules import ENDED_BEFORE_S
+from make_views import LOW, TALL, UTC, box, plate, printer, rules
+
+HOUR = 3600.0
+WEEK = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
+
+
+def at(text):
+    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+
+
+FRIDAY = at("2026-11-20 17:00")
+
+fleets = st.lists(
+    st.builds(
+        printer,
+        st.sampled_from("abcd"),
+        room=st.sampled_from([LOW, TALL]),
+        bed=st.sampled_from([Bed.CLEAR, Bed.CLEAR, Bed.NOT_CLEAR]),
+        heating=st.booleans(),
+        grams=st.none() | st.floats(0, 200),
+        unattended=st.booleans(),
+    ),
+    unique_by=lambda p: p.name,
+)
+plates = st.lists(
+    st.builds(
+        plate,
+        st.uuids().map(str),
+        st.sampled_from("abcd"),
+        need=st.builds(Need, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])),
+        estimated_s=st.floats(600, 20 * HOUR),
+        first_layer_s=st.floats(300, 900),
+        grams=st.floats(1, 150),
+        job=st.integers(1, 3),
+        priority=st.integers(0, 2),
+        failed_on=st.frozensets(st.sampled_from("abcd")),
+        not_before_s=st.none() | st.floats(FRIDAY - HOUR, FRIDAY + HOUR),
+    ),
+    max_size=7,
+    unique_by=lambda p: p.id,
+)
+houses = st.builds(
+    rules,
+    attended=st.sampled_from(WEEK),
+    quiet=st.sampled_from([(), ("22:00-06:00",), ("fri 18:00-24:00",)]),
+    first_layers_attended=st.booleans(),
+    max_heating=st.none() | st.integers(1, 3),
+)
+moments = st.floats(FRIDAY, FRIDAY + 7 * 24 * HOUR)
+
+
+@given(plates, fleets, houses, moments, st.integers(0, 2))
+def test_nothing_starts_that_the_house_forbids(waiting, fleet, house, now_s, spares):
+    given_, holds = assign(waiting, fleet, house, now_s, spares)
+    by_name, by_id = {p.name: p for p in fleet}, {p.id: p for p in waiting}
+    assert len({a.printer for a in given_}) == len(given_)
+    assert {a.plate for a in given_} | set(holds) == set(by_id)
+    if house.max_heating is not None:
+        heating = sum(p.heating for p in fleet)
+        assert not given_ or heating + len(given_) <= house.max_heating
+    for what, where in ((by_id[a.plate], by_name[a.printer]) for a in given_):
+        assert where.bed is Bed.CLEAR
+        assert where.grams is None or what.grams <= where.grams
+        assert what.not_before_s is None or what.not_before_s <= now_s
+        quiet = house.quiet.span(now_s) or house.quiet.following(now_s)
+        assert quiet is None or now_s + what.estimated_s <= quiet[0]
+        watched = house.attended.span(now_s)
+        if not where.unattended:
+            assert watched is not None and now_s + what.estimated_s + ENDED_BEFORE_S <= watched[1]
+        elif house.first_layers_attended:
+            assert watched is not None and now_s + what.first_layer_s <= watched[1]
+
+
+@given(plates, fleets, houses, moments)
+@settings(deadline=None)
+def test_what_may_start_now_may_start_until_its_latest_moment_and_not_after_it(waiting, fleet, house, now_s):
+    for what, where in ((w, p) for w in waiting for p in fleet):
+        at_s = house.start(what, where, now_s).at_s
+        if at_s is None:
+            continue
+        latest_s = house.latest_s(what, where, at_s)
+        for within_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
+            assert within_s < at_s or house.start(what, where, within_s).at_s == within_s
+        if latest_s < math.inf:
+            assert house.start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
+        ends_by_s = house.ends_by_s(where, at_s)
+        assert (ends_by_s is None) == (where.unattended or math.isinf(house.attended.span(at_s)[1]))
+        assert ends_by_s is None or at_s + what.estimated_s < ends_by_s
+
+
+def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_when_it_may_go_on():
+    house, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
+    assert house.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
+    assert house.away(alone, at("2026-11-20 17:44")) is None
+    says = "a prints only while somebody is there (so): from Mon 08:00"
+    assert house.away(alone, at("2026-11-20 17:45")) == says
+    assert house.away(alone, at("2026-11-21 03:00")) == says
+    assert house.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
+    assert rules().away(alone, FRIDAY) == "a prints only while somebody is there (so)"
+    assert house.away(printer("a"), at("2026-11-21 03:00")) is None
+    assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
+
+
+@given(plates, fleets, houses, moments)
+@settings(deadline=None)
+def test_no_printer_idles_for_want_of_a_better_order(waiting, fleet, house, now_s):
+    """Against brute force: as many plates start as can, and the first of the queue among them."""
+    waiting = [replace(p, failed_on=frozenset()) for p in waiting[:5]]
+    house = replace(house, max_heating=None)
+    given_, _ = assign(waiting, fleet, house, now_s)
+
+    def can(what, where):
+        return bool(assign([what], [where], house, now_s)[0])
+
+    def most(rest, free):
+        if not rest:
+            return ()
+        first, *others = rest
+        options = [most(others, free)]
+        options += [(first.id, *most(others, free - {p})) for p in free if can(first, p)]
+        return max(options, key=lambda ids: [p.id in ids for p in rest])
+
+    turns = sorted(waiting, key=lambda p: p.turn)
+    assert {a.plate for a in given_} == set(most(turns, frozenset(fleet)))
+
+
+def test_a_spare_is_never_the_printer_that_a_plate_was_planned_for():
+    high = plate("1/02", "b", need=Need("generic_pla", None, 0.4, box(231.0)))
+    given_, _ = assign([high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
+    assert given_[0].printer == "b"
+    broken = printer("b", room=TALL, look="heater")
+    given_, _ = assign([high], [broken, printer("c", room=TALL)], rules(), FRIDAY, spares=1)
+    assert given_[0].printer == "c"
+
+
+@given(plates, fleets, st.integers(0, 2))
+def test_nothing_starves(waiting, fleet, spares):
+    """Whenever all prints have ended and all beds are clear, plates that fit some printer go on."""
+    waiting = [replace(p, not_before_s=None) for p in waiting]
+    for _ in range(len(waiting) + 1):
+        _, holds = assign(waiting, fleet, rules(max_heating=4), FRIDAY, spares)
+        waiting = [p for p in waiting if p.id in holds]
+        fleet = [replace(p, heating=False) for p in fleet]
+    stuck = {HoldCode.NO_SUCH_PRINTER, HoldCode.BED_NOT_CLEAR, HoldCode.REEL_TOO_SHORT, HoldCode.UNATTENDED}
+    for plate_ in waiting:
+        if holds[plate_.id].code is HoldCode.KEPT_AS_SPARE:  # its own printer waits for a person
+            own = [p for p in fleet if p.name == plate_.planned]
+            assert not assign([plate_], own, rules(max_heating=4), FRIDAY)[0]
+        else:
+            assert holds[plate_.id].code in stuck
+
+
+def only(what, where, house=None, now_s=FRIDAY, **changes):
+    given_, holds = assign([what], [where], house or rules(), now_s, **changes)
+    return holds[what.id] if holds else given_[0].printer
+
+
+@pytest.mark.parametrize(
+    ("what", "where", "house", "code", "says"),
+    [
+        ({"estimated_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
+        ({"estimated_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
+        ({}, {"unattended": False}, {"attended": WEEK[0]}, "unattended", "from Mon 08:00"),
+        ({}, {"unattended": False}, {}, "unattended", "names no such hours"),
+        (
+            {"first_layer_s": 2 * HOUR},
+            {},
+            {"attended": WEEK[0], "first_layers_attended": True},
+            "unattended",
+            "first layers",
+        ),
+        ({"not_before_s": FRIDAY + HOUR}, {}, {}, "start_time", "Fri 18:00"),
+        ({"grams": 96.0}, {"grams": 40.0}, {}, "reel_too_short", "a has 40 g, it needs 101 g"),
+        ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers heat already"),
+    ],
+)
+def test_a_hold_has_its_code_and_says_what_it_waits_for(what, where, house, code, says):
+    hold = only(plate("1/01", "a", **what), printer("a", **where), rules(**house))
+    assert hold.code == code
+    assert says in hold.text
+    assert only(plate("1/01", "a"), printer("a")) == "a"
+
+
+def test_a_reel_that_is_too_short_is_named_also_where_another_printer_is_waited_for():
+    short = printer("b", grams=10.0)
+    busy = printer("a", booked=True, free_s=FRIDAY + HOUR)
+    hold = assign([plate("1/01", "a", grams=20.0)], [busy, short], rules(), FRIDAY)[1]["1/01"]
+    assert hold.code is HoldCode.PRINTER_BUSY
+    assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
+    colour = Need("generic_pla", "white", 0.4, box(100.0))
+    fleet = [printer("b", grams=10.0, colour="white"), printer("c", colour="black")]
+    hold = assign([plate("1/01", "b", grams=20.0, need=colour)], fleet, rules(), FRIDAY)[1]["1/01"]
+    assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
+
+
+def test_a_margin_is_kept_to_quiet_hours():
+    house = rules(quiet=["22:00-06:00"])
+    assert only(plate("1/01", "a", estimated_s=5 * HOUR / 1.05 - 1), printer("a"), house) == "a"
+    assert only(plate("1/01", "a", estimated_s=5 * HOUR), printer("a"), house).code == "quiet_hours"
+
+
+def test_what_few_printers_can_hold_is_said_with_when_they_are_free():
+    tall = [printer(n, room=TALL, booked=True, free_s=FRIDAY + 10.2 * HOUR) for n in ("um2x-02", "um2x-03")]
+    hold = assign(
+        [plate("1/01", "um2x-02", need=Need("generic_pla", None, 0.4, box(231.0)))],
+        [printer("um2-01"), *tall],
+        rules(),
+        FRIDAY,
+    )[1]["1/01"]
+    assert hold.text == "needs 231 mm of height: um2x-02 and um2x-03 are printing until Sat 03:12"
+
+
+def test_priority_goes_before_order_of_submission():
+    early, urgent = plate("1/01", "a", job=1), plate("2/01", "a", job=2, priority=1)
+    given_, holds = assign([early, urgent], [printer("a")], rules(), FRIDAY)
+    assert given_[0].plate == "2/01"
+    assert holds["1/01"].code is HoldCode.PRINTER_BUSY
+
+
+def test_a_plate_makes_way_where_another_printer_will_do_as_well():
+    low = plate("1/01", "b", estimated_s=9 * HOUR)
+    high = plate("1/02", "b", need=Need("generic_pla", None, 0.4, box(231.0)))
+    given_, _ = assign([low, high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
+    assert {a.plate: a.printer for a in given_} == {"1/01": "a", "1/02": "b"}
+
+
+def test_spares_are_kept_for_plates_that_failed():
+    fleet = [printer("a"), printer("b"), printer("c", room=TALL)]
+    waiting = [plate(f"1/0{i}", "a") for i in range(3)]
+    given_, holds = assign(waiting, fleet, rules(), FRIDAY, spares=1)
+    assert {a.printer for a in given_} == {"a", "b"}
+    assert [hold.code for hold in holds.values()] == [HoldCode.KEPT_AS_SPARE]
+    given_, _ = assign([plate("1/01", "a", failed_on=frozenset("ab"))], fleet, rules(), FRIDAY, spares=1)
+    assert given_[0].printer == "c"

@@ -1,0 +1,197 @@
+"""Copies of the books: made every night, kept for a week, and used where the books are damaged."""
+
+import asyncio
+from datetime import UTC, datetime
+from unittest.mock import Mock
+from zoneinfo import ZoneInfo
+
+import pytest
+
+from drivers.clock import Clock
+from farm.errors import FarmError
+from farm.model import Bed, FilamentState, HoldCode, JobOptions, JobState, PrintState
+from farm.paths import StateFolder
+from farm.planning.plan import Plan
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.storage import backups
+from farm.state.storage.backups import KEPT, back_up, copies, is_due, made_s, next_s, open_books
+from farm.state.storage.store import Store, StoreError
+from farm.state.transitions import apply
+from farm.views.tasks import todo
+from make_books import fleet, job, run
+from make_books import plan as planned
+from recording_controller import MODEL, Farm
+
+NIGHT_S = 1_790_000_000.0
+DAY_S = 86400.0
+
+
+@pytest.fixture
+def state(tmp_path):
+    return StateFolder(tmp_path)
+
+
+def fill(state):
+    """Books with three printers; what they say."""
+    books = Books()
+    with Store(state.books) as store:
+        for event in fleet():
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+    return books
+
+
+def books_held():
+    """Books with a job that waits for its approval."""
+    events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
+    return run(Books(), *fleet(), *events, planned().model_copy(update={"held": True}))[0]
+
+
+def test_a_copy_is_made_while_the_books_are_in_use_and_the_oldest_go(state):
+    books = fill(state)
+    assert is_due(state, NIGHT_S)
+    with Store(state.books):
+        for night in range(KEPT + 2):
+            back_up(state, NIGHT_S + night * DAY_S)
+    made = [made_s(copy) for copy in copies(state)]
+    assert made == [NIGHT_S + night * DAY_S for night in range(KEPT + 1, 1, -1)]
+    assert not is_due(state, made[0] + DAY_S - 1)
+    (state.backups / "books-before-upgrade.db").touch()  # a person's own: neither used nor dropped
+    assert [made_s(copy) for copy in copies(state)] == made
+    with Store(copies(state)[0]) as copy:
+        assert copy.load() == books
+
+
+@pytest.mark.parametrize("damage", ["no database", "a page", "nothing left"])
+def test_damaged_books_are_put_back_from_the_newest_whole_copy(state, damage):
+    books = fill(state)
+    back_up(state, NIGHT_S)
+    back_up(state, NIGHT_S + DAY_S).write_bytes(b"half a copy" * 100)
+    whole = state.books.read_bytes()
+    harm = {
+        "no database": b"these are not the books that you are looking for" * 50,
+        "a page": whole[:4096] + b"\xff" * 4096 + whole[8192:],
+        "nothing left": b"",
+    }[damage]
+    state.books.write_bytes(harm)
+    store, restored_s = open_books(state, NIGHT_S + 2 * DAY_S)
+    with store:
+        assert restored_s == NIGHT_S
+        assert store.load() == books
+    (aside,) = state.root.glob("farm.db.damaged-*[0-9]")
+    assert aside.read_bytes() == harm
+
+
+def test_a_copy_is_known_as_one_until_it_is_restored_whoever_put_it_there(state):
+    fill(state)
+    back_up(state, NIGHT_S).replace(state.books)  # by hand, say
+    for _ in range(2):  # the first daemon dies before it has booked what that means
+        store, copied_s = open_books(state, NIGHT_S + DAY_S)
+        with store:
+            assert copied_s == NIGHT_S
+            books = store.load()
+            event = ev.BooksRestored(at_s=NIGHT_S + DAY_S, copied_s=NIGHT_S)
+            after, _ = apply(event, books)
+    with Store(state.books) as store:
+        store.commit(event, books, after)
+    store, copied_s = open_books(state, NIGHT_S + DAY_S)
+    with store:
+        assert copied_s is None
+    assert made_s(back_up(state, NIGHT_S + 2 * DAY_S)) == NIGHT_S + 2 * DAY_S
+
+
+def test_without_a_whole_copy_the_farm_says_what_to_do(state):
+    state.books.write_bytes(b"no books" * 999)
+    with pytest.raises(FarmError, match="no copy of them that is whole: move"):
+        open_books(state, NIGHT_S)
+    assert state.books.read_bytes() == b"no books" * 999
+
+
+def test_books_of_a_newer_farm_are_not_taken_for_damaged(state):
+    import sqlite3
+
+    fill(state)
+    back_up(state, NIGHT_S)
+    with sqlite3.connect(state.books) as db:
+        db.execute("PRAGMA user_version = 99")
+    db.close()
+    with pytest.raises(StoreError, match="newer farm"):
+        open_books(state, NIGHT_S)
+
+
+def test_a_copy_that_cannot_be_made_leaves_those_that_are_there(state):
+    fill(state)
+    back_up(state, NIGHT_S)
+    state.books.write_bytes(b"no books" * 999)
+    with pytest.raises(StoreError, match="cannot be copied"):
+        back_up(state, NIGHT_S + DAY_S)
+    assert [made_s(copy) for copy in copies(state)] == [NIGHT_S]
+    assert len(list(state.backups.iterdir())) == 1
+
+
+@pytest.mark.parametrize("trouble", ["no folder", "the disk", "a fault of our own"])
+def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_path, monkeypatch):
+    fill(state)
+    if trouble == "no folder":
+        state.backups.write_text("a file in its place")
+    else:
+        error = OSError(28, "No space left on device") if trouble == "the disk" else ValueError("oh")
+        monkeypatch.setattr(backups, "back_up", Mock(side_effect=error))
+    farm, timers = Farm(tmp_path / "farm"), []
+    nightly = backups.Nightly(state, Clock(), UTC, lambda *timer: timers.append(timer), farm.core.copied)
+    asyncio.run(nightly.begin())
+    ((_, _, again),) = timers
+    scene = farm.core.scene(state)
+    assert [item.code for item in todo(scene)][:1] == ["farm"]
+    assert "the nightly copy of the books failed" in todo(scene)[0].text
+    if trouble == "no folder":
+        state.backups.unlink()
+    monkeypatch.undo()
+    asyncio.run(again())
+    assert len(timers) == 2
+    assert len(copies(state)) == 1
+    assert "farm" not in [item.code for item in todo(farm.core.scene(state))]
+
+
+def test_the_next_copy_is_at_four_whatever_the_clock_does():
+    zone = ZoneInfo("Europe/London")
+
+    def at(text):
+        return datetime.fromisoformat(text).replace(tzinfo=zone).timestamp()
+
+    assert next_s(at("2026-03-28 05:00"), zone) == at("2026-03-29 04:00")
+    assert next_s(at("2026-10-24 23:00"), zone) == at("2026-10-25 04:00")
+    assert next_s(at("2026-10-25 04:00"), zone) == at("2026-10-26 04:00")
+
+
+def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
+    farm = Farm(tmp_path)
+    farm.ready("a", "b")
+    event = planned(1, 3)
+    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.core.planned(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    told = len(farm.hands.told)
+    farm.core.start(restored_s=NIGHT_S)
+    books = farm.core.books
+    assert {printer.bed for printer in books.printers.values()} == {Bed.NOT_CLEAR}
+    assert {printer.filament for printer in books.printers.values()} == {FilamentState.UNKNOWN}
+    assert (books.jobs[1].state, books.jobs[1].hold.code) == (JobState.HELD, HoldCode.APPROVAL)
+    assert books.jobs[2].options.hold
+    again, _ = apply(ev.PlanningStarted(at_s=NIGHT_S, job=2), books)
+    again, _ = apply(planned(2, 1).model_copy(update={"held": True}), again)
+    assert again.jobs[2].hold == books.jobs[1].hold  # it may have been planned and printed since the copy
+    frozen, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), books_held())
+    assert frozen.jobs[1].hold == books.jobs[1].hold  # and a held one approved
+    for name in "ab":
+        farm.tell(name)  # its agent knows nothing of the print that was only assigned
+    assert {p.state for p in farm.core.books.prints.values()} == {PrintState.CANCELLED}
+    assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
+    for name in "ab":
+        farm.desk.cleared(name, "ann", FilamentState.PARKED)
+    assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
+    farm.core.happened(ev.JobApproved(at_s=farm.core.clock.now(), job=1, by="ann"))
+    farm.core.settle()
+    assert len([i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]) == 2

@@ -1,0 +1,114 @@
+"""The store: what was committed is there, what could not be committed is not."""
+
+import zlib
+
+import pytest
+
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.storage.migrations import TABLES
+from farm.state.storage.store import Store, StoreError
+from farm.state.transitions import apply
+from make_books import ended, fleet, job, plan, printing, run
+
+
+def in_form(db, version):
+    """Make the books those of an older farm."""
+    for table in TABLES.values():
+        db.execute(f"ALTER TABLE {table} DROP COLUMN crc")
+    db.execute(f"PRAGMA user_version = {version}")
+
+
+def test_the_store_gives_back_what_was_committed(tmp_path):
+    books = Books()
+    with Store(tmp_path / "farm.db") as store:
+        for event in (
+            *fleet(),
+            ev.JobSubmitted(at_s=0.0, job=job()),
+            ev.PlanningStarted(at_s=0.0, job=1),
+            plan(),
+        ):
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+    with Store(tmp_path / "farm.db") as store:
+        assert store.load() == books
+        assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
+
+
+def test_an_event_that_cannot_be_written_leaves_nothing(tmp_path):
+    store = Store(tmp_path / "farm.db")
+    before = Books()
+    after, _ = apply(fleet()[0], before)
+    store.close()
+    with pytest.raises(StoreError, match="cannot be written"):
+        store.commit(fleet()[0], before, after)
+    with Store(tmp_path / "farm.db") as again:
+        assert again.load() == before
+
+
+def test_books_that_are_no_database_are_named(tmp_path):
+    (tmp_path / "farm.db").write_text("these are not the books that you are looking for" * 50)
+    with pytest.raises(StoreError, match="cannot be opened"):
+        Store(tmp_path / "farm.db")
+
+
+def test_books_of_the_first_form_are_brought_up_to_date(tmp_path):
+    import sqlite3
+
+    path = tmp_path / "farm.db"
+    books = printing(plates=1)
+    with Store(path) as store:
+        store.commit(plan(), Books(), books)
+    with sqlite3.connect(path) as db:  # a verdict was the part's
+        db.execute("UPDATE part SET body = json_set(body, '$.verdict', NULL)")
+        in_form(db, 1)
+    db.close()
+    with Store(path) as store:
+        assert store.load() == books
+
+
+def test_a_row_that_cannot_be_read_is_named(tmp_path):
+    import sqlite3
+
+    with Store(tmp_path / "farm.db") as store:
+        event = fleet()[0]
+        store.commit(event, Books(), apply(event, Books())[0])
+    with sqlite3.connect(tmp_path / "farm.db") as db:
+        body = '{"name": "a", "bed": "soft"}'
+        db.execute("UPDATE printer SET body = ?, crc = ?", (body, zlib.crc32(body.encode())))
+    db.close()
+    with Store(tmp_path / "farm.db") as store, pytest.raises(StoreError, match="printer a, bed"):
+        store.load()
+
+
+def test_what_was_cleared_before_anybody_was_asked_is_good(tmp_path):
+    import sqlite3
+
+    path = tmp_path / "farm.db"
+    books = printing(plates=2)
+    books, _ = run(
+        books,
+        *(ev.JobSubmitted(at_s=0.0, job=job(2)), ev.PlanningStarted(at_s=0.0, job=2), plan(2, plates=1)),
+        ev.PlateAssigned(at_s=1.0, plate="2/01", printer="a", print_id="0"),
+        ended("0", at_s=100.0),
+        ev.BedCleared(at_s=150.0, printer="a", by="ann"),
+        ev.PlateAssigned(at_s=151.0, plate="1/01", printer="a", print_id="1"),
+        ev.PlateAssigned(at_s=151.0, plate="1/02", printer="b", print_id="2"),
+        ended("1", at_s=200.0),
+        ended("2", at_s=201.0),
+        ev.BedCleared(at_s=202.0, printer="a", by="ann"),
+    )
+    with Store(path) as store:
+        store.commit(plan(), Books(), books)
+    with sqlite3.connect(path) as db:
+        db.execute("UPDATE print SET body = json_remove(body, '$.verdict')")
+        db.execute("UPDATE job SET body = json_set(body, '$.state', 'printed')")
+        in_form(db, 1)
+    db.close()
+    with Store(path) as store:
+        books = store.load()
+    assert {p.id: p.verdict for p in books.prints.values()} == {"0": "good", "1": "good", "2": None}
+    assert {number: entry.state for number, entry in books.jobs.items()} == {1: "printed", 2: "done"}
+    books, _ = run(books, ev.BedCleared(at_s=300.0, printer="b", by="ann"))
+    assert books.jobs[1].state == "done"

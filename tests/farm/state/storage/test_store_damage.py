@@ -1,0 +1,141 @@
+"""Books with a wrong bit or a torn end: they are right, or put back and said so, or refused; never else."""
+
+import shutil
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from farm.errors import FarmError
+from farm.model import Bed
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.storage.backups import back_up, open_books
+from farm.state.storage.store import Store
+from farm.state.transitions import apply
+from make_books import ended, fleet, job
+from make_books import plan as planned
+
+BACKED_UP = 5  # events
+EVENTS = (
+    *fleet(),
+    ev.JobSubmitted(at_s=0.0, job=job()),
+    ev.PlanningStarted(at_s=0.0, job=1),
+    planned(plates=3),
+    ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="a"),
+    ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="b"),
+    ended("a", at_s=100.0),
+    ev.BedCleared(at_s=150.0, printer="a", by="ann"),
+    ev.PlateAssigned(at_s=151.0, plate="1/03", printer="a", print_id="c"),
+    ended("c", at_s=200.0),
+    ended("b", at_s=201.0),
+)
+NOW_S = 1000.0
+
+
+class Night:
+    """The folder of a daemon that was killed; what its books said after each event."""
+
+    def __init__(self, folder, history):
+        self.folder, self.history = folder, history
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory):
+    """Most of what it committed is in the write-ahead log yet."""
+    state = StateFolder(tmp_path_factory.mktemp("night"))
+    history = [Books()]
+    with Store(state.books) as store:
+        for number, event in enumerate(EVENTS):
+            if number == BACKED_UP:
+                back_up(state, 1.0)
+            after, _ = apply(event, history[-1])
+            store.commit(event, history[-1], after)
+            history.append(after)
+        killed = tmp_path_factory.mktemp("killed") / "state"
+        shutil.copytree(state.root, killed)
+    return Night(killed, history)
+
+
+def check(night, folder, harm):
+    """Open books after some harm was done to them. Whether they were put back; None where refused."""
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(night.folder, folder)
+    state = StateFolder(folder)
+    harm(state)
+    try:
+        store, restored_s = open_books(state, NOW_S)
+    except FarmError as error:
+        assert "\n" not in str(error)
+        return None
+    with store:
+        books = store.load()
+        if restored_s is None:
+            assert books == night.history[-1]
+            return False
+        assert books in night.history[BACKED_UP:]
+        after, _ = apply(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books)
+        store.commit(ev.BooksRestored(at_s=NOW_S, copied_s=restored_s), books, after)
+        assert all(printer.bed is Bed.NOT_CLEAR for printer in after.printers.values())
+    store, restored_s = open_books(state, NOW_S + 1.0)
+    with store:
+        assert (store.load(), restored_s) == (after, None)
+    return True
+
+
+def flip(path, at, bit=0):
+    data = bytearray(path.read_bytes())
+    data[at % len(data)] ^= 1 << bit
+    path.write_bytes(data)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    of=st.sampled_from(["", "", "-wal", "-wal", "-count"]),
+    at=st.integers(0, 2**20),
+    bit=st.integers(0, 7),
+)
+def test_a_wrong_bit_anywhere(night, tmp_path_factory, of, at, bit):
+    folder = tmp_path_factory.getbasetemp() / "flipped"
+    check(night, folder, lambda state: flip(state.books.with_name(f"farm.db{of}"), at, bit))
+
+
+@settings(max_examples=30, deadline=None)
+@given(share=st.floats(0, 0.999))
+def test_a_log_that_lost_its_end_is_not_taken_for_all_there_was(night, tmp_path_factory, share):
+    """SQLite says nothing where its log was cut: yesterday's clear beds would be taken for today's."""
+
+    def cut(state):
+        log = state.books.with_name("farm.db-wal")
+        log.write_bytes(log.read_bytes()[: int(share * log.stat().st_size)])
+
+    assert check(night, tmp_path_factory.getbasetemp() / "cut", cut)
+
+
+def test_books_that_nobody_harmed_are_opened_as_they_are(night, tmp_path):
+    assert check(night, tmp_path / "state", lambda state: None) is False
+    state = StateFolder(tmp_path / "state")
+    for path in state.root.glob("farm.db*"):  # moved away by a person, or most of it
+        if not path.name.endswith("-count"):
+            path.unlink()
+    shutil.rmtree(state.backups)
+    store, restored_s = open_books(state, NOW_S)
+    with store:
+        assert (store.load(), restored_s) == (Books(), None)
+
+
+def test_every_changed_row_is_found(night, tmp_path):
+    """A digit of a time, say: SQLite finds its pages in order."""
+    import sqlite3
+
+    def change(table):
+        def harm(state):
+            with sqlite3.connect(state.books) as db:
+                db.execute(f"UPDATE {table} SET body = replace(body, '1', '2')")
+            db.close()
+
+        return harm
+
+    for table in ("job", "plate", "print"):
+        assert check(night, tmp_path / table, change(table))

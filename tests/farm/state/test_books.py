@@ -1,0 +1,258 @@
+"""The books: laws that hold after any run of events, and the store that keeps them."""
+
+import itertools
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from farm.errors import ErrorCode, NoSuchThing
+from farm.model import (
+    Bed,
+    FilamentState,
+    JobState,
+    PrintState,
+    Verdict,
+)
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.plate_state import ATTEMPTS, Standing, failures
+from farm.state.transitions import apply
+from make_books import PRINTERS, ended, fleet, job, plan, printing, run
+
+
+def test_a_job_is_printed_when_its_last_part_is():
+    books, instructions = run(
+        printing(),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="y"),
+        ended("x", at_s=150.0),
+    )
+    assert instructions[:2] == [
+        ev.SendStart(print_id="x", printer="a"),
+        ev.SendStart(print_id="y", printer="b"),
+    ]
+    assert books.jobs[1].state is JobState.PRINTING
+    books, _ = run(books, ended("y", at_s=160.0))
+    assert books.jobs[1].state is JobState.PRINTED
+    assert books.jobs[1].ended_s == 160.0
+    assert {p.bed for n, p in books.printers.items() if n in "ab"} == {Bed.NOT_CLEAR}
+
+
+def test_no_plate_goes_to_a_printer_that_is_booked_or_not_clear():
+    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    with pytest.raises(ValueError, match="booked"):
+        apply(ev.PlateAssigned(at_s=2.0, plate="1/02", printer="a", print_id="y"), books)
+    books, _ = run(books, ended("x"))
+    with pytest.raises(ValueError, match="not known to be clear"):
+        apply(ev.PlateAssigned(at_s=2.0, plate="1/02", printer="a", print_id="y"), books)
+
+
+def test_only_a_person_makes_a_bed_clear():
+    books, _ = run(
+        printing(),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x"),
+        ev.PrinterSeen(at_s=201.0, printer="a", bed=Bed.CLEAR, filament=FilamentState.PARKED),
+    )
+    assert books.printers["a"].bed is Bed.NOT_CLEAR
+    books, instructions = run(books, ev.BedCleared(at_s=300.0, printer="a", by="ann"))
+    assert books.printers["a"].bed is Bed.CLEAR
+    assert instructions == [ev.SendCleared(printer="a", filament=None)]
+
+
+def test_a_failed_print_soils_the_bed_wants_a_look_and_is_tried_again():
+    books, _ = run(
+        printing(plates=1),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x", PrintState.FAILED, fault="reboot", reason="the board was reset", extruded=False),
+    )
+    assert books.printers["a"].bed is Bed.NOT_CLEAR
+    assert books.printers["a"].look == "the board was reset"
+    assert [p.id for p in books.waiting_plates()] == ["1/01"]
+
+
+def test_a_plate_that_fails_too_often_fails_its_job():
+    books = printing(plates=1)
+    for attempt in range(ATTEMPTS):
+        assert books.jobs[1].state is JobState.PRINTING
+        books, _ = run(
+            books,
+            ev.BedCleared(at_s=3.0, printer="a", by="ann"),
+            ev.PlateAssigned(at_s=3.0, plate="1/01", printer="a", print_id=f"x{attempt}"),
+            ended(f"x{attempt}", PrintState.FAILED, reason="no heat"),
+        )
+    assert books.jobs[1].state is JobState.FAILED
+    assert books.jobs[1].error is ErrorCode.ATTEMPTS
+    assert "no heat" in books.jobs[1].reason
+
+
+def test_cancelling_a_job_ends_its_prints_and_nothing_is_tried_again():
+    books, instructions = run(
+        printing(),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ev.JobCancelled(at_s=50.0, job=1),
+    )
+    assert instructions[-1] == ev.SendCancel(print_id="x", printer="a", reason="cancelled by a person")
+    books, _ = run(books, ended("x", PrintState.CANCELLED, reason="cancelled by a person"))
+    assert books.prints["x"].state is PrintState.CANCELLED
+    assert books.printers["a"].look is None
+    assert not list(books.waiting_plates())
+
+
+def test_what_turns_out_bad_after_its_job_was_cancelled_is_not_printed_with_a_part_that_is_asked_for():
+    books, _ = run(
+        printing(),
+        ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
+        ended("x"),
+        ev.JobCancelled(at_s=300.0, job=1),
+        ev.BedCleared(at_s=301.0, printer="a", by="ann", verdict=Verdict.BAD),
+        ev.ReprintAsked(at_s=302.0, plate="1/02", why="", by="ann"),
+    )
+    assert books.jobs[1].state is JobState.PRINTING
+    assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
+
+
+def test_what_is_not_known_is_named():
+    with pytest.raises(NoSuchThing, match="no job 7"):
+        Books().job(7)
+    with pytest.raises(NoSuchThing, match="no printer z"):
+        Books().printer("z")
+
+
+class AnyNight(RuleBasedStateMachine):
+    """Events in any order that the core could produce, with the store following along."""
+
+    def __init__(self):
+        super().__init__()
+        self.books, _ = run(Books(), *fleet())
+        self.ids = itertools.count()
+        self.now = 10.0
+
+    def happen(self, event):
+        self.now += 1.0
+        self.books, _ = apply(event, self.books)
+
+    @rule(plates=st.integers(1, 3))
+    def submit_and_plan(self, plates):
+        number = len(self.books.jobs) + 1
+        self.happen(ev.JobSubmitted(at_s=self.now, job=job(number)))
+        self.happen(ev.PlanningStarted(at_s=self.now, job=number))
+        self.happen(plan(number, plates, self.now))
+
+    @rule(data=st.data())
+    def assign(self, data):
+        plates = [p.id for p in self.books.waiting_plates()]
+        free = [
+            n
+            for n, p in self.books.printers.items()
+            if p.bed is Bed.CLEAR and not self.books.open_print_on(n)
+        ]
+        if plates and free:
+            plate, printer = data.draw(st.sampled_from(plates)), data.draw(st.sampled_from(free))
+            self.happen(
+                ev.PlateAssigned(at_s=self.now, plate=plate, printer=printer, print_id=str(next(self.ids)))
+            )
+
+    @precondition(lambda self: any(True for _ in self.books.open_prints()))
+    @rule(
+        data=st.data(),
+        state=st.sampled_from([PrintState.DONE, PrintState.FAILED, PrintState.CANCELLED]),
+        fault=st.sampled_from(["maxtemp", "port_lost"]),
+    )
+    def end(self, data, state, fault):
+        name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
+        self.happen(ended(name, state, self.now, reason="because", fault=fault))
+
+    @rule(printer=st.sampled_from(PRINTERS), verdict=st.sampled_from(Verdict))
+    def clear(self, printer, verdict):
+        if self.books.open_print_on(printer) is None:
+            self.happen(ev.BedCleared(at_s=self.now, printer=printer, by="ann", verdict=verdict))
+
+    @precondition(lambda self: any(True for _ in self.books.open_prints()))
+    @rule(data=st.data())
+    def fail(self, data):
+        name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
+        self.happen(ev.PrintFailAsked(at_s=self.now, print_id=name, why="a blob", by="ann"))
+
+    @precondition(lambda self: self.books.plates)
+    @rule(data=st.data(), again=st.booleans())
+    def cancel_or_ask_again(self, data, again):
+        plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
+        stands = self.books.standing(plate)
+        if again and stands not in (Standing.WAITING, Standing.PRINTING):
+            self.happen(ev.ReprintAsked(at_s=self.now, plate=plate.id, why="more", by="ann"))
+        elif not again:
+            self.happen(ev.PlateCancelled(at_s=self.now, plate=plate.id, by="ann"))
+
+    @rule(printer=st.sampled_from(PRINTERS))
+    def lose(self, printer):
+        if self.books.open_print_on(printer) is None:
+            self.happen(ev.PrinterLost(at_s=self.now, printer=printer))
+
+    @precondition(lambda self: self.books.jobs)
+    @rule(data=st.data())
+    def cancel(self, data):
+        self.happen(ev.JobCancelled(at_s=self.now, job=data.draw(st.sampled_from(sorted(self.books.jobs)))))
+
+    @invariant()
+    def no_printer_is_booked_twice(self):
+        booked = [p.printer for p in self.books.open_prints()]
+        assert len(booked) == len(set(booked))
+
+    @invariant()
+    def no_plate_is_printed_twice(self):
+        for plate in self.books.plates.values():
+            states = [p.state for p in self.books.prints_of(plate)]
+            done = [p for p in self.books.prints_of(plate) if p.state is PrintState.DONE]
+            assert sum(p.verdict is not Verdict.BAD for p in done) <= 1
+            assert sum(not s.ended for s in states) <= 1
+
+    @invariant()
+    def no_plate_has_more_attempts_than_its_budget(self):
+        for plate in self.books.plates.values():
+            prints = list(self.books.prints_of(plate))
+            assert len(failures(plate, prints)) <= ATTEMPTS
+            if len(failures(plate, prints)) == ATTEMPTS and prints[-1].state.ended:
+                assert plate not in list(self.books.waiting_plates())
+
+    @invariant()
+    def what_was_cancelled_is_not_tried(self):
+        assert not any(plate.cancelled for plate in self.books.waiting_plates())
+        for attempt in self.books.open_prints():
+            if self.books.plates[attempt.plate].cancelled:
+                assert attempt.cancel_asked is not None
+
+    @invariant()
+    def no_plate_is_lost(self):
+        for one in self.books.jobs.values():
+            stand = {self.books.standing(plate) for plate in self.books.plates_of(one)}
+            coming = bool(stand & {Standing.WAITING, Standing.PRINTING})
+            match one.state:
+                case JobState.PRINTING:
+                    assert coming
+                case JobState.PRINTED:
+                    assert not coming and Standing.PRINTED in stand
+                case JobState.DONE:
+                    assert Standing.GOOD in stand and stand <= {Standing.GOOD, Standing.CANCELLED}
+                case JobState.FAILED:
+                    assert not coming and Standing.OUT_OF_ATTEMPTS in stand
+                case JobState.CANCELLED:
+                    assert not coming
+
+    @invariant()
+    def an_outage_is_told_once(self):
+        assert sum(outage.confirmed_s is None for outage in self.books.outages.values()) <= 1
+
+    @invariant()
+    def a_bed_after_an_extrusion_is_not_clear_until_a_person_says_so(self):
+        for name, printer in self.books.printers.items():
+            if self.books.open_print_on(name) and any(
+                p.extruded for p in self.books.open_prints() if p.printer == name
+            ):
+                assert printer.bed is not Bed.CLEAR
+
+
+AnyNight.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestAnyNight = AnyNight.TestCase

@@ -1,0 +1,105 @@
+"""Several printers lost at once are one event, which costs no plate an attempt."""
+
+import itertools
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.model import JobState, Printer, PrintState
+from farm.state import events as ev
+from farm.state.outage import WINDOW_S, lost_together, window_s
+from farm.state.plate_state import ATTEMPTS, Standing
+from make_books import ended, printing, run
+
+
+def assigned(*pairs):
+    return [
+        ev.PlateAssigned(at_s=2.0, plate=plate, printer=printer, print_id=printer) for plate, printer in pairs
+    ]
+
+
+def lost(printer, at_s, fault="port_lost"):
+    return ended(printer, PrintState.FAILED, at_s, fault=fault, reason="the port is not there")
+
+
+TWO = (("1/01", "a"), ("1/02", "b"))
+
+
+def test_two_printers_lost_within_the_window_are_one_outage_and_cost_no_attempt():
+    books, _ = run(printing(), *assigned(*TWO), lost("a", 100.0))
+    assert (books.outage, books.prints["a"].charged) == (None, True)
+    books, _ = run(books, lost("b", 100.0 + WINDOW_S, fault="agent_died"))
+    assert books.outage.printers == ("a", "b")
+    assert [books.prints[name].charged for name in "ab"] == [False, False]
+    assert {books.standing(plate) for plate in books.plates.values()} == {Standing.WAITING}
+    books, _ = run(books, ev.PrinterLost(at_s=112.0, printer="c"))
+    assert [outage.printers for outage in books.outages.values()] == [("a", "b", "c")]
+    books, _ = run(books, ev.OutageConfirmed(at_s=500.0, by="ann"))
+    assert books.outage is None
+
+
+def test_on_a_fast_clock_the_window_is_no_shorter_than_the_host_needs_to_tell_of_two_losses():
+    assert [window_s(scale) for scale in (1.0, 5.0, 300.0)] == [WINDOW_S, WINDOW_S, 300.0]
+    second = lost("b", 250.0)  # half a wall second after the other
+    real, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
+    assert real.outage is None
+    fast = replace(printing(), outage_window_s=window_s(300.0))
+    fast, _ = run(fast, *assigned(*TWO), lost("a", 100.0), second)
+    assert fast.outage.printers == ("a", "b")
+
+
+@pytest.mark.parametrize("second", [lost("b", 111.0), lost("b", 101.0, fault="maxtemp")])
+def test_what_failed_by_itself_is_charged(second):
+    books, _ = run(printing(), *assigned(*TWO), lost("a", 100.0), second)
+    assert books.outage is None
+    assert [books.prints[name].charged for name in "ab"] == [True, True]
+
+
+def test_a_job_that_an_outage_seemed_to_fail_goes_on():
+    books = printing(plates=1)
+    for attempt in range(ATTEMPTS - 1):
+        name = f"x{attempt}"
+        books, _ = run(
+            books,
+            ev.BedCleared(at_s=3.0, printer="a", by="ann"),
+            ev.PlateAssigned(at_s=3.0, plate="1/01", printer="a", print_id=name),
+            ended(name, PrintState.FAILED, 10.0 + attempt, fault="maxtemp"),
+        )
+    books, _ = run(
+        books, ev.BedCleared(at_s=3.0, printer="a", by="ann"), *assigned(("1/01", "a")), lost("a", 100.0)
+    )
+    assert books.jobs[1].state is JobState.FAILED
+    books, _ = run(books, ev.PrinterLost(at_s=105.0, printer="b"))
+    assert books.jobs[1].state is JobState.PRINTING
+
+
+@given(st.lists(st.floats(0, 100), min_size=1, max_size=8))
+def test_who_was_lost_together_is_the_same_for_each_of_them(times):
+    printers = [Printer(name=f"p{i}", lost_s=at_s) for i, at_s in enumerate(times)]
+    groups = {printer.name: lost_together(printer.name, printers) for printer in printers}
+    for name, group in groups.items():
+        assert name in group
+        assert all(groups[other] == group for other in group)
+    gaps = sorted(times)
+    wide = sum(after - before > WINDOW_S for before, after in itertools.pairwise(gaps))
+    assert len(set(groups.values())) == wide + 1
+
+
+def test_an_earlier_failure_of_a_lost_printer_s_own_stays_charged():
+    """An outage takes back what it ended, and nothing else."""
+    own = (
+        *assigned(("1/01", "a")),
+        ended("a", PrintState.FAILED, 50.0, fault="maxtemp"),
+        ev.BedCleared(at_s=60.0, printer="a", by="ann"),
+        ev.PlateAssigned(at_s=61.0, plate="1/01", printer="a", print_id="again"),
+        *assigned(("1/02", "b")),
+    )
+    books, _ = run(printing(), *own, lost("again", 100.0), lost("b", 101.0))
+    assert books.outage.printers == ("a", "b")
+    assert {name: attempt.charged for name, attempt in books.prints.items()} == {
+        "a": True,
+        "again": False,
+        "b": False,
+    }

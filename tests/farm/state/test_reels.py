@@ -1,0 +1,68 @@
+"""The ledger of reels: what a print takes off, and nothing else."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from farm.config import Fleet
+from farm.model import HoldCode, Printer, PrintState, Reel
+from farm.state import events as ev
+from farm.state.reels import used_grams, with_reels
+from farm.views.operator_requests import asks
+from make_books import ended, printing, run
+from make_views import printer
+
+WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
+
+
+def with_a_reel(**changes):
+    loaded = ev.ReelLoaded(at_s=1.5, printer="a", reel=WHITE.model_copy(update=changes), by="ann")
+    books, _ = run(printing(), loaded, ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    return books
+
+
+@pytest.mark.parametrize(
+    ("changes", "left"),
+    [
+        ({}, 97.0),
+        ({"state": PrintState.FAILED, "printed_share": 0.5}, 98.5),
+        ({"state": PrintState.FAILED, "printed_share": None}, 97.0),
+        ({"state": PrintState.FAILED, "printed_share": 0.0, "extruded": False}, 100.0),
+        ({"state": PrintState.CANCELLED, "started_s": None, "extruded": False}, 100.0),
+    ],
+)
+def test_a_print_takes_its_grams_off(changes, left):
+    books, _ = run(with_a_reel(), ended("x", **changes))
+    assert books.printer("a").reel.grams == pytest.approx(left)
+    assert books.prints["x"].grams == pytest.approx(100.0 - left), "the history says the same as the reel"
+
+
+def test_what_nobody_weighed_stays_unknown():
+    books, _ = run(with_a_reel(grams=None), ended("x"))
+    assert books.printer("a").reel.grams is None
+
+
+@given(st.sampled_from(PrintState), st.booleans(), st.none() | st.floats(0, 5))
+def test_no_print_takes_more_than_its_plate(state, extruded, share):
+    plate = printing().plates["1/01"]
+    assert 0.0 <= used_grams(plate, state, extruded, share) <= plate.grams
+
+
+def test_the_fleet_has_what_was_loaded():
+    written = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
+    fleet = Fleet.model_validate({"printers": [written, {**written, "name": "b"}]})
+    abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
+    now = with_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
+    has = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
+    assert has == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
+
+
+def test_reels_of_restored_books_are_weighed_before_anything_is_printed_from_them():
+    load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
+    books, _ = run(printing(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
+    assert [one.reel and one.reel.doubted for one in books.printers.values()] == [True, None, None]
+    (item,) = [item for item in asks(books) if item.code == "reel"]
+    assert item.printers == ["a"]
+    books, _ = run(books, load)
+    assert not [item for item in asks(books) if item.code == "reel"]
+    assert printer("a", reel_doubted=True).obstacle().code is HoldCode.REEL_DOUBTED

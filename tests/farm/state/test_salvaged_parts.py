@@ -1,0 +1,160 @@
+"""A part that is whole though its print failed: who clears its bed says so, and it is not printed again."""
+
+from datetime import UTC
+
+import pytest
+
+from farm.config import Fleet
+from farm.model import Bed, FilamentState, JobState, PrintState, Reel, Verdict
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.plate_state import ATTEMPTS, Standing
+from farm.state.salvaged_parts import may_be_whole, printed_again
+from farm.views.context import Scene
+from farm.views.tasks import todo
+from make_books import ended, printing, run
+
+DIED = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
+
+
+def given(plate, printer, print_id, at_s=2.0):
+    return ev.PlateAssigned(at_s=at_s, plate=plate, printer=printer, print_id=print_id)
+
+
+def died(plates=1, at_s=110.0, **facts):
+    """A plate of 90 s on `a`, whose agent was found dead after so long."""
+    start = (given("1/01", "a", "x"), ended("x", PrintState.FAILED, at_s, **{**DIED, **facts}))
+    return run(printing(plates), *start)[0]
+
+
+def whole(print_id="x", printer="a"):
+    return ev.BedCleared(at_s=500.0, printer=printer, by="ann", whole=print_id)
+
+
+def asked(books):
+    sections = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in "abc"]
+    fleet = Fleet.model_validate({"fleet": {"timezone": "UTC"}, "printers": sections})
+    assert fleet.zone.utcoffset(None) == UTC.utcoffset(None)
+    scene = Scene(fleet, books, {}, StateFolder("/state"), 500.0, settled=False)
+    return [item for item in todo(scene) if item.code in ("look", "outage")]
+
+
+def test_a_part_that_is_whole_is_good_and_not_printed_again():
+    books = died()
+    assert books.standing(books.plates["1/01"]) is Standing.WAITING
+    books, told = run(books, whole())
+    assert books.standing(books.plates["1/01"]) is Standing.GOOD
+    assert books.jobs[1].state is JobState.DONE
+    assert list(books.waiting_plates()) == []
+    found = books.prints["x"]
+    assert (found.state, found.verdict) == (PrintState.DONE, Verdict.GOOD)
+    assert "found whole by ann" in found.verdict_why and DIED["reason"] in found.verdict_why
+    printer = books.printer("a")
+    assert (printer.bed, printer.look) == (Bed.CLEAR, None)
+    assert told == [ev.SendCleared(printer="a", filament=None)]
+
+
+def test_a_job_that_was_out_of_attempts_is_done_when_its_last_one_was_whole():
+    books = printing(plates=1)
+    for attempt in range(ATTEMPTS):
+        name = f"x{attempt}"
+        cleared = ev.BedCleared(at_s=1.0, printer="a", by="ann")
+        failed = ended(name, PrintState.FAILED, 110.0, **DIED)
+        books, _ = run(books, cleared, given("1/01", "a", name), failed)
+    assert books.jobs[1].state is JobState.FAILED
+    books, _ = run(books, whole(f"x{ATTEMPTS - 1}"))
+    assert (books.jobs[1].state, books.jobs[1].error) == (JobState.DONE, None)
+
+
+def test_its_reel_gave_the_whole_plate():
+    reel = Reel(material="generic_pla", grams=100.0, nozzle_mm=0.4)
+    books, _ = run(printing(1), ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
+    failed = ended("x", PrintState.FAILED, 110.0, printed_share=0.5, **DIED)
+    books, _ = run(books, given("1/01", "a", "x"), failed)
+    assert books.printer("a").reel.grams == pytest.approx(98.5)
+    books, _ = run(books, whole())
+    assert books.printer("a").reel.grams == pytest.approx(97.0)
+    assert books.prints["x"].grams == pytest.approx(3.0)
+
+
+def test_a_reprint_that_has_not_begun_is_taken_back():
+    books, _ = run(died(), given("1/01", "b", "y", 120.0))
+    books, told = run(books, whole())
+    assert [type(one) for one in told] == [ev.SendCancel, ev.SendCleared]
+    assert (told[0].print_id, told[0].printer) == ("y", "b")
+    assert printed_again(books, books.prints["x"]) == []
+    books, _ = run(books, ended("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False))
+    assert books.jobs[1].state is JobState.DONE and books.printer("b").bed is Bed.CLEAR
+
+
+def test_a_reprint_that_has_begun_goes_on_until_a_person_ends_it():
+    begun = ev.PrintProgressed(
+        at_s=130.0, print_id="y", state=PrintState.PRINTING, started_s=125.0, extruded=True
+    )
+    books, _ = run(died(), given("1/01", "b", "y", 120.0), begun)
+    books, told = run(books, whole())
+    assert [type(one) for one in told] == [ev.SendCleared]
+    assert printed_again(books, books.prints["x"]) == ["b"]
+    stopped, told = run(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
+    assert [(type(one), one.print_id) for one in told] == [(ev.SendCancel, "y")]
+    assert printed_again(stopped, stopped.prints["x"]) == []
+    assert not stopped.plates["1/01"].cancelled
+    for state in (PrintState.DONE, PrintState.FAILED):
+        after, _ = run(books, ended("y", state, 600.0))
+        assert after.jobs[1].state is JobState.DONE
+        assert after.standing(after.plates["1/01"]) is Standing.GOOD
+
+
+def test_a_part_that_was_cut_again_meanwhile_is_whole_with_all_its_pieces():
+    books = died()
+    old = books.plates["1/01"]
+    parts = [books.parts["1/p01"].model_copy(update={"id": f"1/p01{x}", "plate": f"1/01{x}"}) for x in "ab"]
+    plates = [old.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
+    replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
+    books, _ = run(books, replaced, given("1/01a", "b", "y", 120.0))
+    assert may_be_whole(books, "a").id == "x"
+    books, told = run(books, whole())
+    assert books.jobs[1].state is JobState.DONE
+    assert told[0].print_id == "y"
+
+
+def test_do_now_asks_whether_it_is_whole_and_names_part_and_command():
+    (item,) = asked(died())
+    assert item.printers == ["a"]
+    for text in (item.text, item.brief):
+        assert text.endswith("; if part 1/p01 is whole and good: `farm cleared a --good 1/p01`")
+    assert "then `farm cleared a`" in item.text
+
+
+def test_do_now_asks_after_an_outage_too():
+    start = (given("1/01", "a", "x"), given("1/02", "b", "y"))
+    lost = (ended(name, PrintState.FAILED, 110.0, **DIED) for name in "xy")
+    (item,) = asked(run(printing(2), *start, *lost)[0])
+    assert item.code == "outage"
+    assert "`farm cleared a --good 1/p01`" in item.text and "`farm cleared b --good 1/p02`" in item.text
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        {"at_s": 60.0},  # much sooner than its plate takes
+        {"extruded": False},
+        {"started_s": None},
+        {"then": (whole(),)},
+        {"then": (ev.BedCleared(at_s=500.0, printer="a", by="ann"),)},
+        {"then": (ev.PlateCancelled(at_s=500.0, plate="1/01", by="ann"),)},
+        {"then": (given("1/01", "b", "y"), ended("y", at_s=300.0))},  # printed meanwhile
+    ],
+)
+def test_nobody_is_asked_where_it_cannot_be_whole_or_is_not_wanted(facts):
+    then = facts.pop("then", ())
+    books, _ = run(died(**facts), *then)
+    assert may_be_whole(books, "a") is None
+
+
+def test_a_print_that_a_person_ended_is_none_that_may_be_whole():
+    fail = ev.PrintFailAsked(at_s=100.0, print_id="x", why="a blob", by="ann")
+    gone = ended("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
+    books, _ = run(printing(1), given("1/01", "a", "x"), fail, gone)
+    assert books.prints["x"].state is PrintState.FAILED
+    assert may_be_whole(books, "a") is None

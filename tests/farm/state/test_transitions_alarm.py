@@ -1,0 +1,98 @@
+"""A heater that cannot be switched off: what people are told of it, and when."""
+
+from pathlib import Path
+
+import pytest
+
+from farm.config import Fleet
+from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.reconcile import alarmed
+from farm.views.context import Scene
+from farm.views.jobs import printer_view
+from farm.views.notices import due
+from farm.views.tasks import todo
+from make_books import printing, run
+
+FOUND = "the nozzle went up to 257 C, above 210"
+CUT = f"{FOUND}; power_off_cmd took its mains away"
+FLEET = Fleet.model_validate(
+    {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"]}
+)
+
+
+def word(alarm: str | None = FOUND, **more: object) -> AgentSnapshot:
+    """What the agent of a says while its print ends."""
+    said = AgentPrint(
+        print_id="x", state=PrintState.ENDING, fault=None, reason=None, progress_s=1.0, print_time_s=9.0,
+        extruded=True, started_s=2.0, ended_s=None,
+    )  # fmt: skip
+    known = {
+        "printer": "a", "link": Link.BUSY, "agent_pid": 7, "nozzle_c": 271.4, "bed_c": 60.2,
+        "nozzle_target_c": 0.0, "bed_target_c": 0.0, "alarm": alarm, "print": said,
+    }  # fmt: skip
+    return AgentSnapshot.model_validate(known | more)
+
+
+def begun():
+    given = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    going = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.ENDING, started_s=2.0, extruded=True)
+    return run(printing(), given, going)[0]
+
+
+def scene(books, said):
+    return Scene(FLEET, books, {"a": said}, StateFolder(Path("/state")), now_s=60.0)
+
+
+def heard(books, said, at_s=50.0):
+    return run(books, *alarmed(books.printers["a"], said, at_s))[0]
+
+
+def test_it_is_the_first_thing_to_do_with_state_and_temperatures():
+    books = heard(begun(), word())
+    first = todo(scene(books, word()))[0]
+    assert (first.code, first.printers) == ("alarm", ["a"])
+    assert first.text == f"go to a now: {FOUND} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
+    assert [thing.printers for thing in todo(scene(books, word()))].count(["a"]) == 1
+    seen = printer_view(scene(books, word()), FLEET.printers[0], None)
+    assert (seen.state, seen.look) == ("look", FOUND)
+    idle = word(link=Link.FAULT, print=None, reason=f"{FOUND}: switch it off")
+    assert "(fault, nozzle 271 C" in todo(scene(printing(), idle))[0].text
+
+
+@pytest.mark.parametrize("hand", ["maintenance", "outage"])
+def test_nothing_else_that_is_known_of_the_printer_hides_it(hand: str):
+    books = heard(begun(), word())
+    if hand == "maintenance":
+        books, _ = run(books, ev.MaintenanceBegun(at_s=51.0, printer="a", why="a nozzle", by="ann"))
+    else:
+        lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "ab"]
+        books, _ = run(books, *lost)
+        assert books.outage is not None
+    assert todo(scene(books, word()))[0].code == "alarm"
+
+
+def test_people_are_told_at_once_and_once_and_then_what_came_of_it():
+    books = heard(begun(), word())
+    told = due(books, 50.0, 0.0, ())
+    assert [notice.text for notice in told] == [f"go to a now: {FOUND}"]
+    books = heard(books, word(), 51.0)
+    assert due(books, 51.0, 0.0, {notice.key for notice in told}) == []
+    books = heard(books, word(CUT), 52.0)
+    assert [n.text for n in due(books, 52.0, 0.0, {n.key for n in told})] == [f"go to a now: {CUT}"]
+
+
+def test_a_person_who_has_cleared_it_hears_of_the_next_one():
+    books = heard(begun(), word())
+    failed = ev.PrintEnded(
+        at_s=60.0, print_id="x", state=PrintState.FAILED, fault="heater_stuck_on", reason=CUT, started_s=2.0,
+        ended_s=60.0, extruded=True, filament="unknown",
+    )  # fmt: skip
+    books, _ = run(books, failed)
+    assert books.printers["a"].look == CUT
+    books, _ = run(books, ev.BedCleared(at_s=70.0, printer="a", by="ann", filament=None))
+    entry = books.printers["a"]
+    assert (entry.look, entry.alarm) == (None, None) and due(books, 70.0, 70.0, ()) == []
+    books = heard(books, word(), 80.0)
+    assert books.printers["a"].look == FOUND

@@ -1,0 +1,168 @@
+"""Plates made otherwise than planned: the new ones take the old one's place, its prints and attempts."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from example_night import scene_of
+from farm.model import Bed, Hold, HoldCode, JobState, PrintState, Verdict
+from farm.planning.plan import file_names
+from farm.state import events as ev
+from farm.state.plate_state import ATTEMPTS, Standing
+from farm.views.accounting import job_account
+from farm.views.jobs import job_view
+from make_books import ended, printing, run
+
+
+def replaced(books, plate, names=("a", "b")):
+    """A plate's part cut into pieces of these letters; with none, sliced again."""
+    old = books.plates[plate]
+    (part,) = (books.parts[name] for name in old.parts)
+    if not names:
+        new = old.model_copy(update={"id": f"{plate}-2", "prints": (), "printer": "c"})
+        return ev.PlateReplaced(
+            at_s=9.0, plate=plate, parts=(part.model_copy(update={"plate": new.id}),), plates=(new,)
+        )
+    parts, plates = [], []
+    for name in names:
+        own = {"id": f"{part.id}{name}", "plate": f"{plate}{name}", "cut_from": part.id}
+        parts.append(part.model_copy(update=own))
+        own = {"id": f"{plate}{name}", "parts": (f"{part.id}{name}",), "prints": ()}
+        plates.append(old.model_copy(update=own))
+    new = {"parts": tuple(parts), "plates": tuple(plates)}
+    return ev.PlateReplaced(at_s=9.0, plate=plate, **new, picture="n.png", decomposition="c.json")
+
+
+def begun(plate, printer, print_id):
+    return ev.PlateAssigned(at_s=2.0, plate=plate, printer=printer, print_id=print_id)
+
+
+def clear(printer, verdict=Verdict.GOOD):
+    return ev.BedCleared(at_s=300.0, printer=printer, by="ann", filament=None, verdict=verdict, why=None)
+
+
+def failed_once():
+    return run(printing(3), begun("1/02", "b", "x"), ended("x", PrintState.FAILED, fault="mintemp"))[0]
+
+
+def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
+    books = failed_once()
+    books, told = run(books, replaced(books, "1/02"))
+    job = books.jobs[1]
+    assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
+    assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
+    assert (job.picture, told) == ("n.png", [ev.NameFiles(job=1)])
+    assert file_names(job, (), ())["decomposition-p02.json"] == "c.json"
+    assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
+    assert books.parts["1/p02a"].cut_from == "1/p02"
+    assert {plate.id for plate in books.waiting_plates()} == set(job.plates)
+    assert job_account(books, job).wasted_s == 198.0  # of the one print that failed, once
+    for attempt in range(1, ATTEMPTS):
+        name = f"y{attempt}"
+        events = (clear("b"), begun("1/02a", "b", name), ended(name, PrintState.FAILED, fault="mintemp"))
+        books, _ = run(books, *events)
+    assert books.standing(books.plates["1/02a"]) is Standing.OUT_OF_ATTEMPTS
+    assert books.standing(books.plates["1/02b"]) is Standing.WAITING
+
+
+def test_a_part_that_is_sliced_again_keeps_its_name_and_its_story():
+    books = failed_once()
+    books, _ = run(books, replaced(books, "1/02", ()))
+    job = books.jobs[1]
+    assert job.plates == ("1/01", "1/02-2", "1/03")
+    assert (job.parts, books.parts["1/p02"].plate) == (("1/p01", "1/p02", "1/p03"), "1/02-2")
+    assert books.plates["1/02-2"].prints == ("x",)
+    with pytest.raises(ValueError, match="not printed any more"):
+        run(books, begun("1/02", "c", "z"))
+
+
+@pytest.mark.parametrize("meanwhile", ["printing", "printed", "cancelled", "held", "replaced"])
+def test_what_does_not_wait_any_more_stays_as_it_is(meanwhile):
+    books = failed_once()
+    event = replaced(books, "1/02")
+    other = {
+        "printing": [begun("1/02", "a", "z")],
+        "printed": [begun("1/02", "a", "z"), ended("z")],
+        "cancelled": [ev.PlateCancelled(at_s=8.0, plate="1/02", by="ann")],
+        "held": [ev.BooksRestored(at_s=8.0, copied_s=7.0)],
+        "replaced": [replaced(books, "1/02", ())],
+    }[meanwhile]
+    books, _ = run(books, *other)
+    assert run(books, event) == (books, [])
+
+
+steps = st.lists(
+    st.tuples(
+        st.sampled_from(["slice", "cut", "begin", "done", "fail", "clear", "bad"]),
+        st.integers(0, 5),
+        st.sampled_from("abc"),
+    ),
+    max_size=40,
+)
+
+
+@given(steps)
+def test_no_part_is_lost_and_none_is_printed_twice(taken):
+    """Whatever is sliced or cut again: what is current is what was planned, each piece of it once."""
+    books = printing(3)
+    for number, (what, which, printer) in enumerate(taken):
+        waiting = sorted(plate.id for plate in books.waiting_plates())
+        attempt = books.open_print_on(printer)
+        if what in ("slice", "cut") and waiting:
+            letters = "ab" if what == "cut" else ()
+            books, _ = run(books, replaced(books, waiting[which % len(waiting)], letters))
+        elif what == "begin" and waiting and attempt is None and books.printers[printer].bed is Bed.CLEAR:
+            books, _ = run(books, begun(waiting[which % len(waiting)], printer, f"p{number}"))
+        elif what in ("done", "fail") and attempt is not None:
+            state = PrintState.DONE if what == "done" else PrintState.FAILED
+            books, _ = run(books, ended(attempt.id, state, 200.0 + number, fault="mintemp"))
+        elif what in ("clear", "bad") and attempt is None:
+            bad = what == "bad" and books.to_judge(printer) is not None
+            books, _ = run(books, clear(printer, Verdict.BAD if bad else Verdict.GOOD))
+    job = books.jobs[1]
+    assert len(set(job.plates)) == len(job.plates)
+    current = [name for plate in books.plates_of(job) for name in plate.parts]
+    assert sorted(current) == sorted(job.parts)
+    assert all(books.parts[name].plate in job.plates for name in job.parts)
+    for whole in ("1/p01", "1/p02", "1/p03"):  # each is there, or all of its pieces are
+        assert sum(_share(books, name, whole) for name in job.parts) == pytest.approx(1.0)
+    assert all(attempt.plate in job.plates for attempt in books.open_prints())
+    for plate in books.plates_of(job):  # good ones have one print that counts
+        kept = [
+            p for p in books.prints_of(plate) if p.state is PrintState.DONE and p.verdict is not Verdict.BAD
+        ]
+        assert len(kept) <= 1
+    if job.state in (JobState.PRINTED, JobState.DONE):
+        assert {books.standing(p) for p in books.plates_of(job)} <= {Standing.PRINTED, Standing.GOOD}
+
+
+def _share(books, part, whole):
+    """How much of a planned part this one is; every cut makes halves."""
+    if part == whole:
+        return 1.0
+    parent = books.parts[part].cut_from
+    return 0.0 if parent is None else _share(books, parent, whole) / 2
+
+
+def test_a_hold_goes_with_the_plate_that_was_replaced():
+    books = failed_once()
+    hold = Hold(code=HoldCode.CUT_AGAIN, text="so")
+    books, _ = run(books, ev.PlatesHeld(at_s=5.0, holds={"1/02": hold}))
+    books, _ = run(books, replaced(books, "1/02"))
+    assert books.plates["1/02"].hold is None
+
+
+def test_a_piece_shows_what_its_whole_came_to_once_and_waits_itself():
+    books = failed_once()
+    books, _ = run(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
+    view = job_view(scene_of(books), books.jobs[1])
+    shown = {part.id: [one.part for one in part.prints] for part in view.parts}
+    assert shown == {
+        "1/p01": [],
+        "1/p02a": ["1/p02", "1/p02a"],
+        "1/p02b": ["1/p02"],
+        "1/p03": [],
+    }
+    assert [len(part.own_prints) for part in view.parts] == [0, 1, 0, 0]
+    assert [(one.part, one.printer) for one in view.prints] == [("1/p02", "b"), ("1/p02a", "a")]
+    assert {plate.id: plate.printer for plate in view.plates}["1/02b"] == "b"  # as it was planned

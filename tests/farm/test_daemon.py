@@ -1,0 +1,59 @@
+"""What the daemon says where it cannot begin; and its clock."""
+
+import asyncio
+import subprocess
+import sys
+import time
+
+import pytest
+
+from farm.daemon import Daemon, run
+from farm.errors import FarmError
+from farm.paths import Places, StateFolder
+from farm.state import events as ev
+from recording_controller import fleet
+
+
+def test_a_state_folder_that_cannot_be_written_is_named_in_a_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("logging.basicConfig", lambda **_: None)
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    state.lock.mkdir()  # as a full disk or a read-only one does, it takes no lock
+    with pytest.raises(FarmError, match=r"state folder .* cannot be used .*: has its disk room"):
+        run(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+
+
+@pytest.mark.parametrize("module", ["farm.daemon", "farm.compute.tasks", "farm.cli.main"])
+def test_what_only_workers_need_is_not_loaded_by_those_who_wait_for_nothing(module):
+    """A restarted daemon, and every `farm status`, has to be up at once."""
+    slow = ("numpy", "scipy", "trimesh", "numba", "sklearn", "matplotlib", "shapely", "manifold3d", "httpx")
+    script = f"import sys, {module}; print([m for m in {slow} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
+def test_a_host_s_clock_that_is_set_is_taken_over_by_all_that_keep_hours(tmp_path, monkeypatch):
+    """Within a look; a step that the books cannot take (a full disk) ends nothing."""
+    monkeypatch.setattr("farm.daemon._FOLLOW_S", 0.0)
+    state = StateFolder(tmp_path / "state")
+    state.make()
+    daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
+    real, told = time.time, []
+    monkeypatch.setattr(daemon._timers, "clock_set", lambda: told.append("timers"))
+    monkeypatch.setattr(daemon._core, "happened", lambda *events: told.extend(events))
+    monkeypatch.setattr(time, "time", lambda: real() + 6 * 3600.0)
+    before_s = daemon._clock.now()
+
+    async def look():
+        following = asyncio.get_running_loop().create_task(daemon._follow_clock())
+        for _ in range(10):
+            await asyncio.sleep(0)
+        following.cancel()
+
+    asyncio.run(look())
+    daemon._workers.close()
+    daemon._store.close()
+    assert daemon._clock.now() - before_s == pytest.approx(6 * 3600.0, abs=60.0)
+    assert told[0] == "timers"
+    (event,) = [event for event in told if isinstance(event, ev.ClockSet)]
+    assert event.by_s == pytest.approx(6 * 3600.0, abs=60.0)

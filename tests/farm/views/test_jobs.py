@@ -1,0 +1,136 @@
+"""What a person is shown of the books."""
+
+import dataclasses
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from farm.cli.display import tables
+from farm.config import Fleet
+from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState, Verdict
+from farm.paths import StateFolder
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.views.context import Scene
+from farm.views.jobs import job_view, printer_view
+from make_books import ended, fleet, job, plan, printing, run
+
+FLEET = Fleet.model_validate(
+    {
+        "fleet": {"currency": "EUR"},
+        "printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"],
+    }
+)
+
+
+def priced(*prices):
+    """A planned job whose plates cost so much."""
+    books = printing(plates=len(prices))
+    plates = {
+        name: plate.model_copy(update={"price": price})
+        for (name, plate), price in zip(books.plates.items(), prices, strict=True)
+    }
+    return dataclasses.replace(books, plates=plates)
+
+
+def view(books):
+    return job_view(Scene(FLEET, books, {}, StateFolder(Path("/state")), now_s=10.0), books.job(1))
+
+
+def test_a_job_costs_what_its_plates_cost():
+    seen = view(priced(1.25, 0.5))
+    assert [plate.price for plate in seen.plates] == [1.25, 0.5]
+    assert (seen.price, seen.currency) == (pytest.approx(1.75), "EUR")
+    assert (seen.grams, seen.filament_mm) == (pytest.approx(6.0), pytest.approx(800.0))
+
+
+def test_no_printer_waited_for_longer_than_it_printed():
+    """Of a part that was printed twice, all that was waited is of all that it took."""
+    books = printing(plates=1)
+    assert view(books).starved_share is None
+    for name, begun_s in (("p", 2.0), ("q", 202.0)):
+        given = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
+        done = ended(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
+        cleared = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
+        again = ev.ReprintAsked(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
+        books, _ = run(books, given, done, cleared, again)
+    assert view(books).starved_share == pytest.approx(0.8)
+
+
+def test_a_job_has_no_price_where_one_reel_has_none():
+    assert view(priced(1.25, None)).price is None
+
+
+def test_what_will_not_be_printed_is_shown_with_the_job():
+    books = printing(plates=1)
+    name, plate = next(iter(books.plates.items()))
+    thin = "walls too thin to print: 90 mm2 at X4 Y0, Z 6.1..13.5 mm"
+    seen = view(dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})}))
+    assert seen.plates[0].warnings == [thin]
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(tables._job(seen))
+    assert f"plate {name}: {thin}" in console.export_text()
+
+
+def test_a_job_that_is_given_up_was_not_quick():
+    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    going = view(books)
+    assert going.speedup and going.utilisation
+    cancelled, _ = run(books, ev.JobCancelled(at_s=5.0, job=1))
+    seen = view(cancelled)
+    assert (seen.speedup, seen.utilisation) == (None, None)
+    assert seen.estimated_s == going.estimated_s
+
+
+def scene(books, now_s, progress=None, **snapshots):
+    return Scene(FLEET, books, snapshots, StateFolder(Path("/state")), now_s, progress=progress or {})
+
+
+def test_how_far_a_plan_is_is_shown_while_it_is_made():
+    far = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
+    queued, _ = run(Books(), *fleet(), ev.JobSubmitted(at_s=0.0, job=job()))
+    planning, _ = run(queued, ev.PlanningStarted(at_s=0.0, job=1))
+    planned, _ = run(planning, plan())
+    shown = [job_view(scene(b, 1.0, {1: far}), b.jobs[1]).progress for b in (queued, planning, planned)]
+    assert shown == [None, far, None]
+
+
+@pytest.mark.parametrize(("progress_s", "remaining_s"), [(0.0, 10.0 + 90.0 * 1.2 - 5.0), (30.0, 60.0 * 1.2)])
+def test_what_is_left_of_a_print_is_by_its_printers_own_factor(progress_s, remaining_s):
+    books, _ = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"))
+    began = ev.PrintProgressed(
+        at_s=2.0, print_id="x", state=PrintState.PRINTING, started_s=2.0, extruded=True
+    )
+    books, _ = run(books, began)
+    books.printers["a"] = books.printers["a"].model_copy(update={"time_factor": 1.2})
+    said = AgentPrint(
+        print_id="x",
+        state=PrintState.PRINTING,
+        fault=None,
+        reason=None,
+        progress_s=progress_s,
+        print_time_s=90.0,
+        extruded=True,
+        started_s=2.0,
+        ended_s=None,
+        layer=3,
+        z_mm=0.67,
+        feature="FILL",
+    )
+    view = printer_view(
+        scene(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=said)), FLEET.printer("a"), None
+    )
+    assert view.time_factor == 1.2
+    assert view.print.remaining_s == pytest.approx(remaining_s)
+    assert (view.print.layer, view.print.layers) == (3, 10)
+    assert (view.print.z_mm, view.print.feature) == (0.67, "FILL")
+
+
+def test_what_was_bad_takes_its_time_again():
+    begun = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+    bad = ev.BedCleared(at_s=300.0, printer="a", by="ann", verdict=Verdict.BAD, why="warped")
+    books, _ = run(printing(1), begun, ended("x", at_s=102.0), bad)
+    seen = view(books)
+    assert seen.current_s == pytest.approx(seen.elapsed_s + seen.estimated_s)

@@ -1,0 +1,85 @@
+"""What a person is told who is not there: each thing once, what was lost together as one."""
+
+from farm.errors import ErrorCode
+from farm.model import PrintState
+from farm.state import events as ev
+from farm.state.outage import WINDOW_S
+from farm.views.notices import due
+from make_books import ended, job, printing, run
+
+LATER_S = 1000.0
+
+
+def told(books, now_s=LATER_S, since_s=0.0, before=()):
+    return [notice.text for notice in due(books, now_s, since_s, before)]
+
+
+def begun(plates=2):
+    names = zip("xyz", "abc", range(1, plates + 1), strict=False)
+    assigned = (
+        ev.PlateAssigned(at_s=2.0, plate=f"1/0{i}", printer=printer, print_id=name)
+        for name, printer, i in names
+    )
+    return run(printing(plates), *assigned)[0]
+
+
+def test_while_all_goes_well_nobody_is_told_anything():
+    assert told(begun()) == []
+
+
+def test_a_printed_job_and_an_empty_queue_are_told_once():
+    books, _ = run(begun(), ended("x"), ended("y", at_s=300.0))
+    texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "nothing is left to do"]
+    assert told(books) == texts
+    assert told(books, before={notice.key for notice in due(books, LATER_S, 0.0, ())}) == []
+    assert told(books, since_s=301.0) == []
+    assert told(books, now_s=300.0 + WINDOW_S / 2) == []
+    judged, _ = run(books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab"))
+    keys = [{notice.key for notice in due(some, LATER_S, 0.0, ())} for some in (books, judged)]
+    assert keys[0] == keys[1]  # a verdict is no news
+    more, _ = run(books, ev.JobSubmitted(at_s=400.0, job=job(2)))
+    assert told(more) == texts[:1]
+
+
+def test_what_failed_by_itself_is_told_and_what_a_person_ended_is_not():
+    failed = ended("x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm")
+    books, _ = run(begun(), failed, ev.PrintFailAsked(at_s=5.0, print_id="y", why="it came off", by="ann"))
+    books, _ = run(books, ended("y", PrintState.CANCELLED))
+    assert told(books) == ["1/p01 failed on a: it does not get warm"]
+
+
+def test_a_job_that_cannot_be_made_is_told():
+    books, _ = run(printing(), ev.JobFailed(at_s=9.0, job=1, error=ErrorCode.NO_FIT, reason="too large"))
+    assert told(books) == ["job 1 (bracket.stl) failed: too large", "nothing is left to do"]
+
+
+def test_one_printer_that_is_lost_is_told_with_its_part_where_it_printed():
+    lost = ended("x", PrintState.FAILED, fault="port_lost", reason="its port is gone")
+    books, _ = run(begun(), lost, ev.PrinterLost(at_s=500.0, printer="c"))
+    assert told(books) == [
+        "1/p01 failed on a: its port is gone",
+        "c is lost: its board or the way to it is gone",
+    ]
+
+
+def test_an_outage_is_told_once_for_all_of_its_printers():
+    gone = {"fault": "port_lost", "reason": "its port is gone"}
+    books, _ = run(
+        begun(3), *(ended(name, PrintState.FAILED, 200.0 + i, **gone) for i, name in enumerate("xyz"))
+    )
+    assert told(books) == ["a b c were lost at once; nothing starts before `farm resume`"]
+    books, _ = run(books, ev.OutageConfirmed(at_s=400.0, by="ann"), ev.PrinterLost(at_s=600.0, printer="a"))
+    assert told(books)[1:] == ["a is lost: its board or the way to it is gone"]
+
+
+def test_a_dry_run_that_is_over_leaves_nothing_to_say():
+    tried = job(2).model_copy(update={"options": job().options.model_copy(update={"dry_run": True})})
+    books, _ = run(printing(), ev.JobSubmitted(at_s=3.0, job=tried), ev.JobCancelled(at_s=4.0, job=2))
+    assert told(books) == []
+
+
+def test_books_that_were_put_back_are_told_once():
+    books, _ = run(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
+    (text,) = told(books)
+    assert text.startswith("the books were damaged and are a copy now")
+    assert told(books, before={notice.key for notice in due(books, LATER_S, 0.0, ())}) == []

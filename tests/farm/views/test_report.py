@@ -1,0 +1,90 @@
+"""The report of a job: one page, its Gantt, what went wrong, its parts."""
+
+import re
+from datetime import datetime
+from xml.etree import ElementTree
+
+import trimesh
+
+from example_night import night_books, scene_of
+from farm.cli.commands.history import facts
+from farm.model import Verdict
+from farm.state import events as ev
+from farm.views.history import history
+from farm.views.jobs import job_view
+from farm.views.part_pictures import part_picture
+from farm.views.report import COLOURS, bars, gantt, page
+from make_books import run
+from make_stl import stl_bytes
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def report_of(books, **changes):
+    scene = scene_of(books)
+    view = job_view(scene, books.job(1)).model_copy(update=changes)
+    now = datetime.fromisoformat(scene.moment(scene.now_s))
+    return view, history(scene), now
+
+
+def test_a_bar_for_every_print_in_the_colour_of_what_became_of_it():
+    books, _ = run(
+        night_books(),
+        ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"),
+        ev.BedCleared(at_s=300.0, printer="um2-02", by="ann", verdict=Verdict.BAD, why="warped"),
+    )
+    drawn = bars(*report_of(books))
+    assert {bar.printer: bar.kind for bar in drawn} == {
+        "um2-01": "good",
+        "um2-02": "bad",
+        "um2-03": "printed",
+        "um2-04": "failed",
+        "um2-05": "printing",
+    }
+    svg = gantt(drawn)
+    picture = ElementTree.fromstring(svg[: svg.index("</svg>") + 6])
+    rects = list(picture.iter("rect"))
+    assert len(rects) == 5
+    assert {rect.get("fill") for rect in rects} == {
+        COLOURS[kind] for kind in ("good", "bad", "printed", "failed", "printing")
+    }
+    widths = [float(rect.get("width")) for rect in rects]
+    assert widths[0] == widths[1] == widths[2] > widths[3]  # 102 s each, and 45 s
+    assert "1/p04 on um2-04: failed, it does not get warm" in svg
+
+
+def test_other_jobs_are_drawn_on_the_same_fleet():
+    view, rows, now = report_of(night_books())
+    theirs = rows[0].model_copy(update={"job": 2, "printer": "um2-05"})
+    assert [bar.kind for bar in bars(view, [*rows, theirs], now)].count("another job") == 1
+    later = theirs.model_copy(
+        update={"started": "1970-01-02T00:00:00+00:00", "ended": "1970-01-02T01:00:00+00:00"}
+    )
+    assert "another job" not in [bar.kind for bar in bars(view, [later], now)]
+
+
+def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
+    view, rows, now = report_of(night_books(), name="<script>bunny</script>")
+    text = page(view, rows, now, facts(view), {"1/p01": PNG}, PNG)
+    assert "<script" not in text
+    assert not re.search(r"(src|href)=\"(?!data:)", text)
+    assert text.count("data:image/png;base64,") == 2
+    assert (
+        "<td>1/p04</td><td>um2-04</td><td>Thu 00:00</td><td>failed</td><td>it does not get warm</td>" in text
+    )
+    assert "plates printed</td><td>3 of 5; good 0" in text
+    assert text.count("<br>102 s, expected 100 s") == 3  # those that are printed
+    assert text.count("<br>expected 100 s") == 2
+
+
+def test_a_job_of_which_nothing_is_printed_has_a_page_too():
+    view, rows, now = report_of(night_books(), parts=[], plates=[])
+    text = page(view, rows, now, facts(view), {}, None)
+    assert "Nothing of it has been printed" in text
+
+
+def test_a_part_has_a_picture_and_own_g_code_has_none(tmp_path):
+    stl = tmp_path / "part.stl"
+    stl.write_bytes(stl_bytes(trimesh.creation.box((20.0, 10.0, 30.0))))
+    assert part_picture(stl).startswith(PNG)
+    assert part_picture(tmp_path / "plate.gcode") is None

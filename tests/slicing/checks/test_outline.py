@@ -1,0 +1,237 @@
+"""Printed outlines against the model: drawn by hand, and by the real engine."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+from slicing.checks.outline import check_outline
+from slicing.checks.toolpath import read_toolpath
+from slicing.checks.walls import Lines, lines_of
+from slicing.errors import Rule, SliceRejected
+from slicing.plate import slice_plate
+
+LINES = Lines(
+    layer_height_0_mm=0.3,
+    layer_height_mm=0.2,
+    width_mm=0.35,
+    factor_0=1.0,
+    inset_mm=0.025,
+    offset_0_mm=0.0,
+    offset_mm=0.0,
+    slack_mm=0.0,
+)
+MM2 = 6.379
+MOVE = trimesh.transformations.translation_matrix
+BOX = trimesh.creation.box((30, 20, 6), MOVE((0, 0, 3)))
+CONE = trimesh.creation.cone(15, 20, sections=64)
+TUBE = trimesh.boolean.difference([BOX, trimesh.creation.cylinder(5, 20, sections=64)])
+
+FIN = trimesh.boolean.union([BOX, trimesh.creation.box((0.3, 12, 9), MOVE((4, 0, 9)))])
+
+
+def rings(shape, lines=LINES):
+    """The middles of the outer wall of a shape."""
+    inside = shape.buffer(-lines.width_mm / 2 - lines.inset_mm, join_style="mitre")
+    for part in shapely.get_parts(inside):
+        if part.is_empty:
+            continue
+        yield from (part.exterior.coords, *(hole.coords for hole in part.interiors))
+
+
+def drawn(layers, lines=LINES):
+    """G-code of an outer wall: for each layer its rings, each a list of points."""
+    text, fed = [";LAYER_COUNT:9"], 0.0
+    for number, paths in enumerate(layers):
+        text += [f";LAYER:{number}", ";TYPE:WALL-OUTER"]
+        height = lines.top_mm(number)
+        thick = lines.layer_height_mm if number else lines.layer_height_0_mm
+        for points in paths:
+            points = np.asarray(points)[:, :2] + 100.0
+            text.append(f"G0 F9000 X{points[0][0]:.3f} Y{points[0][1]:.3f} Z{height:.3f}")
+            for before, after in pairwise(points):
+                fed += np.hypot(*(after - before)) * lines.width_mm * thick / MM2
+                text.append(f"G1 F1800 X{after[0]:.3f} Y{after[1]:.3f} E{fed:.5f}")
+    return "\n".join(text).encode()
+
+
+def count_of(mesh, lines=LINES):
+    return round((mesh.extents[2] - lines.layer_height_0_mm) / lines.layer_height_mm) + 1
+
+
+def circle(radius_mm):
+    turn = np.arange(64) * 2 * np.pi / 64
+    return shapely.Polygon(radius_mm * np.column_stack((np.cos(turn), np.sin(turn))))
+
+
+RECTANGLE = shapely.box(-15, -10, 15, 10)
+SHAPES = {
+    id(BOX): lambda z_mm: RECTANGLE,
+    id(TUBE): lambda z_mm: RECTANGLE.difference(circle(5)),
+    id(CONE): lambda z_mm: circle(15 - 0.75 * z_mm),
+    id(FIN): lambda z_mm: RECTANGLE if z_mm < 6 else shapely.box(3.85, -6, 4.15, 6),
+}
+
+
+def shapes_of(mesh, lines=LINES):
+    """The sections of one of the models above."""
+    return [SHAPES[id(mesh)](z_mm) for z_mm in lines.section_mm(count_of(mesh, lines))]
+
+
+def checked(mesh, layers, lines=LINES, removed=0):
+    return check_outline(
+        read_toolpath(drawn(layers, lines)),
+        np.asarray(mesh.triangles, float),
+        lines,
+        removed=removed,
+        centre_mm=(100.0, 100.0),
+        filament_mm2=MM2,
+    )
+
+
+@pytest.mark.parametrize("mesh", [BOX, TUBE], ids=["box", "tube"])
+def test_a_wall_along_the_outline_is_good(mesh):
+    good = [list(rings(shape)) for shape in shapes_of(mesh)]
+    assert checked(mesh, good) == ()
+    turned = [[np.asarray(ring)[::-1] for ring in layer] for layer in good]  # as Cura 5 goes round
+    assert checked(mesh, turned) == ()
+    inside_out = mesh.copy()
+    inside_out.invert()
+    assert checked(inside_out, good) == ()
+
+
+def test_the_model_is_grown_as_the_settings_say():
+    lines = replace(LINES, offset_mm=0.4, offset_0_mm=-0.3)
+    grown = [
+        list(rings(shape.buffer(0.4 if number else -0.3, join_style="mitre")))
+        for number, shape in enumerate(shapes_of(BOX))
+    ]
+    assert checked(BOX, grown, lines) == ()
+    with pytest.raises(SliceRejected, match="layer 0"):
+        checked(BOX, grown)
+
+
+def broken(change):
+    """The tube with its fifth layer changed."""
+    layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
+    layers[5] = change(layers[5])
+    return layers
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda layer: [], r"layer 5 \(Z 1.30 mm\) leaves out 5\d\d"),
+        (lambda layer: layer[:1], r"layer 5 .* prints 7\d.\d mm2 outside"),
+        (lambda layer: [np.asarray(ring) + (2.0, 0, 0)[:2] for ring in layer], "layer 5"),
+        (lambda layer: [np.asarray(ring) * 0.9 for ring in layer], "layer 5"),
+        (
+            lambda layer: [*layer, [(20, 0), (25, 0), (25, 5), (20, 5), (20, 0)]],
+            r"outside of the model at X2",
+        ),
+    ],
+    ids=["nothing", "no hole", "shifted", "shrunk", "something beside it"],
+)
+def test_a_layer_that_is_not_the_model_is_refused(change, says):
+    with pytest.raises(SliceRejected, match=says) as refused:
+        checked(TUBE, broken(change))
+    assert refused.value.rule is Rule.OUTLINE
+    assert "repair the mesh" in str(refused.value)
+
+
+def test_a_top_that_is_missing_is_refused():
+    layers = [list(rings(shape)) for shape in shapes_of(TUBE)]
+    with pytest.raises(SliceRejected, match="leaves out"):
+        checked(TUBE, layers[:20])
+    with pytest.raises(SliceRejected, match="% of the model is missing"):
+        checked(TUBE, layers[:10])
+
+
+def test_a_short_gap_without_flow_does_not_open_a_ring():
+    layers = [list(rings(shape)) for shape in shapes_of(BOX)]
+    outer = np.asarray(layers[5][0])
+    there = outer[2] + (outer[3] - outer[2]) / 20
+    layers[5] = [outer[:3], np.vstack((there, outer[3:]))]
+    assert checked(BOX, layers) == ()
+
+
+def test_layers_that_the_engine_took_away_at_the_bottom():
+    layers = [list(rings(shape)) for shape in shapes_of(CONE)]
+    assert checked(CONE, layers) == ()
+    assert checked(CONE, layers[2:], removed=2) == ()
+    assert checked(CONE, layers[2:], replace(LINES, offset_0_mm=-0.3), removed=2) == ()
+    with pytest.raises(SliceRejected, match="layer"):
+        checked(CONE, layers[2:])
+
+
+def test_a_wall_too_thin_to_print_is_told_with_its_size_and_place():
+    layers = [list(rings(shape)) for shape in shapes_of(FIN)]
+    (wall,) = checked(FIN, layers)
+    assert wall.area_mm2 == pytest.approx(12 * 7.5, rel=0.05)
+    assert (wall.x_mm, wall.y_mm) == pytest.approx((4, 0), abs=0.1)
+    assert (wall.from_z_mm, wall.to_z_mm) == pytest.approx((6, 13.5), abs=0.11)
+    assert str(wall).startswith("walls too thin to print: 9")
+
+
+def test_a_wall_of_one_line_is_printed():
+    layers = [list(rings(shape)) for shape in shapes_of(FIN)]
+    layers = [layer or [[(4, -5.8), (4, 5.8)]] for layer in layers]
+    assert checked(FIN, layers) == ()
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        {"magic_spiralize": "True"},
+        {"slicing_tolerance": "exclusive"},
+        {"magic_fuzzy_skin_enabled": "True"},
+        {"coasting_enable": "True"},
+    ],
+)
+def test_settings_that_leave_the_outline(settings_of, setting):
+    settings = settings_of()
+    assert lines_of(settings) is not None
+    for scope in (settings.global_, settings.extruder):
+        name = "global_" if scope is settings.global_ else "extruder"
+        assert lines_of(replace(settings, **{name: scope | setting})) is None
+    assert lines_of(replace(settings, wall_count=0)) is None
+
+
+SPHERE = trimesh.creation.icosphere(3, 12)
+GOOD = {
+    "sphere": SPHERE,
+    "hollow": trimesh.boolean.difference([SPHERE, trimesh.creation.icosphere(3, 8)]),
+    "torus": trimesh.creation.torus(14, 5),
+    "on its edge": trimesh.creation.box(
+        (12, 12, 12), trimesh.transformations.rotation_matrix(0.8, (1, 0, 0))
+    ),
+    "holes": trimesh.boolean.difference(
+        [trimesh.creation.box((30, 12, 4))]
+        + [trimesh.creation.cylinder(0.4 + 0.2 * i, 9, transform=MOVE((5 * i - 12, 0, 0))) for i in range(6)]
+    ),
+    "nearly flat": trimesh.creation.icosphere(3, 12).apply_scale((1, 1, 0.06)),
+    "shell": trimesh.creation.annulus(7, 7.7, 12),
+}
+
+
+@pytest.mark.parametrize("mesh", GOOD.values(), ids=GOOD.keys())
+def test_real_slices_of_sound_models_pass(request_for, mesh):
+    assert slice_plate(request_for(mesh)).unprinted == ()
+
+
+def test_a_real_slice_of_thin_fins(request_for, tmp_path):
+    block = [trimesh.creation.box((40, 40, 5))]
+    fins = [trimesh.creation.box((0.3, 30, 12), MOVE((x, 0, 5))) for x in (-10, 0, 10)]
+    model = trimesh.boolean.union(block + fins)
+    request = request_for(model, cache=tmp_path / "cache")
+    result = slice_plate(request)
+    assert sorted(round(wall.x_mm) for wall in result.unprinted) == [-10, 0, 10]
+    assert all(wall.area_mm2 == pytest.approx(30 * 8.5, rel=0.05) for wall in result.unprinted)
+    assert all(
+        (wall.from_z_mm, wall.to_z_mm) == pytest.approx((5, 13.5), abs=0.2) for wall in result.unprinted
+    )
+    again = slice_plate(request)
+    assert again == replace(result, cached=True)

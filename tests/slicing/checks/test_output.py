@@ -1,0 +1,160 @@
+"""The walk through a G-code file, and each rule that refuses one."""
+
+import pickle
+
+import pytest
+
+from slicing.checks.output import (
+    check,
+    check_bed,
+    check_log,
+    check_parking,
+    removed_layers,
+    walk,
+    with_header,
+)
+from slicing.errors import Rule, SliceRejected
+
+GOOD = b""";FLAVOR:Marlin
+;Generated with Cura_SteamEngine 4.13.0
+M82 ;absolute extrusion mode
+G28
+M190 S60
+M109 S200
+G92 E0
+G1 F47 E7.8
+G92 E0
+;LAYER_COUNT:2
+;LAYER:0
+G0 F4500 X100 Y100 Z0.27
+;TYPE:WALL-OUTER
+G1 F1800 X120 Y100 E1.5
+G1 X120 Y110 E2
+;TIME_ELAPSED:10.5
+;LAYER:1
+G0 X100 Z0.42
+G1 X100 Y90 E3
+;TIME_ELAPSED:21.25
+G1 F1500 E-3.5
+M104 S0
+M140 S0
+G91
+G1 F1500 E-13.5
+G90
+G28
+;End of Gcode
+"""
+BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
+
+
+def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
+    facts = walk(gcode)
+    check(facts, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked, layer_height_mm=0.27)
+    check_bed(facts, (111.5, 111.5), bed, 0.14)
+    check_parking(facts, 20.0)
+    return facts
+
+
+def test_what_a_good_file_says():
+    facts = checked(GOOD)
+    assert facts.print_time_s == 21.25
+    assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
+    assert (facts.layer_count, facts.layers, facts.top_layer) == (2, 2, 1)
+    assert facts.min_mm == (100.0, 90.0, 0.27)
+    assert facts.max_mm == (120.0, 110.0, 0.42)
+    assert facts.parked_mm == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize(
+    ("rule", "old", "new"),
+    [
+        (Rule.FLAVOUR, ";FLAVOR:Marlin", ";FLAVOR:UltiGCode"),
+        (Rule.FLAVOUR, "G1 F1500 E-3.5", "G1 F1500 E-3.5\nG10"),
+        (Rule.HOMING, "M82 ;absolute extrusion mode\nG28", "M82\nG1 X5\nG28"),
+        (Rule.COLD, "M109 S200", "M104 S200"),
+        (Rule.COLD, "M109 S200", "M109 S160"),
+        (Rule.HEATERS_ON, "M140 S0", "M107"),
+        (Rule.HEATERS_ON, ";End of Gcode", "M104 S30"),
+        (Rule.PARKING, "E-13.5", "E-1"),
+        (Rule.LAYERS, "G1 F1800 X120 Y100 E1.5\nG1 X120 Y110 E2", "G92 E2"),
+        (Rule.LAYERS, ";LAYER_COUNT:2", ";LAYER_COUNT:1"),
+        (Rule.OUTSIDE_BED, "X120 Y100", "X133 Y100"),
+        (Rule.OUTSIDE_BED, "X100 Y90", "X100 Y-90"),
+    ],
+)
+def test_each_rule_refuses(rule, old, new):
+    assert old.encode() in GOOD
+    with pytest.raises(SliceRejected) as refused:
+        checked(GOOD.replace(old.encode(), new.encode()))
+    assert refused.value.rule is rule
+    assert "\n" not in str(refused.value)
+    assert "; " in str(refused.value)  # what was found; what to do
+
+
+def test_nothing_printed():
+    start, _, rest = GOOD.partition(b";LAYER_COUNT")
+    end = rest.partition(b"G1 F1500 E-3.5")[2]
+    with pytest.raises(SliceRejected) as refused:
+        checked(start + end)
+    assert refused.value.rule is Rule.NOTHING_PRINTED
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "cut_mm", "top_checked", "good"),
+    [
+        (0.3, 0.0, True, True),
+        (0.2, 0.0, True, False),
+        (1.3, 0.0, False, True),
+        (9.0, 0.0, False, False),
+        (9.0, 0.0, True, True),
+        (0.8, 0.4, True, True),
+        (0.6, 0.4, True, False),
+        (2.5, 2.0, True, False),
+    ],
+)
+def test_the_height(height_mm, cut_mm, top_checked, good):
+    if good:
+        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked)
+        return
+    with pytest.raises(SliceRejected) as refused:
+        checked(GOOD, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked)
+    assert refused.value.rule is Rule.HEIGHT
+
+
+def test_one_rectangle_of_the_bed_must_hold_it_all():
+    left, right = (-20.0, -25.0, 0.0, 25.0, 205.0), (0.0, -25.0, 20.0, 25.0, 205.0)
+    with pytest.raises(SliceRejected, match="room"):
+        checked(GOOD, bed=(left, right))
+    checked(GOOD, bed=(left, right, *BED))
+    with pytest.raises(SliceRejected, match="room"):
+        checked(GOOD, bed=((-20.0, -25.0, 20.0, 25.0, 0.1),))
+
+
+@pytest.mark.parametrize(
+    "line", ["[WARNING] Mesh has disconnected faces!", "[WARNING] Face count reported: 1"]
+)
+def test_warnings_of_half_a_mesh_refuse(line):
+    with pytest.raises(SliceRejected) as refused:
+        check_log(f"Starting slice...\n{line}\nPrint time (s): 3\n")
+    assert refused.value.rule is Rule.BROKEN_MESH
+    check_log("Starting slice...\nPrint time (s): 3\n")
+
+
+def test_the_true_header_replaces_the_placeholder():
+    log = (
+        "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
+    )
+    headed = with_header(GOOD, log)
+    assert headed.startswith(b";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
+    assert headed.partition(b"M82")[2] == GOOD.partition(b"M82")[2]
+    assert with_header(GOOD, "no header here") == GOOD
+
+
+def test_how_many_layers_were_taken_away_at_the_bottom():
+    assert removed_layers("Starting\nRemoving 2 layers because they are empty\nLayer count: 9\n") == 2
+    assert removed_layers("Layer count: 9\n") == 0
+
+
+def test_a_refusal_passes_between_processes():
+    refused = pickle.loads(pickle.dumps(SliceRejected(Rule.COLD, "why")))
+    assert (refused.rule, str(refused)) == (Rule.COLD, "the slice was rejected (cold): why")

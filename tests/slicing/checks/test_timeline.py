@@ -1,0 +1,83 @@
+"""When each feature begins: by the slicer's own layer times, and against the firmware's planner."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from drivers.emulator.planner import CAPACITY, Limits, Planner
+from drivers.gcode.program import strip
+from drivers.gcode.timeline import Feature
+from drivers.printers.profiles import PROFILES
+from slicing.checks.timeline import with_times
+from slicing.checks.toolpath import read_toolpath
+from slicing.plate import slice_plate
+
+TWO_LAYERS = b"""G28
+G1 F6000 X50
+;LAYER:0
+;TYPE:SKIRT
+G1 F600 X60 E1
+;TYPE:WALL-OUTER
+G1 X90 E2
+;TIME_ELAPSED:8.0
+;LAYER:1
+G1 F6000 X50
+;TYPE:FILL
+G1 F600 X40 E3
+;TIME_ELAPSED:10.8
+G28
+;TYPE:CUSTOM
+"""
+
+
+def test_time_is_shared_out_by_what_the_moves_take():
+    timed = with_times(TWO_LAYERS, read_toolpath(TWO_LAYERS))
+    assert b";TIME_ELAPSED:2.000000\n;TYPE:WALL-OUTER\n" in timed
+    assert b";TIME_ELAPSED:8.800000\n;TYPE:FILL\n" in timed
+    assert timed.count(b"TIME_ELAPSED") == 4
+    left = [line for line in timed.splitlines() if b"TIME" not in line]
+    assert left == [line for line in TWO_LAYERS.splitlines() if b"TIME" not in line]
+
+
+def test_a_file_without_times_stays_as_it_is():
+    bare = TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING")
+    assert with_times(bare, read_toolpath(bare)) == bare
+
+
+def queued_s(path):
+    """(n,) When a planner that is fed as fast as it has room takes each move in."""
+    planner = Planner(Limits.of(PROFILES["ultimaker2_plus"]), (0.0,) * 4, lambda e_mm, z_mm: None)
+    place, now_s, times = np.zeros(4), 0.0, []
+    for way, feed in zip(path.after - path.before, path.feed_mm_min / 60, strict=True):
+        place = place + way
+        now_s = max(now_s, planner.free_s())
+        planner.advance(now_s)
+        planner.add(tuple(place), max(feed, 1.0), now_s)
+        times.append(now_s)
+    return np.array(times)
+
+
+def test_the_times_within_layers_are_those_of_the_firmwares_planner(request_for):
+    model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
+    result = slice_plate(request_for(model))
+    with result.gcode.open("rb") as lines:
+        program = strip(lines)
+    assert program.time_s == result.print_time_s
+    assert program.layers == result.layers
+    assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.FILL}
+    heights = [mark.z_mm for mark in program.timeline]
+    assert heights == sorted(heights)
+    assert heights[-1] == pytest.approx(result.height_mm)
+    seconds = [mark.seconds for mark in program.timeline]
+    assert seconds == sorted(seconds)
+
+    path = read_toolpath(result.gcode.read_bytes())
+    queued = queued_s(path)
+    first = next(note.move for note in path.notes if note.text.startswith("LAYER:"))
+    # A move begins when the queue has taken in as many more as it holds.
+    began = queued[CAPACITY:] - queued[first + CAPACITY]
+    marks = [(n.move, float(n.text[13:])) for n in path.notes if n.text.startswith("TIME_ELAPSED:")]
+    error_s = np.array([seconds - began[move] for move, seconds in marks if move < len(began)])
+    assert len(error_s) > 100
+    assert np.abs(error_s).max() < 0.01 * result.print_time_s
+    assert np.abs(error_s - np.median(error_s)).mean() < 0.001 * result.print_time_s

@@ -1,0 +1,97 @@
+"""A G-code file as columns of numbers."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slicing.checks.toolpath import NO_LAYER, read_toolpath
+
+FILE = b""";FLAVOR:Marlin
+G28
+G1 F1200 X5 Y10
+M109 S210 ; wait
+;LAYER:0
+;TYPE:SKIRT
+G1 F600 X6 E1.5
+G1 Y-11.25
+G92 E0
+;TYPE:WALL-OUTER
+g1 is no command here
+G1X7Y8E2 ; written in another way
+G91
+G1 Z2 E-1
+G90
+;LAYER:1
+M83
+G1 X0 E.5
+G1 X1 E.5
+"""
+
+
+def test_modes_resets_and_other_ways_of_writing():
+    path = read_toolpath(FILE)
+    assert path.after.tolist() == [
+        [5, 10, 0, 0],
+        [6, 10, 0, 1.5],
+        [6, -11.25, 0, 1.5],
+        [7, 8, 0, 2],
+        [7, 8, 2, 1],
+        [0, 8, 2, 1.5],
+        [1, 8, 2, 2],
+    ]
+    assert path.pushed_mm.tolist() == [0, 1.5, 0, 2, -1, 0.5, 0.5]
+    assert path.feed_mm_min.tolist() == [1200] + 6 * [600]
+    assert path.layer.tolist() == [NO_LAYER, 0, 0, 0, 0, 1, 1]
+    assert np.flatnonzero(path.is_feature("WALL-OUTER")).tolist() == [3, 4, 5, 6]
+    assert not path.is_feature("SKIN").any()
+    assert path.moved.tolist() == [True] * 7
+    wait = next(command for command in path.commands if command.code == "M109")
+    assert (wait.move, wait.word("S"), wait.word("X")) == (1, 210.0, None)
+    note = path.notes[1]
+    assert (note.move, note.text) == (1, "LAYER:0")
+    assert FILE[note.offset :].startswith(b";LAYER:0\n")
+
+
+@pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X", b"G1 X1", b"\xff\x00\n"])
+def test_next_to_nothing(text):
+    path = read_toolpath(text)
+    assert len(path.after) == len(path.layer) == len(path.feed_mm_min) == text.count(b"G1")
+
+
+NUMBERS = st.integers(-99_999, 99_999).map(lambda n: n / 1000)
+MOVES = st.dictionaries(st.sampled_from("XYZEF"), NUMBERS, min_size=1)
+OTHERS = st.sampled_from([";TYPE:SKIN", ";LAYER:3", "M107", "", "G92 X1 E0", "M105 ; G1 X1"])
+
+
+@given(st.lists(st.one_of(MOVES, OTHERS), max_size=40), st.booleans())
+def test_the_columns_are_what_a_reader_of_lines_finds(lines, spaced):
+    text, expected = [], []
+    here = dict.fromkeys("XYZE", 0.0)
+    for line in lines:
+        if isinstance(line, str):
+            text.append(line)
+            if line.startswith("G92"):
+                here |= {"X": 1.0, "E": 0.0}
+            continue
+        words = [f"{letter}{number:.3f}" for letter, number in line.items()]
+        text.append(" ".join(["G1", *words]) if spaced else "G1" + "".join(words))
+        here |= {letter: number for letter, number in line.items() if letter != "F"}
+        expected.append(list(here.values()))
+    after = read_toolpath("\n".join(text).encode()).after
+    assert after == pytest.approx(np.array(expected).reshape(-1, 4))
+
+
+def test_a_block_of_moves_without_an_end_takes_little_memory():
+    """The engine of `re` keeps what it could give back: 50 bytes for each byte of one block."""
+    text = b"G1 X10.125 Y10.125 E10.125\n" * 40_000
+    tracemalloc.start()
+    try:
+        path = read_toolpath(text)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(path.after) == 40_000
+    assert most < 20 * len(text)

@@ -1,0 +1,288 @@
+"""A person's own G-code: what is printed of it."""
+
+import gzip
+import itertools
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.printers.profiles import PROFILES
+from farm.planning.move_times import FirmwareTime
+from make_gcode import FILAMENT_MM2, PURGE, marlin, square, ultigcode
+from own_gcode import body, fed, followed, refused, safe, take
+from slicing.errors import GcodeRefused
+
+
+def test_a_marlin_file_keeps_its_print_and_loses_its_start_and_end():
+    accepted = take(marlin())
+    safe(accepted)
+    lines = body(accepted)
+    printed = [(x, y, z, e) for layer in square() for x, y, z, e in layer if e]
+    assert fed(followed(lines)) == [pytest.approx(move, abs=2e-5) for move in printed]
+    assert not any("X5.000" in line for line in lines)  # the purge
+    assert (accepted.nozzle_c, accepted.bed_c, accepted.layers) == (205.0, 60.0, 3)
+    assert accepted.filament_mm == pytest.approx(240 * 0.08 / FILAMENT_MM2, abs=1e-4)
+    assert accepted.min_mm == pytest.approx((100, 100, 0.2))
+    assert accepted.max_mm == pytest.approx((120, 120, 0.6))
+
+
+def test_the_head_comes_to_the_first_point_from_above():
+    moves = followed(body(take(marlin())))
+    assert [move[2] for move in moves[:2]] == [20.0, pytest.approx(0.2)]
+    assert moves[0][:2] == moves[1][:2] == (100.0, 100.0)
+
+
+def test_where_the_start_left_the_head_does_not_matter():
+    """PrusaSlicer raises it, then draws back, before it goes to the first point."""
+    lines = marlin(start=["G28", "M109 S200", "G1 X5 Y5 Z0.3 F3000"], relative=True)
+    at = lines.index(";LAYER:0") + 1
+    lines[at:at] = ["G1 Z0.2", "G1 E-2 F2400"]
+    lines.insert(at + 3, "G1 E2")
+    accepted = take(lines)
+    safe(accepted)
+    assert accepted.min_mm == accepted.reach_min_mm == pytest.approx((100, 100, 0.2))
+    assert followed(body(accepted))[:4] == [
+        (5.0, 50.0, 20.0, -2.0),
+        (100.0, 100.0, 20.0, 0.0),
+        (100.0, 100.0, 0.2, 0.0),
+        (100.0, 100.0, 0.2, 2.0),
+    ]
+
+
+def test_ultigcode_is_converted_to_mm_with_retractions_of_its_own():
+    accepted = take(ultigcode())
+    safe(accepted)
+    assert (accepted.nozzle_mm, accepted.nozzle_c, accepted.bed_c) == (0.4, 210.0, 65.0)
+    moves = followed(body(accepted))
+    assert accepted.filament_mm == pytest.approx(240 * 0.08 / FILAMENT_MM2, abs=1e-4)
+    assert [m[3] for m in moves if m[3] < 0] == [pytest.approx(-6.5, abs=1e-4)] * 3
+    assert sum(m[3] for m in moves) == pytest.approx(accepted.filament_mm, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("slicer", "filament_mm", "seconds"),
+    [("prusaslicer", 19.61, 78), ("slic3r", 20.04, None), ("ultigcode", 246 / FILAMENT_MM2, 104.9)],
+)
+def test_what_slicers_write_takes_the_filament_and_the_time_that_they_say(slicer, filament_mm, seconds):
+    """Recorded on Debian 12: a tile of 10 x 10 x 1 mm by PrusaSlicer 2.5.0, Slic3r 1.3.0, CuraEngine 4.13."""
+    recorded = Path(__file__).parents[1] / "fixtures" / f"tile-{slicer}.gcode.gz"
+    accepted = take(
+        gzip.decompress(recorded.read_bytes()).splitlines(keepends=True),
+        FirmwareTime(PROFILES["ultimaker2_plus"]),
+    )
+    safe(accepted)
+    assert (accepted.nozzle_mm, accepted.layers) == (0.4, 5)
+    assert accepted.filament_mm == pytest.approx(filament_mm, rel=0.003)
+    assert accepted.print_time_s == pytest.approx(seconds or accepted.print_time_s, rel=0.06)
+
+
+def rewritten(lines, how):
+    match how:
+        case "lower case":
+            return [line if line.startswith(";") else line.lower() for line in lines]
+        case "numbered":
+            plain = [f"N{n} {line}" for n, line in enumerate(line for line in lines if line[0] != ";")]
+            plain = [f"{line}*{xor(line)}" for line in plain]
+            return [line if line[0] == ";" else plain.pop(0) for line in lines]
+        case "commented":
+            return [f"{line} ; and (so) on" if line[0] != ";" else line for line in lines]
+        case "aside":
+            return [line.replace(" ", " (so) ", 1) if line[0] != ";" else line for line in lines]
+        case "indented":
+            return [f"\t {line}  " if line[0] != ";" else line for line in lines]
+    return lines
+
+
+def xor(line):
+    value = 0
+    for byte in line.encode():
+        value ^= byte
+    return value
+
+
+@pytest.mark.parametrize("how", ["lower case", "numbered", "commented", "aside", "indented"])
+def test_it_does_not_matter_how_a_line_is_written(how):
+    assert body(take(rewritten(marlin(), how))) == body(take(marlin()))
+    assert body(take(rewritten(marlin(), how), end=b"\r\n")) == body(take(marlin()))
+
+
+@st.composite
+def prints(draw):
+    """Layers of moves on the bed, each line of a plausible width."""
+    layers = []
+    for number in range(draw(st.integers(1, 4))):
+        z = 0.2 * (number + 1)
+        points = draw(st.lists(st.tuples(*[st.integers(20, 200)] * 2), min_size=2, max_size=6, unique=True))
+        moves = [(*map(float, points[0]), z, 0.0)]
+        for (ax, ay), (bx, by) in itertools.pairwise(points):
+            way_mm = ((bx - ax) ** 2 + (by - ay) ** 2) ** 0.5
+            moves.append((float(bx), float(by), z, round(way_mm * 0.0125, 5)))
+        layers.append(moves)
+    return layers
+
+
+@given(prints())
+@settings(max_examples=40, deadline=None)
+def test_the_same_print_in_every_dialect_is_the_same_print(layers):
+    wanted = [move for layer in layers for move in layer if move[3]]
+    no_comments = marlin(layers, comments=False)
+    for lines in (marlin(layers), marlin(layers, relative=True), ultigcode(layers), no_comments):
+        accepted = take(lines)
+        safe(accepted)
+        moves = followed(body(accepted))
+        printed = [m for m, before in zip(moves[1:], moves, strict=False) if m[3] > 0 and m[:3] != before[:3]]
+        assert printed == [pytest.approx(move, abs=5e-5) for move in wanted]
+        assert accepted.layers == len(layers)
+
+
+def test_relative_moves_become_absolute():
+    there = ["G91", "G1 X10 E0.12 F1800", "G1 Y10 E0.12", "G90", "G92 E0.5019"]
+    lines = marlin(square(layers=1), tail=[*there, "M104 S0"])
+    assert [m[:2] for m in fed(followed(body(take(lines))))[-2:]] == [(110.0, 100.0), (110.0, 110.0)]
+
+
+def test_a_low_move_counts_as_a_printed_one_where_clips_are():
+    low, high = take(marlin(body=["G0 X1 Y2 Z0.5"])), take(marlin(body=["G0 Z12", "G0 X1 Y2"]))
+    assert low.min_mm == pytest.approx((1, 2, 0.2))
+    assert high.min_mm == pytest.approx((100, 100, 0.2))
+    assert low.reach_min_mm[:2] == high.reach_min_mm[:2] == (1, 2)
+
+
+def test_factors_of_speed_and_flow_are_multiplied_out():
+    whole, half = take(marlin()), take(marlin(body=["M221 S50", "M220 S200"]))
+    assert half.filament_mm == pytest.approx(whole.filament_mm * (1 + 0.5 + 0.5) / 3, rel=1e-4)
+    assert "G1 F3600 X120.000" in "\n".join(body(half))
+
+
+def test_an_arc_becomes_straight_moves_on_its_circle():
+    arc = ["G3 F1800 X100 Y140 I0 J20 E0.8", "M104 S0"]
+    moves = fed(followed(body(take(marlin([square(layers=1)[0][:1]], tail=arc)))))
+    assert len(moves) > 50
+    assert all(abs(((x - 100) ** 2 + (y - 120) ** 2) ** 0.5 - 20) < 2e-3 for x, y, _, _ in moves)
+    assert max(x for x, *_ in moves) == pytest.approx(120, abs=0.02)
+    assert sum(m[3] for m in moves) == pytest.approx(0.8, abs=1e-4)
+
+
+def test_what_a_start_has_drawn_back_is_drawn_back_before_the_first_layer():
+    start = [";FLAVOR:Marlin", "G28", "M109 S200", *PURGE, "G92 E0", "G1 E-4 F1500"]
+    lines = marlin(start=start, relative=True)
+    lines.insert(lines.index(";LAYER:0") + 2, "G1 E4 F1500")
+    moves = followed(body(take(lines)))
+    assert moves[0] == (5.0, 50.0, 20.0, pytest.approx(-4.0))
+    assert [m[3] for m in moves if m[3]][1] == pytest.approx(4.0)
+
+
+def test_a_file_says_its_nozzle_where_there_are_several():
+    with pytest.raises(GcodeRefused, match=r"nozzle_diameter = 0\.4"):
+        take(marlin(), nozzle_mm=None)
+    assert take(["; nozzle_diameter = 0.4", *marlin()], nozzle_mm=None).nozzle_mm == 0.4
+    safe(take(ultigcode(), nozzle_mm=None))
+
+
+def spiral(section_mm, turns=20, layer_mm=0.2):
+    """A vase without a floor: `section_mm` of E on each mm of its wall."""
+    points, radius_mm = 60, 20.0
+    moves = [(130.0, 110.0, layer_mm, 0.0)]
+    for n in range(turns * points):
+        angle = math.tau * (n + 1) / points
+        x, y = 110 + radius_mm * math.cos(angle), 110 + radius_mm * math.sin(angle)
+        moves.append((x, y, layer_mm * (1 + (n + 1) / points), math.tau * radius_mm / points * section_mm))
+    lines = [";FLAVOR:Marlin", "G28", "M109 S200", "M83", ";LAYER:0", "G0 X130 Y110 Z0.2 F9000"]
+    lines += [f"G1 F1800 X{x:.3f} Y{y:.3f} Z{z:.4f} E{e:.5f}" for x, y, z, e in moves[1:]]
+    return [*lines, "M104 S0"]
+
+
+def test_a_spiral_is_printed_and_its_e_is_held_to_a_lines_width_too():
+    accepted = take(spiral(0.4 * 0.2 / FILAMENT_MM2))
+    assert accepted.max_mm[2] == pytest.approx(4.2)
+    safe(accepted)
+    refused(spiral(0.4 * 0.2), "mm3")
+
+
+def test_fan_and_temperatures_of_the_print_are_kept():
+    start = [";FLAVOR:Marlin", "G28", "M109 R200", "M106 S100"]
+    lines = body(take(marlin(start=start, body=["M104 S195", "M140 S55", "M106 S255", "G4 P500"])))
+    assert lines[0] == "M106 S100"
+    assert [line for line in lines if line[0] == "M" or line.startswith("G4")] == [
+        *("M106 S100", "M104 S195", "M140 S55", "M106 S255", "G4 P500")
+    ]
+
+
+def test_e_starts_anew_before_its_steps_get_coarse():
+    long = [[(50.0, 50.0, 5.0, 0.0)] + [(50.0 + 100 * (n % 2), 50.0, 5.0, 60.0) for n in range(1, 41)]]
+    accepted = take(marlin(long))
+    assert "G92 E0" in body(accepted)
+    assert sum(m[3] for m in followed(body(accepted))) == pytest.approx(2400.0, abs=0.01)
+    safe(accepted)
+
+
+def test_progress_has_marks_from_the_stopwatch_not_from_the_file():
+    lines = [line.replace(";LAYER:1", ";TIME_ELAPSED:99999\n;LAYER:1") for line in marlin()]
+    program = safe(take([part for line in lines for part in line.split("\n")]))
+    assert {mark.layer for mark in program.timeline} == {0, 1, 2}
+    assert 8 < program.time_s < 30
+
+
+def test_a_slow_layer_has_more_than_one_mark():
+    slow = [line.replace("F1800", "F30") for line in marlin()]
+    assert len(safe(take(slow)).timeline) > 6
+
+
+def test_what_a_line_prints_is_kept_where_the_file_says_it():
+    lines = body(take(marlin(body=[";TYPE:WALL-OUTER", ";TYPE:External perimeter", ";MESH:a.stl"])))
+    assert [line for line in lines if line.startswith((";TYPE", ";MESH"))] == [";TYPE:WALL-OUTER"]
+
+
+def test_an_end_script_may_do_what_a_print_must_not():
+    tail = [
+        "M104 S0",
+        "M140 S0",
+        "G28",
+        "M84",
+        "M81",
+        "M18",
+        "G29",
+        "G1 E-30 F1500",
+        "M82",
+        "M104 S0 T1",
+        "G92 X0 Y0 E0",
+        "G1 X-50 Z400 F0.1",
+    ]
+    accepted = take(marlin(tail=tail))
+    safe(accepted)
+    assert accepted.reach_min_mm == accepted.min_mm
+    assert take(marlin(tail=["G1 E90", "M84"])).filament_mm == accepted.filament_mm
+
+
+def test_what_is_left_out_is_said():
+    notices = take(marlin(body=["M204 S500", "M900 K0.1", "M73 P10", "M117 Go: N*"])).notices
+    assert notices[-1] == "Left out, for the printer has its own: M204 (acceleration), M900 (linear advance)."
+
+
+def test_a_text_for_the_display_and_a_byte_order_mark_mean_nothing():
+    plain, lines = marlin(), marlin(body=["M117 Größe (50 %: N5*7", "m118 née"])
+    lines[0] = "\ufeff" + lines[0]
+    assert body(take(lines)) == body(take(plain))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "M201 X500",
+        "M203 E5",
+        "G10 P0 R0",
+        "G2 X9 Y9 I1 J1",
+        "M205 X8",
+        "G29",
+        "M420 S1",
+        'M862.3 P "MK3"',
+        "G80",
+        "M200 D0",
+        "M200D0.0",
+    ],
+)
+def test_what_a_start_does_to_the_printer_is_left_out(line):
+    assert body(take([";FLAVOR:Marlin", line, *marlin()[1:]])) == body(take(marlin()))

@@ -1,0 +1,164 @@
+"""A person's own G-code: what is refused, and that whatever is not refused is safe."""
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from make_gcode import FILAMENT_MM2, after, as_bytes, marlin, square, ultigcode
+from own_gcode import body, followed, refused, safe, take
+from slicing.errors import GcodeRefused
+from slicing.own_gcode.lines import LONGEST
+
+
+@pytest.mark.parametrize("tail", [[], ["G1 E0 F1500"]])
+def test_a_start_that_draws_the_filament_out_of_the_hot_end_is_refused(tail):
+    start = [";FLAVOR:Marlin", "G28", "M109 S200", "G92 E0", "G1 E-60 F1500", "M82", "G92 E-60"]
+    lines = marlin(start=start)
+    at = lines.index(";LAYER:0")
+    refused([*lines[: at - 2], ";LAYER:0", *tail, *lines[at + 1 :]], "60.0 mm back, out of the hot end")
+
+
+@pytest.mark.parametrize(("z", "said"), [("-3", "to Z -3, into the bed"), ("0", "at Z 0: .* above the bed")])
+def test_a_start_that_leaves_the_head_in_the_bed_is_refused(z, said):
+    tail = [f"G1 X100 Y100 Z{z}", ";LAYER:0", "G1 F1800 X120 Z0.2 E0.25", "G1 X140 E0.5"]
+    refused(marlin([], tail=tail), said)
+
+
+def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears_them():
+    def two(layers):
+        return marlin(after(square(layers=layers), square(at_mm=170.0, layers=2)))
+
+    safe(take(two(layers=50)))
+    refused(two(layers=53), "Z 0.2 beside what is 10.6 mm high.*Print Sequence")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        *((f"M{n}", rf"line \d+: M{n} ") for n in (0, 1, 226, 600, 601, 20, 23, 24, 28, 30, 92, 112, 200)),
+        *((f"M{n} P1", rf"line \d+: M{n} .*take it out") for n in (301, 302, 303, 500, 501, 502, 999)),
+        *((f"M{n} X1", rf"line \d+: M{n} ") for n in (92, 201, 203, 206)),
+        ("G20", "millimetres"),
+        ("T1", "single extruder"),
+        ("G28", "homes in the middle"),
+        ("G29", "not on the list"),
+        ("M84", "motors"),
+        ("M42 P3", "not on the list"),
+        ("G5 X1", "not on the list"),
+        ("G92 X0", "E anew"),
+        ("G92 X0 E0", "E anew"),
+        ("G92", "E anew"),
+        ("M104 S0", "cold .0 C. and the print goes on"),
+        ("M109 S150", "cold"),
+        ("M104 S261", "at most 260"),
+        ("M104 S-5", "at most 260"),
+        ("M104", "no temperature"),
+        ("M104 S200 T1", "single extruder"),
+        ("M140 S0", "bed off"),
+        ("M140 S0.3", "bed off"),
+        ("M140 S116", "at most 115"),
+        ("M220", "needs S10 to S500"),
+        ("M221 S0", "needs S10 to S300"),
+        ("G4 S3600", "waits 3600 s"),
+        ("G1 X10 E900", "pushes 899 mm"),
+        ("G1 F1500 E-30", "out of the hot end"),
+        ("G1 F1 X10", "for ever"),
+        ("G1 Z-1", "into the bed"),
+        ("G1 X1e9", "damaged|blank"),
+        ("G1 X1000000000", "more than any printer"),
+        ("G1 Xnan", "cannot be read|twice"),
+        ("G1 Xinf", "cannot be read|damaged"),
+        ("G1 X1E5", "a blank before each E"),
+        ("G1 X1 X2", "twice"),
+        ("G1 X--1", "cannot be read"),
+        ("G1 X1 : M112", "cannot be read"),
+        ("G2 X10 Y10 R5", "I and J"),
+        ("G2 X10 Y10 I1 J1", "no printer can make this arc"),
+        ("G2 X100 Y100 I5000 J0", "no printer can make this arc"),
+        ("N5 G1 X10*1", "checksum"),
+        ("G1 X10*33", "cannot be read"),
+        ("G1 X Y10", "cannot be read"),
+        ("START_PRINT BED=60", "no command"),
+        ("hello", "no command"),
+        ("G1.5 X1", "not on the list"),
+        ("M117\0", "plain text"),
+        ("G1 X1 \x07", "plain text"),
+        ("G1 Xé", "plain text"),
+        ("M200", "mm3"),
+        ("M200 D1.75", "mm3"),
+        (";" + "x" * LONGEST, "longer than"),
+        ("(open", "no command"),
+    ],
+)
+def test_what_a_print_must_not_hold_is_refused_by_line(line, said):
+    refused(marlin(body=[line]), said)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["M500", "M92 E400", "M302 P1", "M0", "T1", "G20", "M206 X5", "M200 D2.85", "G92 Z0", "M104 S200 T1"],
+)
+def test_what_gives_a_file_another_meaning_is_refused_in_its_start_too(line):
+    refused([";FLAVOR:Marlin", line, *marlin()[1:]], f"line 2: {line.split()[0]} ")
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ([], "where its print begins"),
+        ([";FLAVOR:Griffin", *marlin()[1:]], "flavour is 'Griffin'.*Marlin"),
+        ([";FLAVOR:Marlin(Volumetric)", *marlin()[1:]], "Marlin"),
+        (["; filament_diameter = 1.75", *marlin()], "1.75 mm"),
+        (["; use_volumetric_e = 1", *marlin()], "Use volumetric E"),
+        (["G28", "G1 X10 Y10 Z0.2 E1"], "where its print begins"),
+        (["G28", "M109 S200"], "prints nothing"),
+        ([";LAYER:0", "G28", "M109 S200"], "nozzle's temperature"),
+        (marlin(start=["G28", "M190 S60"]), "nozzle's temperature"),
+        (marlin([], start=["G28", "M109 S200"], tail=[]), "prints nothing"),
+        (marlin([[(100.0, 100.0, 0.0, 0.0), (120.0, 100.0, 0.0, 0.25)]]), "above the bed"),
+        ([*marlin(start=["G28", "M109 S200"])[:5], "G1 X10 E1", "M104 S0"], "has said where"),
+        (marlin(square(e_per_mm=0.4 * 0.2)), "mm3"),
+        (marlin(square(e_per_mm=0.4 * 0.2 / 2.405)), "diameter"),
+        (ultigcode(square(e_per_mm=0.4 * 0.2 / FILAMENT_MM2**2)), "mm3"),
+        ([line for line in ultigcode() if "LAYER" not in line], "where its print begins"),
+    ],
+)
+def test_a_file_that_means_something_else_is_refused(lines, said):
+    refused(lines, said)
+
+
+LINES = st.one_of(
+    st.sampled_from(
+        as_bytes([*marlin(), *ultigcode(), "G91", "G90", "M83", "G10", "G11", "M221 S95", "G4 P9"])
+    ),
+    st.sampled_from(
+        as_bytes(["G1 Z-3", "G1 Z0", "G1 E-60", "G1 E-6", "G1 X5 Y5 Z0.3", "G92 E0", "G1 E30", ";LAYER:0"])
+    ),
+    st.from_regex(rb"[GMTN][0-9]{1,3}( [XYZEFSPIJRT]-?[0-9]{1,5}(\.[0-9]{0,3})?){0,4}\n", fullmatch=True),
+    st.binary(max_size=30),
+)
+
+
+@given(st.lists(LINES, max_size=12), st.lists(LINES, max_size=12), st.sampled_from([marlin, ultigcode]))
+@example([], [b"G91\n", b"G1 E-1 X3 Z1\n"], marlin)
+@example([b";LAYER:0\n"], [], ultigcode)
+@settings(max_examples=300, deadline=None)
+def test_whatever_a_file_holds_it_is_refused_or_safe(before, inside, dialect):
+    good = as_bytes(dialect())
+    middle = len(good) - 8
+    try:
+        accepted = take([*before, *good[:middle], *inside, *good[middle:]])
+    except GcodeRefused as error:
+        assert "\n" not in str(error)
+    else:
+        safe(accepted)
+        assert accepted.min_mm[2] > 0
+        back_mm = 0.0
+        for x, y, z, e in followed(body(accepted)):
+            assert z >= 0
+            back_mm = max(0.0, back_mm - e)
+            assert back_mm <= 20.5 + 1e-4
+            if z < 10:
+                inside = zip(accepted.min_mm[:2], (x, y), accepted.max_mm[:2], strict=True)
+                assert all(low - 1e-3 <= value <= high + 1e-3 for low, value, high in inside)
+        assert back_mm == pytest.approx(0.0, abs=1e-4)

@@ -1,0 +1,143 @@
+"""Ways of the head through and over what is printed."""
+
+import json
+import subprocess
+
+import pytest
+import trimesh
+
+from make_gcode import after, marlin, square
+from make_stl import stl_bytes
+from own_gcode import refused, safe, take
+from slicing.engine import run_engine
+from slicing.own_gcode.clearance import Clearance
+
+AT = trimesh.transformations.translation_matrix
+TOWER_18 = square(layers=90)
+
+
+@pytest.mark.parametrize(
+    ("way", "hit"),
+    [
+        (["G0 X90 Y110 Z20", "G0 Z0.3", "G0 X130"], 2),  # through the middle
+        (["G0 X90 Y110 Z30", "G0 X130 Z0.3"], 2),  # slanting
+        (["G0 X90 Y110 Z20", "G0 X130"], None),  # above
+        (
+            ["G0 Z25", "G0 X110 Y110", "G0 Z14", "G0 Z25"],
+            None,
+        ),  # into a hollow tower, less than the nozzle's length
+        (["G0 Z25", "G0 X60 Y110", "G0 Z5"], 3),  # beside it: the head is 64 mm wide there
+        (["G0 Z25", "G0 X190 Y190", "G0 Z5", "G0 Z25"], None),  # further away than the head is wide
+    ],
+)
+def test_a_way_through_what_is_printed_is_refused(way, hit):
+    lines = marlin(TOWER_18)
+    at = lines.index(";LAYER:89") + 1
+    lines[at:at] = way
+    if hit:
+        refused(lines, rf"line {at + hit}: moves at Z .* into what is printed up to Z 17.8")
+    else:
+        safe(take(lines))
+
+
+def test_the_head_reaches_as_far_as_curas_definition_says():
+    clearance = Clearance(slack_mm=0.4)
+    clearance.add([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
+
+    def hits(x, y, z=3.0):
+        return clearance.obstacle_mm([x, y, z], [x, y, z]) is not None
+
+    assert hits(100, 100, 8.0) and not hits(100, 100, 8.7)
+    assert hits(102, 100) and not hits(102, 100, 4.0)
+    # the head covers 44 mm left of the nozzle, 64 mm right, 34 mm in front and 14 mm behind
+    assert [hits(*at) for at in ((143, 100), (146, 100), (37, 100), (34, 100))] == [True, False, True, False]
+    assert [hits(*at) for at in ((100, 133), (100, 136), (100, 87), (100, 84))] == [True, False, True, False]
+
+
+def test_objects_one_after_the_other_need_the_heads_width_between_them():
+    def two(at_mm, layers):
+        return marlin(after(square(layers=layers), square(at_mm=at_mm, layers=2)))
+
+    safe(take(two(170.0, layers=45)))
+    safe(take(two(135.0, layers=25)))  # 5 mm high: below the head
+    refused(two(135.0, layers=45), r"Z 0\.2 into what is printed up to Z 9")
+
+
+def test_what_is_printed_later_is_known_too():
+    """The third object meets the second, which was low when the ways there were computed."""
+    first, second, third = square(layers=40), square(at_mm=20.0, layers=40), square(at_mm=50.0, layers=1)
+    refused(marlin(after(after(first, second), third)), r"Z 0\.2 into what is printed up to Z 8")
+
+
+def test_standing_still_is_bounded_in_sum():
+    def waits(seconds, layers):
+        lines = marlin(square(layers=layers))
+        for number in range(layers):
+            at = lines.index(f";LAYER:{number}") + 2
+            lines[at:at] = [f"G4 S{seconds}"]
+        return lines
+
+    safe(take(waits(30, 100)))
+    refused(waits(40, 100), r"waits 3640 s in all so far: at most 3600")
+    refused(marlin(body=["G4 S50", "G0 X99", "G4 P20000"]), r"waits 70 s in one place: at most 60")
+
+
+MODELS = {
+    "towers": trimesh.util.concatenate(
+        [
+            trimesh.creation.box((12, 12, 12), AT((0, 0, 6))),
+            trimesh.creation.cone(6, 8, transform=AT((25, 0, 0))),
+        ]
+    ),
+    "spire": trimesh.creation.cone(1.5, 20),
+    "bridge": trimesh.boolean.union(
+        [trimesh.creation.box((8, 8, 8), AT((0, 0, 4))), trimesh.creation.box((24, 8, 2), AT((0, 0, 9)))]
+    ),
+}
+STYLES = {
+    "brim": {"adhesion_type": "brim"},
+    "raft": {"adhesion_type": "raft"},
+    "no combing, hops": {"retraction_combing": "off", "retraction_hop_enabled": "True"},
+    "vase": {"magic_spiralize": "True"},
+    "supports": {"support_enable": "True"},
+    "adaptive layers": {"adaptive_layer_height_enabled": "True"},
+    "prime blob": {"prime_blob_enable": "True"},
+    "lifted head": {"cool_lift_head": "True", "cool_min_layer_time": "15", "cool_min_speed": "20"},
+    "thick infill": {"infill_sparse_thickness": "0.4"},
+    "relative E": {"relative_extrusion": "True"},
+    "retraction by the firmware": {"machine_firmware_retract": "True"},
+}
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("model", MODELS)
+def test_what_cura_slices_is_taken(model, style, engine, settings_of, tmp_path):
+    stl, own = tmp_path / "model.stl", settings_of()
+    stl.write_bytes(stl_bytes(MODELS[model]))
+    told = [{**settings, **STYLES[style]} for settings in (own.global_, own.extruder)]
+    ran = run_engine(engine, stl, *told, layers=200, timeout_s=60.0)
+    safe(take(ran.gcode.splitlines(keepends=True)))
+
+
+@pytest.mark.parametrize(("apart_mm", "clear"), [(150.0, True), (25.0, False)])
+def test_what_cura_slices_one_at_a_time_is_taken_where_the_head_has_room(
+    apart_mm, clear, engine, settings_of, tmp_path
+):
+    """The second object's coordinates are from the bed's centre, which the engine adds only from it on."""
+    own = settings_of()
+    for scope, values in (("global", own.global_), ("extruder", own.extruder)):
+        told = {**values, "print_sequence": "one_at_a_time"}
+        entries = {key: {"default_value": value} for key, value in told.items()}
+        (tmp_path / f"{scope}.json").write_text(json.dumps({"settings": entries}))
+    for name, x, centre in (("a", -apart_mm / 2, 111.5), ("b", apart_mm / 2, 0.0)):
+        post = trimesh.creation.cylinder(5, 8, transform=AT((centre + x, centre, 4)))
+        (tmp_path / f"{name}.stl").write_bytes(post.export(file_type="stl"))
+    command = [engine, "slice", "-j", "global.json", "-e0", "-j", "extruder.json", "-o", "out.gcode"]
+    command += ["-l", "a.stl", "--next", "-l", "b.stl"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    lines = (tmp_path / "out.gcode").read_bytes().splitlines(keepends=True)
+    assert sum(line.startswith(b";LAYER:0") for line in lines) == 2
+    if clear:
+        safe(take(lines))
+    else:
+        refused(lines, r"Z 0\.27 into what is printed up to Z 8")

@@ -1,0 +1,205 @@
+"""The two stacks, on definitions small enough to see through."""
+
+import pytest
+
+from slicing.errors import BadSetting, DefinitionError
+from slicing.settings.definitions import fits_type, merge, parse_value
+from slicing.settings.formula import Formula
+from slicing.settings.resolver import Place, Resolver, Scope
+
+
+def entry(kind="float", **rest):
+    return {"type": kind, **rest}
+
+
+ROOT = {
+    "settings": {
+        "group": {
+            "type": "category",
+            "children": {
+                "height": entry(default_value=0.1, settable_per_extruder=False, minimum_value="0.001"),
+                "width": entry(default_value=0.4, maximum_value="2 * height + 10"),
+                "bed": entry(
+                    default_value=60,
+                    settable_per_extruder=False,
+                    resolve="max(extruderValues('bed'))",
+                    value="warmth",
+                ),
+                "warmth": entry(
+                    default_value=60, children={"child": entry("int", default_value=7, value="int(width*10)")}
+                ),
+                "limited": entry(default_value=1, value="width", limit_to_extruder="nr"),
+                "nr": entry("optional_extruder", default_value="-1", settable_per_extruder=False),
+                "self": entry(
+                    default_value=1, settable_per_extruder=False, resolve="resolveOrValue('self') + 1"
+                ),
+                "loop": entry(value="loop2"),
+                "loop2": entry(value="loop"),
+                "kind": entry("enum", default_value="grid", options={"grid": "", "zigzag": "", "lines": ""}),
+                "flag": entry("bool", default_value=False),
+                "areas": entry("polygons", default_value=[]),
+                "angles": entry("[int]", default_value="[ ]"),
+            },
+        }
+    }
+}
+CHILD = {"overrides": {"width": {"default_value": 0.5}, "warmth": {"value": "50"}, "gone": {"value": "1"}}}
+GRANDCHILD = {"overrides": {"warmth": {"default_value": 99}}}
+TRAIN = {"settings": {"nozzle": entry(default_value=0.4)}}
+
+
+def resolver(user=(), extruder=(), shared=()):
+    user = dict(user)
+    layers = {
+        Scope.GLOBAL: {Place.USER: user, Place.QUALITY: dict(shared)},
+        Scope.EXTRUDER: {Place.USER: user, Place.MATERIAL: dict(extruder)},
+    }
+    return Resolver(merge([ROOT, CHILD, GRANDCHILD]), merge([TRAIN]), layers)
+
+
+def test_a_formula_of_a_parent_beats_a_plain_value_of_a_child():
+    assert resolver().value(Scope.EXTRUDER, "warmth") == 50
+
+
+def test_the_extruder_falls_through_to_the_machine():
+    assert resolver().value(Scope.EXTRUDER, "width") == 0.5
+    assert resolver(extruder={"width": 0.6}).value(Scope.EXTRUDER, "child") == 6
+    assert resolver(extruder={"width": 0.6}).value(Scope.GLOBAL, "child") == 5
+
+
+def test_what_is_not_per_extruder_is_the_global_one():
+    assert resolver(extruder={"height": 9.0}, shared={"height": 0.2}).value(Scope.EXTRUDER, "height") == 0.2
+
+
+def test_resolve_asks_the_extruder_unless_the_value_is_set():
+    assert resolver(extruder={"warmth": 70.0}).value(Scope.GLOBAL, "bed") == 70.0
+    assert resolver(user={"bed": 45.0}).value(Scope.GLOBAL, "bed") == 45.0
+
+
+@pytest.mark.parametrize(("number", "value"), [("0", 0.7), (-1, 0.7), ("-1", 0.5)])
+def test_a_limited_setting_is_the_extruders_unless_it_is_nobodys(number, value):
+    limited = resolver(extruder={"width": 0.7}, shared={"nr": number})
+    assert limited.value(Scope.GLOBAL, "limited") == value
+
+
+def test_the_user_wins_over_a_formula():
+    assert (
+        resolver(user={"width": 1.0}, extruder={"width": Formula("height")}).value(Scope.EXTRUDER, "width")
+        == 1.0
+    )
+
+
+def test_a_resolve_may_name_itself_once():
+    assert resolver().value(Scope.GLOBAL, "self") == 2
+
+
+def test_a_circle_is_an_error_and_not_a_hang():
+    with pytest.raises(DefinitionError, match="depends on itself"):
+        resolver().value(Scope.EXTRUDER, "loop")
+
+
+def test_unknown_keys_name_the_nearest():
+    with pytest.raises(BadSetting, match="heigth: Cura has no such setting; did you mean height"):
+        resolver().setting("heigth")
+
+
+@pytest.mark.parametrize(
+    ("key", "raw", "value"),
+    [
+        ("width", "0.35", 0.35),
+        ("child", "3.0", 3),
+        ("flag", "TRUE", True),
+        ("kind", "zigzag", "zigzag"),
+        ("areas", "[[[1, 2]]]", [[[1, 2]]]),
+        ("angles", "[0, -45]", [0, -45]),
+        ("nr", "-1", "-1"),
+    ],
+)
+def test_values_are_read_by_type(key, raw, value):
+    read = parse_value(resolver().setting(key), raw)
+    assert read == value
+    assert type(read) is type(value)
+
+
+@pytest.mark.parametrize(
+    ("key", "raw"),
+    [
+        ("width", "abc"),
+        ("width", "nan"),
+        ("width", "inf"),
+        ("child", "1.5"),
+        ("flag", "maybe"),
+        ("kind", "ZigZag"),
+        ("areas", "7"),
+        ("angles", "[1.5]"),
+        ("angles", "['x']"),
+        ("angles", "[[1]]"),
+        ("areas", "__import__('os')"),
+        ("nr", "4"),
+    ],
+)
+def test_values_of_another_type_are_refused(key, raw):
+    with pytest.raises(BadSetting, match=key):
+        parse_value(resolver().setting(key), raw)
+
+
+def test_limits_are_worked_out():
+    assert resolver(user={"height": 0.25}).bounds(Scope.EXTRUDER, "width") == (None, 10.5)
+    assert resolver().bounds(Scope.GLOBAL, "height") == (0.001, None)
+
+
+def test_only_the_extruders_own_keys_are_listed_for_it():
+    keys = resolver().keys(Scope.EXTRUDER)
+    assert "nozzle" in keys
+    assert "width" in keys
+    assert not {"height", "group", "bed"} & set(keys)
+
+
+@pytest.mark.parametrize(
+    ("formula", "value"),
+    [
+        ("extruderValueFromContainer(0, 'width', 0)", 3.0),  # the user's and all below
+        ("extruderValueFromContainer(0, 'width', 3)", 2.0),  # from the quality on
+        ("extruderValueFromContainer(0, 'width', 7)", 0.5),  # the definition's
+        ("extruderValueFromContainer(0, 'child', 4)", 20),  # what it is made of is asked there too
+        ("valueFromContainer('height', 3)", 0.2),
+        ("int(anyExtruderWithMaterial('flag')) + int(anyExtruderNrWithOrDefault('flag'))", 0),
+    ],
+)
+def test_cura_5_asks_below_a_profile(formula, value):
+    user = {"width": 3.0, "height": 0.9, "warmth": Formula(formula)}
+    below = resolver(user=user, extruder={"width": 2.0}, shared={"height": 0.2})
+    assert below.value(Scope.EXTRUDER, "warmth") == value
+    assert below.value(Scope.EXTRUDER, "width") == 3.0  # and only there
+
+
+def test_a_setting_counts_as_its_definition_says():
+    extra = {
+        "overrides": {"child": {"enabled": "flag and width > 1"}, "areas": {"enabled": "[x for x in y]"}}
+    }
+    machine = merge([ROOT, extra])
+
+    def counts(key, **user):
+        return Resolver(machine, merge([TRAIN]), {Scope.EXTRUDER: {Place.USER: user}}).is_enabled(key)
+
+    assert not counts("child")
+    assert counts("child", flag=True, width=2.0)
+    assert counts("areas")  # a formula that only a window needs
+
+
+@pytest.mark.parametrize(
+    ("key", "good", "bad"),
+    [
+        ("width", [0.4, 3], [None, "0.4", float("nan")]),
+        ("child", [3, 3.0], [3.5, "3"]),
+        ("flag", [True, 0], ["yes", None]),
+        ("kind", ["grid"], ["Grid", 1]),
+        ("nr", ["0", -1], ["2", None]),
+        ("areas", [[], "[[1, 2]]"], ["(1, 2)", "[", 1]),
+        ("angles", ["[ ]", [20, 110]], [[0.5], "[True]", "0"]),
+    ],
+)
+def test_a_value_that_was_worked_out_fits_its_type(key, good, bad):
+    setting = resolver().setting(key)
+    assert all(fits_type(setting, value) for value in good)
+    assert not any(fits_type(setting, value) for value in bad)

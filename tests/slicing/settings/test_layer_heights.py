@@ -1,0 +1,119 @@
+"""Parts come out as high as they are: the law over all heights, and real slices."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slicing.plate import slice_plate
+from slicing.settings.layer_heights import CERTAIN_LAYERS, EXACT_MM, LayerHeights, fit_heights, printed_mm
+from slicing.settings.plate_settings import PartSettings, SettingsRequest, resolve_settings
+
+HIGHEST_MM = 320.0
+# Quality glue: half the nozzle, and Cura's first layer for it; the plain models' first layer is another.
+WANTED = {
+    nozzle: LayerHeights(round(nozzle / 1.5, 2), round(nozzle / 2, 2)) for nozzle in (0.25, 0.4, 0.6, 0.8)
+}
+CASES = [*WANTED.items(), (0.4, LayerHeights(0.3, 0.2))]
+cases = st.sampled_from(CASES)
+
+
+def fitted(height_mm, nozzle_mm, heights):
+    return fit_heights(height_mm, heights, most_first_mm=0.8 * nozzle_mm)
+
+
+@given(st.floats(0.2, HIGHEST_MM), cases)
+def test_layers_change_by_4_percent_at_most_and_the_first_stays_printable(height_mm, case):
+    nozzle_mm, heights = case
+    found = fitted(height_mm, nozzle_mm, heights)
+    assert abs(found.other_mm / heights.other_mm - 1) <= 0.04 + 1e-9
+    assert 0.75 * heights.first_mm - 1e-3 <= found.first_mm <= 0.8 * nozzle_mm + 1e-9
+    assert found.first_mm <= 1.25 * heights.first_mm + 1e-3
+
+
+@given(st.floats(0.0, 1.0), cases)
+def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
+    nozzle_mm, heights = case
+    lowest_mm = CERTAIN_LAYERS * heights.other_mm
+    height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
+    assert abs(printed_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= EXACT_MM
+
+
+@given(st.floats(1.0, HIGHEST_MM), cases)
+def test_the_first_layer_changes_only_where_the_others_cannot_reach_the_height(height_mm, case):
+    nozzle_mm, heights = case
+    found = fitted(height_mm, nozzle_mm, heights)
+    alone = fit_heights(height_mm, heights, most_first_mm=0.0)
+    assert alone.first_mm == heights.first_mm
+    if abs(printed_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
+        assert found == alone
+    elif abs(found.first_mm / heights.first_mm - 1) > 0.04:
+        first = round(1000 * heights.first_mm)
+        low, high = int(np.ceil(0.96 * first)), int(1.04 * first)
+        assert missed_um(height_mm, heights, range(low, high + 1)) > 17
+
+
+def missed_um(height_mm, heights, firsts_um):
+    """How near the height some first layer of these and some layer within 4 % come."""
+    other = round(1000 * heights.other_mm)
+    layers = range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1)
+    tops = [(1000 * height_mm - first) % layer for first in firsts_um for layer in layers]
+    return min(min(top, layer - top) for top, layer in zip(tops, [*layers] * len(firsts_um), strict=True))
+
+
+@pytest.mark.parametrize(("nozzle_mm", "heights"), CASES)
+def test_no_height_is_left_out_and_some_are_without_the_first_layer(nozzle_mm, heights):
+    """Every whole micrometre from some layers up to the highest printer, not a sample of them."""
+    first = round(1000 * heights.first_mm)
+    low, high = round(0.75 * first), min(round(1.25 * first), round(800 * nozzle_mm))
+    assert reached(heights, low, high).all()
+    assert not reached(heights, first, first).all()
+
+
+def reached(heights, low, high):
+    """For every height from some layers on: whether first layers between these bring it to its 20 um."""
+    other, count = round(1000 * heights.other_mm), int(1000 * HIGHEST_MM)
+    near = np.zeros(count + 1, dtype=bool)
+    for layer in range(int(np.ceil(0.96 * other)), int(1.04 * other) + 1):
+        for top in range(0, count, layer):
+            near[max(0, top + low - 20) : top + high + 21] = True
+    return near[CERTAIN_LAYERS * other :]
+
+
+@given(st.floats(0.01, HIGHEST_MM), cases)
+def test_a_fitted_height_is_never_further_off_than_the_plain_one(height_mm, case):
+    nozzle_mm, heights = case
+    plain = abs(printed_mm(height_mm, heights) - height_mm)
+    assert abs(printed_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= max(
+        plain, EXACT_MM
+    )
+
+
+def test_what_fits_already_stays_as_it_is():
+    heights = WANTED[0.4]
+    assert fitted(0.27 + 100 * 0.2, 0.4, heights) == heights
+    assert fit_heights(33.3, heights, most_first_mm=0.0).first_mm == heights.first_mm
+
+
+# 40.93 mm needs another first layer too; 3.0 mm is low.
+@pytest.mark.parametrize("height_mm", [3.0, 7.77, 25.4, 40.93, 61.13])
+def test_a_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
+    part = PartSettings(height_mm=height_mm)
+    settings = resolve_settings(SettingsRequest("ultimaker2_plus"), resources, part)
+    box = trimesh.creation.box((8, 8, height_mm))
+    assert slice_plate(request_for(box, settings=settings)).height_mm == pytest.approx(
+        height_mm, abs=EXACT_MM
+    )
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "layer_height"),
+    [(10.05, "0.2"), (7.0, "0.1996"), (7.0, "0.2004"), (2.31, "0.15"), (0.3, "0.2")],
+)
+def test_the_engine_s_layers_are_those_of_the_model(request_for, settings_of, height_mm, layer_height):
+    settings = settings_of(layer_height=layer_height)
+    heights = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
+    box = trimesh.creation.box((8, 8, height_mm))
+    printed = slice_plate(request_for(box, settings=settings)).height_mm
+    assert printed == pytest.approx(printed_mm(height_mm, heights), abs=1e-6)

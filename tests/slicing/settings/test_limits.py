@@ -1,0 +1,173 @@
+"""What a person must not set, what is out of range, and what is said then."""
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from slicing.errors import BadSetting
+from slicing.settings.definitions import SettingType
+from slicing.settings.limits import BED_MAX_C, NOZZLE_MAX_C, why_reserved
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+
+
+def refused(resources, overrides, **rest):
+    with pytest.raises(BadSetting) as error:
+        resolve_settings(SettingsRequest("ultimaker2_plus", overrides=overrides, **rest), resources)
+    said = str(error.value)
+    assert "\n" not in said
+    return said
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "why"),
+    [
+        ("machine_gcode_flavor", "UltiGCode", "for streaming"),
+        ("machine_start_gcode", "M502", "for streaming"),
+        ("machine_end_gcode", "M104 S250", "for streaming"),
+        ("relative_extrusion", "true", "for streaming"),
+        ("material_print_temp_wait", "false", "for streaming"),
+        ("material_flow_dependent_temperature", "true", "not looked at"),
+        ("material_flow_temp_graph", "[[0.1, 300], [10, 350]]", "not looked at"),
+        ("machine_width", "500", "describes the printer"),
+        ("machine_nozzle_size", "0.8", "describes the printer"),
+        ("machine_extruder_count", "2", "describes the printer"),
+        ("material_diameter", "1.75", "describes the printer"),
+        ("extruder_prime_pos_x", "400", "describes the printer"),
+        ("extruders_enabled_count", "2", "several nozzles"),
+        ("infill_extruder_nr", "0", "several nozzles"),
+        ("prime_tower_enable", "true", "several nozzles"),
+        ("support_extruder_nr_layer_0", "0", "several nozzles"),
+        ("cross_infill_density_image", "/etc/passwd", "names a file"),
+        ("mesh_position_x", "50", "where the part lies"),
+        ("mesh_rotation_matrix", "[[1,0,0],[0,1,0],[0,0,1]]", "where the part lies"),
+        ("center_object", "true", "where the part lies"),
+        ("infill_mesh", "true", "one mesh among several"),
+        ("anti_overhang_mesh", "true", "one mesh among several"),
+        ("print_sequence", "one_at_a_time", "one part"),
+        ("magic_spiralize", "true", "as it is"),
+        ("magic_mesh_surface_mode", "surface", "as it is"),
+        ("mold_enabled", "true", "as it is"),
+        ("acceleration_enabled", "true", "accelerations"),
+        ("jerk_enabled", "true", "accelerations"),
+    ],
+)
+def test_what_is_not_a_person_s_matter_is_reserved(resources, key, value, why):
+    said = refused(resources, {key: value})
+    assert said.startswith(f"{key}: ")
+    assert why in said
+
+
+def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
+    keys = {key for quality in resources.profiles("quality", "ultimaker2_plus") for key in quality.values}
+    assert {key for key in keys if why_reserved(key)} == {"acceleration_enabled", "jerk_enabled"}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        ({"material_print_temperature": "300"}, "=300 is out of range; at least 0, at most 260"),
+        ({"default_material_print_temperature": "262"}, "temperature=262 is out of range"),
+        ({"material_initial_print_temperature": "-5"}, "is out of range; at least 0"),
+        ({"material_bed_temperature": "120"}, "=120 is out of range; at least 0, at most 115"),
+        ({"material_bed_temperature_layer_0": "116"}, "at most 115"),
+        ({"layer_height": "5"}, "layer_height=5 is out of range; at most 0.32"),
+        ({"layer_height": "0"}, "layer_height=0 is out of range; at least 0.001"),
+        ({"layer_height_0": "0.33"}, "at most 0.32"),
+        ({"line_width": "0"}, "line_width=0 is out of range; at least 0.001"),
+        ({"wall_line_width_0": "0.9"}, "at most 0.8"),
+        ({"retraction_amount": "25"}, "at most 20"),
+        ({"retraction_hop": "100"}, "at most 10"),
+        ({"material_flow": "1000"}, "material_flow=1000 is out of range; at most 150"),
+        ({"material_flow_layer_0": "500"}, "at most 150"),
+        ({"retraction_extra_prime_amount": "100"}, "at least -5, at most 5"),
+        ({"infill_line_distance": "0.05"}, "infill_line_distance=0.05 is out of range; at least 0.2"),
+        (
+            {"infill_overlap": "5000"},
+            "infill_overlap_mm=17.5 follows from infill_overlap and is out of range",
+        ),
+        ({"skin_overlap_mm": "30"}, "at most 0.8"),
+        ({"magic_fuzzy_skin_enabled": "true", "magic_fuzzy_skin_thickness": "30"}, "at most 0.8"),
+        ({"brim_width": "200"}, "brim_width=200 is out of range; at least 0, at most 111.5"),
+        ({"infill_sparse_density": "-3"}, "at least 0"),
+        ({"speed_print": "1000"}, "speed_print=1000 is out of range"),
+        ({"retraction_speed": "80"}, "at most 45"),
+        ({"layer_height": "thick"}, "not a value of type float; a number like 0.2"),
+        ({"support_enable": "perhaps"}, "true or false"),
+        ({"top_layers": "2.5"}, "a whole number"),
+        ({"infill_angles": "diagonal"}, "a list like"),
+        ({"infill_pattern": "honey"}, "one of grid, lines"),
+        ({"adhesion_type": "brimm"}, "did you mean brim"),
+        ({"layer_heigth": "0.2"}, "did you mean layer_height"),
+    ],
+)
+def test_a_bad_value_is_refused_with_what_is_allowed(resources, overrides, said):
+    assert said in refused(resources, overrides)
+
+
+def test_a_value_that_only_follows_is_refused_with_its_cause(resources):
+    said = refused(
+        resources, {"default_material_print_temperature": "259", "material_initial_print_temperature": "261"}
+    )
+    assert said.startswith("material_initial_print_temperature=261 is out of range")
+    said = refused(resources, {"infill_sparse_density": "1000"})
+    assert said.startswith(
+        "infill_line_distance=0.035 follows from infill_sparse_density and is out of range"
+    )
+
+
+def test_no_infill_and_whole_infill_are_within_the_limits(resources):
+    for percent in ("0", "100"):
+        request = SettingsRequest("ultimaker2_plus", overrides={"infill_sparse_density": percent})
+        assert resolve_settings(request, resources).extruder["infill_sparse_density"] == f"{percent}.0"
+
+
+def test_what_does_not_count_is_not_held_against_a_person(resources):
+    """Without support infill its zigzag would skip every 0th line, which is out of range, and not printed."""
+    request = SettingsRequest("ultimaker2_plus", overrides={"support_infill_rate": "0"})
+    assert resolve_settings(request, resources).extruder["support_zag_skip_count"] == "0"
+
+
+def test_a_material_that_is_too_hot_for_the_printer_says_so_and_may_be_printed_colder(resources):
+    said = refused(resources, {}, material="generic_pc")
+    assert "default_material_print_temperature=270, from glue with generic_pc" in said
+    assert "take another material" in said
+    colder = {"default_material_print_temperature": "260"}
+    request = SettingsRequest("ultimaker2_plus", material="generic_pc", overrides=colder)
+    assert resolve_settings(request, resources).nozzle_c == NOZZLE_MAX_C
+
+
+def test_limits_hold_for_every_key_that_heats(resources):
+    machine = resources.machine("ultimaker2_plus")
+    numbers = (SettingType.FLOAT, SettingType.INT)
+    hot = [s.key for s in machine.settings.values() if "temperature" in s.key and s.type in numbers]
+    commanded = [key for key in hot if "bed" in key or "print_temp" in key or "standby" in key]
+    assert len(commanded) >= 8
+    for key in commanded:
+        greatest = BED_MAX_C if "bed" in key else NOZZLE_MAX_C
+        assert f"at most {greatest:g}" in refused(resources, {key: f"{greatest + 1:g}"})
+
+
+ANY_TEXT = st.one_of(
+    st.text(max_size=80),
+    st.floats().map(str),
+    st.integers().map(str),
+    st.sampled_from(["true", "[1, 2]", "[" * 300, "9" * 400, "=1+1", "a\nb", "\0", "grid", "0x10"]),
+)
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data):
+    machine = resources.machine("ultimaker2_plus")
+    key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
+    request = SettingsRequest("ultimaker2_plus", overrides={key: data.draw(ANY_TEXT)})
+    try:
+        told = resolve_settings(request, resources)
+    except BadSetting as refused:
+        assert str(refused).isprintable()
+        assert len(str(refused)) < 400
+    else:
+        assert 0 <= told.nozzle_c <= NOZZLE_MAX_C
+        assert 0 <= told.bed_c <= BED_MAX_C
+        assert 0 < told.layer_height_mm <= 0.32
+        assert told.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"

@@ -1,0 +1,201 @@
+"""Settings out of Cura's real files."""
+
+import math
+
+import pytest
+
+from slicing.errors import BadSetting, EngineMissing, ResourcesMissing
+from slicing.settings.plate_settings import PartSettings, SettingsRequest, resolve_settings
+from slicing.settings.qualities import OURS
+from slicing.settings.resources import find_engine, find_resources
+
+
+def lines_mm(settings, width_mm):
+    """Whole lines of brim that are as wide at least."""
+    line_mm = float(settings.extruder["skirt_brim_line_width"])
+    return math.ceil(round(width_mm / line_mm, 6)) * line_mm
+
+
+def test_the_papers_settings(resources, settings_of):
+    if "material_shrinkage_percentage_xy" in resources.machine("ultimaker2_plus").settings:
+        pytest.skip("the figures are those of Cura 4.13")
+    s = settings_of("paper")
+    assert (len(s.global_), len(s.extruder)) == (575, 458)  # the extruder's 457, and support_enable
+    assert (s.layer_height_mm, s.layer_height_0_mm, s.line_width_mm) == (0.25, 0.27, 0.35)
+    assert (s.wall_count, s.top_layers, s.bottom_layers, s.infill_line_distance_mm) == (2, 3, 3, 7.0)
+    assert (s.speed_wall_0_mm_s, s.speed_wall_x_mm_s, s.speed_infill_mm_s) == (40.0, 50.0, 60.0)
+    assert (s.speed_topbottom_mm_s, s.speed_support_mm_s, s.speed_layer_0_mm_s) == (30.0, 40.0, 30.0)
+    assert s.support_line_distance_mm == pytest.approx(7 / 3)
+    assert s.brim_width_mm == pytest.approx(23 * 0.35)
+    assert (s.nozzle_c, s.bed_c, s.density_g_cm3, s.filament_diameter_mm) == (200.0, 50.0, 1.24, 2.85)
+    assert s.global_["support_enable"] == s.extruder["support_enable"] == "True"
+    assert s.extruder["brim_line_count"] == "23"
+
+
+@pytest.mark.parametrize("quality", ["fast", "normal", "high", *OURS])
+@pytest.mark.parametrize(
+    ("model", "height"), [("ultimaker2_plus", "205"), ("ultimaker2_extended_plus", "305")]
+)
+def test_every_quality_on_every_printer(settings_of, quality, model, height):
+    s = settings_of(quality, model)
+    assert s.global_["machine_height"] == height
+    assert s.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
+    assert 0.05 < s.layer_height_mm < 0.3
+
+
+def test_glue_closes_its_tops_at_any_layer_height(settings_of):
+    assert settings_of("glue").top_layers >= 4
+    assert settings_of("glue", layer_height="0.3").top_layers == 4
+    assert settings_of("glue").support_enabled
+
+
+def test_an_override_reaches_what_depends_on_it(settings_of):
+    s = settings_of("paper", infill_sparse_density="20", brim_width="4", support_enable="false")
+    line_mm = float(s.extruder["infill_line_width"])
+    assert float(s.extruder["infill_line_distance"]) == pytest.approx(line_mm * 100 / 20)
+    assert s.brim_width_mm == pytest.approx(lines_mm(s, 4.0))
+    assert (s.support_line_distance_mm, s.extruder["support_enable"], s.global_["support_enable"]) == (
+        0.0,
+        "False",
+        "False",
+    )
+
+
+def test_crossing_patterns_count_all_their_lines(settings_of):
+    one, two = (settings_of("paper", infill_pattern=pattern) for pattern in ("zigzag", "grid"))
+    assert float(two.extruder["infill_line_distance"]) == 2 * float(one.extruder["infill_line_distance"])
+    assert two.infill_line_distance_mm == one.infill_line_distance_mm
+
+
+def test_temperatures_reach_the_start_code(settings_of):
+    start = settings_of("paper", material_print_temperature="215").global_["machine_start_gcode"]
+    assert "M109 S215" in start
+    assert "M190 S50" in start
+    assert "{" not in start
+
+
+@pytest.mark.parametrize("material", ["generic_pla", "generic_tpu", "generic_nylon", "generic_pc"])
+def test_glue_has_its_brim_also_where_cura_s_profile_counts_lines(resources, material):
+    cooler = {"default_material_print_temperature": "240"}
+    request = SettingsRequest("ultimaker2_plus", material=material, overrides=cooler)
+    s = resolve_settings(request, resources)
+    assert s.brim_width_mm == pytest.approx(lines_mm(s, 8.0))
+    narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
+    assert narrow.brim_width_mm == pytest.approx(lines_mm(narrow, 3.0))
+
+
+def test_without_a_brim_nothing_is_printed_around(settings_of):
+    assert settings_of(adhesion_type="none").brim_width_mm == 0.0
+    assert settings_of(adhesion_type="skirt").brim_width_mm > 0.0
+
+
+@pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
+def test_other_nozzles(resources, nozzle_mm):
+    s = resolve_settings(SettingsRequest("ultimaker2_plus", nozzle_mm=nozzle_mm), resources)
+    assert s.extruder["machine_nozzle_size"] == f"{nozzle_mm}"
+
+
+def test_a_brand_takes_the_profiles_of_its_kind(resources):
+    s = resolve_settings(SettingsRequest("ultimaker2_plus", "paper", "ultimaker_pla_blue"), resources)
+    assert s.layer_height_mm == 0.25
+
+
+def test_abs_is_hotter(resources):
+    s = resolve_settings(SettingsRequest("ultimaker2_plus", "fast", "generic_abs"), resources)
+    assert s.nozzle_c > 220
+    assert s.density_g_cm3 == pytest.approx(1.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"printer_model": "ultimaker2_pluss"}, "did you mean ultimaker2_plus"),
+        ({"quality": "glu"}, "did you mean glue"),
+        ({"quality": "draft"}, "there is none for generic_pla"),
+        ({"material": "generic_plaa"}, "did you mean generic_pla"),
+        ({"material": "generic_petg"}, "not for the Ultimaker 2"),
+        ({"material": "../generic_pla"}, "no such material"),
+        ({"nozzle_mm": 0.5}, "it has 0.25 mm, 0.4 mm, 0.6 mm, 0.8 mm"),
+        ({"nozzle_mm": 0.8, "quality": "fast"}, "there is none for generic_pla.*; there is draft, glue"),
+        ({"overrides": {"layer_heigth": "0.2"}}, "did you mean layer_height"),
+        ({"overrides": {"layer_height": "thick"}}, "not a value of type float"),
+        ({"overrides": {"layer_height": "0"}}, "out of range"),
+        ({"overrides": {"infill_pattern": "ZigZag"}}, "did you mean zigzag"),
+        ({"overrides": {"adhesion_type": "raft"}}, "raft is not supported"),
+        ({"overrides": {"machine_gcode_flavor": "UltiGCode"}}, "leave it out"),
+        ({"overrides": {"speed_print": "=1+1"}}, "not a value"),
+    ],
+)
+def test_what_does_not_exist_is_refused_in_one_line(resources, change, message):
+    request = {"printer_model": "ultimaker2_plus", **change}
+    with pytest.raises(BadSetting, match=message) as refused:
+        resolve_settings(SettingsRequest(**request), resources)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "chosen_mm", "brim_mm", "adhesion"),
+    [
+        ({}, 3.0, 3.0, "brim"),
+        ({}, 0.0, 0.0, "none"),
+        ({}, 20.0, 8.0, "brim"),
+        ({"brim_width": "4"}, 1.0, 4.0, "brim"),
+        ({"adhesion_type": "none"}, 3.0, 0.0, "none"),
+        ({"adhesion_type": "brim"}, 3.0, 3.0, "brim"),
+    ],
+)
+def test_a_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
+    request = SettingsRequest("ultimaker2_plus", overrides=overrides)
+    s = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
+    assert s.brim_width_mm == pytest.approx(lines_mm(s, brim_mm))
+    assert s.global_["adhesion_type"] == adhesion
+
+
+def test_the_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resources):
+    part = PartSettings(layer_0_expansion_mm=-0.2)
+
+    def offsets_mm(**overrides):
+        settings = resolve_settings(SettingsRequest("ultimaker2_plus", overrides=overrides), resources, part)
+        return float(settings.extruder["xy_offset_layer_0"]), float(settings.extruder["xy_offset"])
+
+    for overrides in ({}, {"xy_offset": "0.1"}):
+        first_mm, others_mm = offsets_mm(**overrides)
+        assert first_mm - others_mm == pytest.approx(-0.2)
+    assert offsets_mm(xy_offset="0.1", xy_offset_layer_0="0.3") == pytest.approx((0.3, 0.1))
+
+
+def test_files_that_are_not_there(tmp_path):
+    with pytest.raises(ResourcesMissing, match="FARM_CURA_RESOURCES"):
+        find_resources({"FARM_CURA_RESOURCES": str(tmp_path)})
+    with pytest.raises(EngineMissing, match="FARM_CURA_ENGINE"):
+        find_engine({"FARM_CURA_ENGINE": str(tmp_path / "no")})
+    with pytest.raises(EngineMissing, match="PATH"):
+        find_engine({"PATH": str(tmp_path)})
+
+
+@pytest.mark.parametrize("height_mm", [2.5, 9.99, 40.93, 123.45])
+def test_skins_stay_as_thick_as_promised_where_layers_are_fitted(resources, height_mm):
+    request = SettingsRequest("ultimaker2_plus")
+    every = resolve_settings(request, resources)
+    part = resolve_settings(request, resources, PartSettings(height_mm=height_mm))
+    assert abs(part.layer_height_mm / every.layer_height_mm - 1) <= 0.04
+    assert part.top_layers >= 4
+    for end, layers in (("top", part.top_layers), ("bottom", part.bottom_layers)):
+        thickness_mm = float(part.extruder[f"{end}_thickness"])
+        assert layers * part.layer_height_mm >= thickness_mm - 1e-3
+
+
+@pytest.mark.parametrize(
+    ("quality", "overrides"),
+    [
+        ("paper", {}),
+        ("fast", {}),
+        ("glue", {"layer_height": "0.15"}),
+        ("glue", {"slicing_tolerance": "inclusive"}),
+    ],
+)
+def test_only_glue_fits_its_layers_and_not_where_a_person_has_chosen_them(resources, quality, overrides):
+    request = SettingsRequest("ultimaker2_plus", quality, overrides=overrides)
+    part = resolve_settings(request, resources, PartSettings(height_mm=40.93))
+    every = resolve_settings(request, resources)
+    assert (part.layer_height_mm, part.layer_height_0_mm) == (every.layer_height_mm, every.layer_height_0_mm)

@@ -1,0 +1,126 @@
+"""Every printer model, nozzle, material and quality: it resolves, or it is refused with what there is."""
+
+from collections import Counter
+
+import pytest
+
+from slicing.errors import BadSetting
+from slicing.settings.limits import violations
+from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing.settings.qualities import OURS
+from slicing.settings.resolver import Resolver
+from slicing.settings.shrinkage import compensation
+from slicing.settings.stacks import find_stacks
+
+MODELS = ("ultimaker2_plus", "ultimaker2_extended_plus", "ultimaker2", "ultimaker2_extended", "ultimaker2_go")
+FIRST = ("ultimaker2_plus", "ultimaker2")  # the others have their profiles
+NOZZLES_MM = (0.25, 0.4, 0.6, 0.8)
+QUALITIES = ("high", "normal", "fast", "draft", "slightlycoarse", "coarse", "extracoarse", *OURS)
+# The generic materials, some brands' of both diameters, and one that is too hot.
+BRANDS = (
+    "ultimaker_pla_blue",
+    "ultimaker_cpe_plus_black",
+    "ultimaker_petg_red",
+    "dsm_arnitel2045_175",
+    "basf_pla",
+)
+REASONS = (
+    "has no such nozzle; it has",
+    "is not for the",
+    "has a diameter of",
+    "there is none for",
+    "out of range; at",
+    "a raft is not supported; set it to",
+)
+# Cura's own profiles go beyond its definitions here (as a park at a speed that the feeder does not reach).
+CURA_S = {
+    "material_anti_ooze_retraction_speed",
+    "material_break_preparation_speed",
+    "material_break_speed",
+    "retraction_hop_enabled",  # 0.2, for TPU
+}
+
+
+def materials_of(resources):
+    names = {path.name.partition(".")[0] for path in (resources.root / "materials").iterdir()}
+    return sorted(name for name in names if name.startswith("generic_") or name in BRANDS)
+
+
+@pytest.mark.parametrize("nozzle_mm", NOZZLES_MM)
+@pytest.mark.parametrize("model", MODELS)
+def test_every_combination(resources, model, nozzle_mm):
+    outcome = Counter()
+    for material in materials_of(resources):
+        for quality in QUALITIES if model in FIRST else ("fast", "glue"):
+            try:
+                settings = resolve_settings(SettingsRequest(model, quality, material, nozzle_mm), resources)
+            except BadSetting as refused:
+                said = str(refused)
+                assert any(reason in said for reason in REASONS), said
+                assert "\n" not in said
+                outcome["refused"] += 1
+                continue
+            outcome["resolved"] += 1
+            assert float(settings.extruder["machine_nozzle_size"]) == nozzle_mm
+            assert 0.05 < settings.layer_height_mm <= 0.8 * nozzle_mm
+            assert 180 <= settings.nozzle_c <= 260
+            assert 0 <= settings.bed_c <= 115
+            assert settings.bed_c == 0 or model != "ultimaker2_go"
+            assert settings.filament_diameter_mm == 2.85
+    assert outcome["refused"] > 0
+    # The plain models have one nozzle; the others have profiles for all four.
+    assert (outcome["resolved"] > 0) == (model.endswith("plus") or nozzle_mm == 0.4)
+
+
+@pytest.mark.parametrize("model", FIRST)
+def test_what_cura_s_own_profiles_violate_is_known(resources, model):
+    beyond = set()
+    for nozzle_mm in NOZZLES_MM if model.endswith("plus") else (0.4,):
+        for material in materials_of(resources):
+            for quality in ("fast", "draft"):
+                try:
+                    stacks = find_stacks(resources, model, nozzle_mm, material, quality)
+                except BadSetting:
+                    continue
+                resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.layers)
+                beyond |= {one.key for one in violations(resolver) if not one.ours}
+    assert beyond <= CURA_S
+
+
+def test_a_brand_has_the_qualities_of_its_kind_where_it_has_none_of_its_own(resources):
+    brand, generic = (
+        resolve_settings(SettingsRequest("ultimaker2_plus", "glue", material), resources)
+        for material in ("ultimaker_cpe_plus_black", "generic_cpe_plus")
+    )
+    assert brand.speed_wall_0_mm_s == generic.speed_wall_0_mm_s
+    assert brand.layer_height_mm == generic.layer_height_mm
+
+
+def test_a_bed_that_cannot_be_heated_is_not_asked_to(resources):
+    start = resolve_settings(SettingsRequest("ultimaker2_go"), resources).global_["machine_start_gcode"]
+    assert "M109 S" in start
+    assert "M140" not in start
+    assert "M190" not in start
+
+
+@pytest.mark.parametrize(
+    ("quality", "material", "overrides", "scale"),
+    [
+        ("glue", "generic_abs", {}, compensation("ABS")),
+        ("glue", "generic_pla", {}, (1.002, 1.001)),
+        ("paper", "generic_abs", {}, (1.0, 1.0)),
+        ("fast", "generic_abs", {}, (1.0, 1.0)),
+        ("glue", "generic_abs", {"material_shrinkage_percentage": "101"}, (1.01, 1.01)),
+        ("glue", "generic_abs", {"material_shrinkage_percentage": "100"}, (1.0, 1.0)),
+        ("fast", "generic_abs", {"material_shrinkage_percentage": "102"}, (1.02, 1.02)),
+    ],
+)
+def test_parts_are_printed_larger_by_what_they_shrink_and_only_once(
+    resources, quality, material, overrides, scale
+):
+    request = SettingsRequest("ultimaker2_plus", quality, material, overrides=overrides)
+    settings = resolve_settings(request, resources)
+    assert (settings.scale_xy, settings.scale_z) == pytest.approx(scale)
+    for scope in (settings.global_, settings.extruder):
+        assert all(float(value) == 100 for key, value in scope.items() if "shrinkage" in key)
+    assert "material_shrinkage_percentage" in settings.global_

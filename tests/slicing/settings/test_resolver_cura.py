@@ -1,0 +1,64 @@
+"""What Cura itself computes, recorded by `record_cura_settings.py`, against what is resolved here."""
+
+import gzip
+import json
+import math
+import os
+from pathlib import Path
+
+import pytest
+
+from slicing.errors import EngineMissing
+from slicing.settings.formula import Formula
+from slicing.settings.resolver import Place, Resolver, Scope
+from slicing.settings.resources import Resources, find_resources
+from slicing.settings.stacks import find_stacks
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+SETTING_VERSIONS = {"4.13": 19, "5.0": 20}
+RECORDED = {
+    version: json.loads(gzip.decompress((FIXTURES / f"cura-{version}.json.gz").read_bytes()))
+    for version in SETTING_VERSIONS
+}
+
+
+def resources_of(version):
+    """Cura's files of a version; the installed ones, or those of `FARM_CURA_RESOURCES_<version>`."""
+    named = os.environ.get(f"FARM_CURA_RESOURCES_{version.replace('.', '_')}")
+    try:
+        found = Resources(Path(named)) if named else find_resources()
+    except EngineMissing as missing:
+        pytest.skip(str(missing))
+    root = json.loads((found.root / "definitions" / "fdmprinter.def.json").read_text())
+    if root["metadata"]["setting_version"] != SETTING_VERSIONS[version]:
+        pytest.skip(f"the settings in {found.root} are not Cura {version}'s")
+    return found
+
+
+def same(ours, cura):
+    """As the engine reads it: numbers to their last digit but one, words in any case."""
+    try:
+        return math.isclose(float(ours), float(cura), rel_tol=1e-9)
+    except ValueError:
+        return ours.lower() == cura.lower()
+
+
+@pytest.mark.parametrize(
+    ("version", "number"),
+    [(version, number) for version, one in RECORDED.items() for number in range(len(one["combinations"]))],
+)
+def test_every_setting_is_cura_s(version, number):
+    recorded, resources = RECORDED[version], resources_of(version)
+    machine, nozzle, material, quality, user = recorded["combinations"][number]
+    stacks = find_stacks(resources, machine, float(nozzle.split()[0]), material, quality)
+    changes = {
+        key: Formula(value[1:]) if isinstance(value, str) and value.startswith("=") else value
+        for key, value in user.items()
+    }
+    layers = {scope: {Place.USER: changes, **profiles} for scope, profiles in stacks.layers.items()}
+    resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
+    for scope in Scope:
+        values = {key: row[number] for key, row in recorded[scope].items() if row[number] is not None}
+        ours = {key: str(resolver.value(scope, key)) for key in resolver.keys(scope)}
+        assert ours.keys() == values.keys()
+        assert {key: (ours[key], value) for key, value in values.items() if not same(ours[key], value)} == {}

@@ -1,0 +1,99 @@
+"""CuraEngine 5: what it said and wrote of a model (`record_engine`), by the same path as that of 4.13."""
+
+import base64
+import dataclasses
+import gzip
+import json
+import shlex
+from pathlib import Path
+
+import pytest
+
+from drivers.gcode.program import strip
+from drivers.gcode.timeline import Feature
+from slicing.errors import EngineFailed, EngineMissing, Rule, SliceRejected
+from slicing.plate import slice_plate
+from slicing.settings.plate_settings import Settings
+
+RECORD = Path(__file__).parent / "fixtures" / "engine-5.0.json.gz"
+
+
+@pytest.fixture(scope="module")
+def record():
+    return json.loads(gzip.decompress(RECORD.read_bytes()))
+
+
+@pytest.fixture
+def cura5(record, request_for, settings_of, tmp_path):
+    """A request to an engine that repeats the recording, on either of its output streams."""
+
+    def make(stream=1, edit=lambda gcode: gcode, body=None):
+        (tmp_path / "log").write_text(record["log"])
+        (tmp_path / "gcode").write_text(edit(record["gcode"]))
+        engine = tmp_path / "cura5"
+        log, gcode = (shlex.quote(str(tmp_path / name)) for name in ("log", "gcode"))
+        engine.write_text(
+            f"#!/bin/sh\nif [ $1 = help ]; then echo '{record['version']}' >&{stream}; exit; fi\n"
+            + (body or f"cat {log} >&{stream}\ncp {gcode} part.gcode\n")
+        )
+        engine.chmod(0o755)
+        known = {field.name for field in dataclasses.fields(Settings)}
+        recorded = {key: value for key, value in record["settings"].items() if key in known}
+        settings = dataclasses.replace(settings_of(), **recorded)
+        request = request_for(base64.b64decode(record["stl"]), settings=settings)
+        return dataclasses.replace(request, engine=engine)
+
+    return make
+
+
+@pytest.mark.parametrize("stream", [1, 2])
+def test_a_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
+    result = slice_plate(cura5(stream))
+    assert f"Print time (s): {int(result.print_time_s)}\n" in record["log"]
+    assert f"Filament (mm^3): {int(result.filament_mm3)}\n" in record["log"]
+    assert result.layers == 20
+    assert result.height_mm == pytest.approx(4.0, abs=0.11)
+    text = result.gcode.read_bytes()
+    assert b"MINX:2.14748" not in text
+    assert b"Cura_SteamEngine 5.0.0" in text
+    assert result.unprinted == ()  # the fin is a line of its own here
+    with result.gcode.open("rb") as lines:
+        program = strip(lines)
+    assert program.time_s == result.print_time_s
+    assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.SKIN}
+
+
+def without_layer(gcode, number, kinds):
+    """The G-code with some features of a layer left out: its moves only travel."""
+    before, after = gcode.split(f";LAYER:{number}\n")
+    layer, rest = after.split(f";LAYER:{number + 1}\n")
+    kept, feature = [], ""
+    for line in layer.splitlines():
+        feature = line if line.startswith(";TYPE:") else feature
+        dropped = feature in kinds and line.startswith("G1")
+        kept.append(line.partition(" E")[0] if dropped else line)
+    return f"{before};LAYER:{number}\n" + "\n".join(kept) + f"\n;LAYER:{number + 1}\n{rest}"
+
+
+WALLS = (";TYPE:WALL-OUTER", ";TYPE:WALL-INNER")
+
+
+@pytest.mark.parametrize(
+    ("number", "kinds", "rule"),
+    [(5, WALLS, Rule.OUTLINE), (15, (*WALLS, ";TYPE:SKIN", ";TYPE:FILL"), Rule.LAYERS)],
+)
+def test_a_layer_that_lacks_its_walls_is_refused(cura5, number, kinds, rule):
+    with pytest.raises(SliceRejected, match="layer") as refused:
+        slice_plate(cura5(edit=lambda gcode: without_layer(gcode, number, kinds)))
+    assert refused.value.rule is rule
+
+
+def test_a_setting_that_it_does_not_find(cura5):
+    body = "echo \"[ERROR] Trying to retrieve setting with no value given: 'x'\" >&2; exit 2"
+    with pytest.raises(EngineFailed, match=r"no value given: 'x'; .*set FARM_CURA_RESOURCES"):
+        slice_plate(cura5(body=body))
+
+
+def test_settings_of_cura_4_do_not_go_to_it(cura5, settings_of):
+    with pytest.raises(EngineMissing, match="settings files are of version 4"):
+        slice_plate(dataclasses.replace(cura5(), settings=settings_of()))

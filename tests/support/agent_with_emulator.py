@@ -1,0 +1,153 @@
+"""One real agent with its emulator, and a client as the daemon has it."""
+
+import asyncio
+import hashlib
+import os
+import select
+import subprocess
+import time
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from drivers import messages as m
+from drivers.clock import Clock
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.emulator.launch import control, read_status
+from drivers.emulator.status import EmulatorStatus
+from drivers.remote.client import AgentClient, spawn
+
+MODEL = "ultimaker2_plus"
+SCALE = 120.0
+DEADLINE_S = 30.0
+
+HEAD = """;FLAVOR:Marlin
+G21
+G90
+M82
+M107
+M140 S40
+G28
+G1 F12000 X5 Y10
+M190 S40
+M109 S180
+G1 F2400 Z20
+G92 E0
+G1 F47 E7.8
+G92 E0
+;LAYER:0
+;TYPE:FILL
+"""
+TAIL = (
+    ";TIME_ELAPSED:60\nG92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
+)
+
+
+def gcode(moves: int) -> str:
+    path = "".join(
+        f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{(i + 1) * 0.5:.2f}\n" for i in range(moves)
+    )
+    return HEAD + path + TAIL
+
+
+class Printer:
+    """One agent with its emulator, and a client."""
+
+    def __init__(self, folder: Path, url: str) -> None:
+        self.folder, self.url = folder, url
+        self.power_off_cmd: str | None = None
+        self.clock = Clock(SCALE, time.time())
+        self.process: subprocess.Popen[bytes] | None = None
+        self.client = AgentClient(folder)
+        self.last: m.Snapshot | None = None
+        self._following: asyncio.Task[None] | None = None
+
+    def spawn(self) -> None:
+        self.process = spawn("um2-01", MODEL, self.url, self.folder, self.clock, self.power_off_cmd)
+
+    async def connect(self) -> None:
+        self.last = None
+        await self.client.connect()
+        self._following = asyncio.create_task(self._follow())
+
+    async def _follow(self) -> None:
+        async for snapshot in self.client.snapshots():
+            self.last = snapshot
+
+    async def until(self, seen: Callable[[m.Snapshot], bool]) -> m.Snapshot:
+        async with asyncio.timeout(DEADLINE_S):
+            while self.last is None or not seen(self.last):
+                await asyncio.sleep(0.01)
+            return self.last
+
+    async def ready(self) -> m.Snapshot:
+        return await self.until(lambda s: s.link is m.LinkState.READY)
+
+    async def phase(self, phase: m.PrintPhase) -> m.PrintSnapshot:
+        snapshot = await self.until(lambda s: s.print is not None and s.print.phase is phase)
+        assert snapshot.print is not None
+        return snapshot.print
+
+    async def start(self, text: str, print_id: str = "p-1", sha256: str | None = None) -> m.Reply:
+        path = self.folder.parent / f"{print_id}.gcode"
+        path.write_text(text)
+        digest = sha256 or hashlib.sha256(text.encode()).hexdigest()
+        request = m.StartPrint(
+            id=0,
+            print_id=print_id,
+            gcode=str(path),
+            sha256=digest,
+            print_time_s=60.0,
+            filament=m.Filament.PARKED,
+        )
+        return await self.client.request(request)
+
+    def targets(self) -> tuple[float, float]:
+        status = read_status(self.folder / "emulator")
+        return status.nozzle_target_c, status.bed_target_c
+
+    async def close(self) -> None:
+        await self.client.close()
+        if self._following is not None:
+            await self._following
+        if self.process is not None and self.process.poll() is None:
+            self.process.kill()
+        if self.process is not None:
+            self.process.wait(10.0)
+        if emulator_alive(self.folder / "emulator"):
+            control(self.folder / "emulator", "power_off")
+
+
+@asynccontextmanager
+async def printer(folder: Path, faults: str = "") -> AsyncIterator[Printer]:
+    one = Printer(folder / "agent", f"sim://{MODEL}{faults}")
+    one.spawn()
+    try:
+        await one.connect()
+        await one.ready()
+        yield one
+    finally:
+        await one.close()
+
+
+def run(story: Coroutine[Any, Any, None]) -> None:
+    asyncio.run(story)
+
+
+def settled(folder: Path, seen: Callable[[EmulatorStatus], bool]) -> bool:
+    """Wait until an emulator shows it; whether it did."""
+    until_s = time.monotonic() + DEADLINE_S
+    while not seen(read_status(folder)) and time.monotonic() < until_s:
+        select.select([], [], [], 0.02)
+    return seen(read_status(folder))
+
+
+def everything(master: int) -> bytes:
+    """All that a board that has not read for a while finds."""
+    os.set_blocking(master, False)
+    found = b""
+    with suppress(BlockingIOError):
+        while data := os.read(master, 4096):
+            found += data
+    return found

@@ -1,0 +1,88 @@
+"""Work for worker processes that ends badly; in a module that they can import."""
+
+import os
+import signal
+import tempfile
+from pathlib import Path
+
+from farm.errors import FarmError
+from slicing.engine import run_engine
+
+
+def die_once(marker):
+    """Die as a process killed for its memory does, the first time."""
+    if not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "alive"
+
+
+def die(signal_number=signal.SIGKILL):
+    os.kill(os.getpid(), signal_number)
+
+
+def complain():
+    raise FarmError("no such thing")
+
+
+class Unspeakable(Exception):
+    """An exception that pickle cannot make again."""
+
+    def __init__(self, one, two):
+        super().__init__(one + two)
+
+
+def complain_unspeakably():
+    raise Unspeakable("this cannot ", "travel")
+
+
+def hoard(gigabytes):
+    return len(bytes(int(gigabytes * 2**30)))
+
+
+def pause():
+    signal.pause()
+
+
+def whoami():
+    return os.getpid()
+
+
+def first_to_go():
+    """How willingly the kernel ends this process where memory runs out."""
+    return int(Path("/proc/self/oom_score_adj").read_text())
+
+
+def slice_rod(folder):
+    """The layers of a rod."""
+    from farm.planning.local.slice_file import slice_to_file  # here: the other work does without it
+
+    report = slice_to_file(
+        folder / "rod.stl",
+        folder / "rod.gcode",
+        printer_model="ultimaker2_plus",
+        quality="glue",
+        material="generic_pla",
+        nozzle_mm=0.4,
+        overrides={"layer_height": "0.2"},
+    )
+    return report["layers"]
+
+
+def temporary_folder():
+    return Path(tempfile.gettempdir())
+
+
+def speak(fifo, word):
+    """Say a word, as soon as somebody listens."""
+    fifo.write_text(word)
+    return word
+
+
+def hang(folder):
+    """Run an engine that never ends and holds a FIFO open; what it says first is its process id."""
+    engine = folder / "engine"
+    engine.write_text(f"#!/bin/sh\nexec 3>{folder / 'fifo'}\necho $$ >&3\nexec sleep 1000\n")
+    engine.chmod(0o755)
+    (folder / "part.stl").touch()
+    run_engine(engine, folder / "part.stl", {}, {}, layers=1, timeout_s=1000.0)

@@ -1,0 +1,78 @@
+"""Time that passes only while an event loop waits: days of timers in a moment."""
+
+import asyncio
+import selectors
+from datetime import datetime
+
+HOST_TIME = (
+    "apscheduler.schedulers.base",
+    "apscheduler.triggers.interval",
+    "apscheduler.executors.base",
+    "farm.control.timers",
+)
+
+
+class FakeTime:
+    """A clock and an event loop that live on one time, in seconds since the epoch; APScheduler too.
+
+    The host's clock can be set: `set_s` is by how much it was, and `ahead_s` what the farm's clock took over.
+    """
+
+    scale = 1.0
+    ahead_s = 0.0
+    set_s = 0.0
+
+    def __init__(self, monkeypatch, now_s):
+        self.now_s = self.begun_s = now_s
+        time = self
+
+        class Datetime(datetime):
+            @classmethod
+            def now(cls, tz=None):
+                return datetime.fromtimestamp(time.now_s + time.set_s, tz)
+
+        for module in HOST_TIME:
+            monkeypatch.setattr(f"{module}.datetime", Datetime)
+
+        async def at_once(work, *args):
+            return work(*args)
+
+        monkeypatch.setattr("asyncio.to_thread", at_once)
+
+    def now(self):
+        return self.now_s + self.ahead_s
+
+    def wall_seconds(self, farm_seconds):
+        return farm_seconds
+
+    def follow_host(self):
+        step_s, self.ahead_s = self.set_s - self.ahead_s, self.set_s
+        return step_s
+
+    def stall(self, seconds):
+        """The process stands still, as when its host sleeps or swaps."""
+        self.now_s += seconds
+
+    def run(self, work):
+        """Run a coroutine to its end."""
+        loop = asyncio.SelectorEventLoop(_Patient(self))
+        loop.time = lambda: self.now_s - self.begun_s
+        try:
+            return loop.run_until_complete(work)
+        finally:
+            loop.close()
+
+
+class _Patient(selectors.SelectSelector):
+    """What waits for files, and lets time pass instead."""
+
+    def __init__(self, time):
+        super().__init__()
+        self._time = time
+
+    def select(self, timeout=None):
+        ready = super().select(0)
+        if not ready:
+            assert timeout is not None, "nothing will ever happen"
+            self._time.now_s += timeout
+        return ready

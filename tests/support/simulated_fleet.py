@@ -1,0 +1,268 @@
+"""Printers, agents and a person that outlive a daemon, in memory: what really happened."""
+
+import shutil
+from dataclasses import dataclass, field
+
+from farm.control.controller import Core
+from farm.control.print_commands import Desk
+from farm.errors import FarmError
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Bed,
+    FilamentState,
+    JobOptions,
+    JobState,
+    Link,
+    PrintState,
+    Verdict,
+)
+from farm.planning.parts.part_rooms import bed_boxes
+from farm.planning.plan import Plan
+from farm.state import events as ev
+from farm.state.storage.store import Store
+from make_books import plan as planned
+from recording_controller import MODEL, fleet
+
+STEP_S = 60.0
+NEXT = {
+    PrintState.ASSIGNED: PrintState.HEATING,
+    PrintState.HEATING: PrintState.PRINTING,
+    PrintState.PRINTING: PrintState.ENDING,
+    PrintState.ENDING: PrintState.DONE,
+}
+
+
+class Killed(BaseException):
+    """The daemon got a SIGKILL."""
+
+
+class SteppingStore(Store):
+    """A store in which the daemon is killed at one commit: just before it, or just after."""
+
+    def __init__(self, path, world):
+        super().__init__(path)
+        self._db.execute("PRAGMA synchronous = OFF")  # a killed process loses nothing that it has written
+        self._world = world
+
+    def commit(self, event, before, after):
+        self._world.commits += 1
+        here = self._world.commits in self._world.kills
+        if here and not self._world.after:
+            raise Killed
+        super().commit(event, before, after)
+        if here:
+            raise Killed
+
+
+class Clock:
+    """Time that stands still until the world moves it."""
+
+    scale = 1.0
+
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def now(self):
+        return self.now_s
+
+
+@dataclass
+class Agent:
+    """A printer and its agent: one print at a time, known by its id; it forgets none before it is told to."""
+
+    name: str
+    print_id: str | None = None
+    plate: str | None = None
+    state: PrintState = PrintState.ASSIGNED
+    started_s: float | None = None
+    ended_s: float | None = None
+    on_bed: str | None = None
+    sha256: str = ""
+    journal: list = field(default_factory=list)  # its word on each print that ended
+
+    def said(self):
+        return AgentPrint(
+            print_id=self.print_id, state=self.state, fault=None, reason=None, progress_s=1.0,
+            print_time_s=90.0, extruded=self.extruded, started_s=self.started_s, ended_s=self.ended_s,
+            sha256=self.sha256,
+        )  # fmt: skip
+
+    def prints(self, since_s):
+        """All that had not ended then."""
+        late = [said for said in self.journal if said.ended_s >= since_s]
+        return late if self.print_id is None or self.state.ended else [*late, self.said()]
+
+    def snapshot(self):
+        said = None if self.print_id is None else self.said()
+        busy = said is not None and not self.state.ended
+        link = Link.BUSY if busy else Link.READY
+        clear = self.on_bed is None
+        return AgentSnapshot(
+            printer=self.name, link=link, filament=FilamentState.PARKED, bed_clear=clear, print=said
+        )
+
+    @property
+    def extruded(self):
+        return self.state not in (PrintState.ASSIGNED, PrintState.HEATING) and self.on_bed is not None
+
+
+class World:
+    """A job of so many plates on two printers, from its submission until a person has found all of it good.
+
+    Parameters
+    ----------
+    kills
+        At which commits, counted from 1, the daemon is killed; `after`: just after them.
+    fails
+        Which of all prints begun fail; `bad`: which of all that are done a person calls bad.
+    files
+        How many different ones the plates have.
+    """
+
+    def __init__(self, folder, plates=3, kills=(), after=False, fails=(1,), bad=(0,), files=100):
+        self.path = folder / "farm.db"
+        self.kills, self.after, self.fails, self.bad = frozenset(kills), after, fails, bad
+        self.clock = Clock()
+        self.agents = {name: Agent(name) for name in "ab"}
+        self.commits = self.begun = self.restarts = 0
+        self.made = []  # (plate, printer, verdict) of each print that came to its end
+        self.prints = {}  # print id -> (printer, started, ended), as it was
+        self.plates, self.files = plates, files
+        self.to_plan = None
+        self.copied = False  # whether the books were ever
+        self.away = frozenset()  # agents that the daemon does not hear
+        self.surviving(self.up)
+
+    # -- the daemon -------------------------------------------------------------------------------------
+
+    def up(self):
+        self.store = SteppingStore(self.path, self)
+        self.core = Core(fleet(), self.store, self.clock, bed_boxes, self)
+        self.desk = Desk(self.core)
+        self.core.start(self.store.copied_s)
+
+    def restore(self, copy):
+        """The daemon dies, its books are damaged, and the next one has this copy of them."""
+        self.store.close()
+        for path in self.path.parent.glob(f"{self.path.name}*"):
+            path.unlink()
+        shutil.copy(copy, self.path)
+        self.restarts += 1
+        self.to_plan = None
+        self.copied = True
+        self.surviving(self.up)
+
+    def surviving(self, doing):
+        """Do something with the daemon; where it is killed meanwhile, start it again. Whether it was done."""
+        try:
+            doing()
+        except Killed:
+            self.store.close()
+            self.restarts += 1
+            self.to_plan = None
+            self.surviving(self.up)
+            return False
+        except FarmError:  # its books cannot be written, or it says no
+            return False
+        return True
+
+    def plan(self, job, printers, rounds):
+        self.to_plan = job.id
+
+    def perform(self, instruction):
+        agent = self.agents.get(getattr(instruction, "printer", None))
+        if isinstance(instruction, ev.SendStart):
+            if agent.print_id is None:
+                assert agent.on_bed is None, "a print is started on a full bed"
+                agent.print_id, agent.state = instruction.print_id, PrintState.ASSIGNED
+                agent.plate = self.core.books.prints[instruction.print_id].plate
+                agent.sha256 = self.core.books.plates[agent.plate].sha256
+                agent.started_s = agent.ended_s = None
+        elif isinstance(instruction, ev.SendForget) and agent.print_id == instruction.print_id:
+            assert agent.state.ended
+            agent.print_id = None
+
+    # -- printers and a person --------------------------------------------------------------------------
+
+    def move(self):
+        """A minute passes: every print goes on a step, whether a daemon hears of it or not."""
+        self.clock.now_s += STEP_S
+        for agent in self.agents.values():
+            if agent.print_id is None or agent.state.ended:
+                continue
+            agent.state = NEXT[agent.state]
+            if agent.state is PrintState.HEATING:
+                agent.started_s = self.clock.now_s
+                agent.fails = self.begun in self.fails
+                self.begun += 1
+            elif agent.state is PrintState.PRINTING:
+                agent.on_bed = agent.plate
+            elif agent.state is PrintState.ENDING and agent.fails:
+                agent.state = PrintState.FAILED
+            if agent.state.ended:
+                agent.ended_s = self.clock.now_s
+                self.prints[agent.print_id] = (agent.name, agent.started_s, agent.ended_s)
+                agent.journal.append(agent.said())
+                if agent.state is PrintState.DONE:
+                    self.made.append([agent.plate, agent.name, None])
+
+    def tell(self):
+        for agent in self.agents.values():
+            if agent.name not in self.away:
+                self.surviving(lambda agent=agent: self.hear(agent))
+        self.surviving(self.core.settle)
+        if self.to_plan is not None:
+            job, self.to_plan = self.to_plan, None
+            event = planned(1, self.plates)
+            plates = tuple(
+                plate.model_copy(update={"sha256": f"{i % self.files:064x}"})
+                for i, plate in enumerate(event.plates)
+            )
+            plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
+            self.surviving(lambda: self.core.planned(job, plan))
+
+    def hear(self, agent):
+        since_s = self.core.untold_since_s(agent.name)
+        if since_s is not None:
+            self.core.recounted(agent.snapshot(), agent.prints(since_s))
+        self.core.heard(agent.snapshot())
+
+    def tend(self):
+        """A person takes off what is done, and says how it is; a command that broke off is given again."""
+        for agent in self.agents.values():
+            entry = self.core.books.printers.get(agent.name)
+            printing = agent.print_id is not None and not agent.state.ended
+            if entry is None or entry.bed is Bed.CLEAR or printing:
+                continue
+            if agent.on_bed is None and not self.copied:
+                continue
+            mine = [i for i, (_, name, verdict) in enumerate(self.made) if name == agent.name and not verdict]
+            verdict = Verdict.BAD if mine and mine[-1] in self.bad else Verdict.GOOD
+            if self.core.books.to_judge(agent.name) is None:
+                verdict = Verdict.GOOD
+            agent_bed, agent.on_bed = agent.on_bed, None
+            clear = self.surviving(
+                lambda name=agent.name, verdict=verdict: self.desk.cleared(name, "ann", None, verdict)
+            )
+            if not clear and self.core.books.printers[agent.name].bed is not Bed.CLEAR:
+                agent.on_bed = agent_bed
+                continue
+            if mine:
+                self.made[mine[-1]][2] = verdict
+
+    def step(self):
+        """One minute of everybody's."""
+        if not self.core.books.jobs:
+            self.surviving(lambda: self.core.submit("r" * 8, "m.stl", MODEL, JobOptions()))
+        self.tell()
+        self.tend()
+        self.move()
+
+    def run(self, patience=200):
+        """Until the job is done. Returns how many minutes it took."""
+        for minute in range(patience):
+            self.step()
+            if self.core.books.jobs and self.core.books.jobs[1].state is JobState.DONE:
+                return minute
+        raise AssertionError(f"not done: {self.core.books}")
