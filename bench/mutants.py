@@ -75,6 +75,9 @@ ROOMS = {
     ),
     "cost": Room(
         tuple(f"decompose/print_time/{name}.py" for name in ("cost", "pose_prices", "recipe")),
+        ("tests/decompose/print_time/test_cost.py",),
+        14,
+    ),
 }  # fmt: skip
 
 

@@ -21,26 +21,27 @@ from farm.model import Bed, FilamentState, Link
 from farm.scheduling.assign import assign
 from farm.scheduling.forecast import forecast
 from farm.scheduling.hours import Hours
-from farm.scheduling.situation import Kind, Need, PlateView, PrinterView
-from farm.scheduling.start_rules import Rules
+from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.situation import Situation
+from farm.scheduling.start_rules import StartRules
 from farm.week_windows import parse_window
 
 NOW_S = 1_790_000_000.0
-LOW = Kind(((-111.0, -104.0, 111.0, 102.0, 205.0),), "generic_pla", None, 0.4)
-TALL = Kind(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", None, 0.4)
+LOW = Capabilities(((-111.0, -104.0, 111.0, 102.0, 205.0),), "generic_pla", None, 0.4)
+TALL = Capabilities(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", None, 0.4)
 
 
-def fleet(count: int, busy: bool) -> list[PrinterView]:
+def fleet(count: int, busy: bool) -> list[FleetPrinter]:
     """Every third printer tall; where `busy`, every other one prints for some hours more."""
     return [
-        PrinterView(
+        FleetPrinter(
             name=f"um2-{number:03d}",
-            kind=TALL if number % 3 == 0 else LOW,
+            capabilities=TALL if number % 3 == 0 else LOW,
             bed=Bed.CLEAR,
             filament=FilamentState.PARKED,
             link=Link.READY,
             booked=busy and number % 2 == 0,
-            look=None,
+            attention_reason=None,
             free_s=NOW_S + 3600.0 * (number % 7) if busy and number % 2 == 0 else None,
             grams=500.0 if number % 5 else None,
         )
@@ -48,18 +49,18 @@ def fleet(count: int, busy: bool) -> list[PrinterView]:
     ]
 
 
-def queue(count: int, rng: random.Random) -> list[PlateView]:
+def queue(count: int, rng: random.Random) -> list[WaitingPlate]:
     """Plates of ten jobs."""
     plates = []
     for number in range(count):
         height = 250.0 if rng.random() < 0.2 else 100.0
         plates.append(
-            PlateView(
+            WaitingPlate(
                 id=f"{number % 10}/{number:04d}",
-                need=Need("generic_pla", None, 0.4, (-50.0, -50.0, 50.0, 50.0, height)),
+                requirements=Requirements("generic_pla", None, 0.4, (-50.0, -50.0, 50.0, 50.0, height)),
                 job=number % 10,
                 planned=f"um2-{rng.randrange(100):03d}",
-                estimated_s=rng.uniform(1800.0, 36000.0),
+                expected_s=rng.uniform(1800.0, 36000.0),
                 heating_s=300.0,
                 first_layer_s=600.0,
                 grams=rng.uniform(5.0, 150.0),
@@ -86,18 +87,20 @@ def main() -> None:
     given = parser.parse_args()
     zone = ZoneInfo("Europe/London")
     hours = Hours((parse_window("mon-fri 08:00-18:00"),), zone)
-    house = Rules(hours, Hours((), zone), first_layers_attended=False, max_heating=20)
-    free = Rules(Hours((), zone), Hours((), zone))
+    house = StartRules(hours, Hours((), zone), first_layers_attended=False, max_heating=20)
+    free = StartRules(Hours((), zone), Hours((), zone))
     plates = queue(given.plates, random.Random(1))
     busy, idle = fleet(given.printers, busy=True), fleet(given.printers, busy=False)
     unlimited = [replace(printer, grams=None) for printer in idle]
-    seen = forecast([replace(plate, job=1) for plate in plates], unlimited, free, NOW_S)
+    seen = forecast(
+        Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited), free, NOW_S)
+    )
     report = {
         "schema": 1,
         "printers": given.printers,
         "plates": given.plates,
-        "assign_ms": best_ms(lambda: assign(plates, busy, house, NOW_S)),
-        "forecast_ms": best_ms(lambda: forecast(plates, unlimited, free, NOW_S)),
+        "assign_ms": best_ms(lambda: assign(Situation(tuple(plates), tuple(busy), house, NOW_S))),
+        "forecast_ms": best_ms(lambda: forecast(Situation(tuple(plates), tuple(unlimited), free, NOW_S))),
         "over_bound": (seen.ends_s - NOW_S) / (seen.lower_bound_s - NOW_S) - 1,
     }
     if given.json:

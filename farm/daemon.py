@@ -17,7 +17,6 @@ import uvicorn
 
 from drivers.clock import Clock
 from farm.agents.manager import Links
-from farm.compute.tasks import warm
 from farm.compute.worker_pool import Workers
 from farm.config import Fleet, PrinterSection
 from farm.control.controller import Core
@@ -32,8 +31,9 @@ from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.planning.job_planner import Planner
 from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import file_names
-from farm.planning.replanning.replan import AgainTask
-from farm.planning.replanning.worker import Remaker
+from farm.planning.replanning.replan import ReplanTask
+from farm.planning.replanning.worker import ReplanWorker
+from farm.planning.tasks import warm
 from farm.state import events as ev
 from farm.state.storage.backups import Nightly, open_books
 from farm.state.storage.file_store import name_files
@@ -66,7 +66,7 @@ class Daemon:
         self._planner = Planner(
             self._state, self._workers, compute.budget_s, self._core.planned, self._core.progressed
         )
-        self._remaker = Remaker(self._state, self._workers, self._core.remade)
+        self._replan_worker = ReplanWorker(self._state, self._workers, self._core.replanned)
         self._timers = Timers(self._clock)
         self._notifier: Notifier | None = None
         if fleet.fleet.notify:
@@ -94,11 +94,11 @@ class Daemon:
         within_s = None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s)
         self._planner.start(job, printers, rounds, factors, within_s)
 
-    def remake(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None:
+    def replan(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None:
         books = self._core.books
         (part,) = (books.parts[name] for name in plate.parts)
         job = books.job(plate.job)
-        task = AgainTask(
+        task = ReplanTask(
             plate=plate,
             part=part,
             options=job.options,
@@ -108,7 +108,7 @@ class Daemon:
             factors={p.name: books.printer(p.name).time_factor for p in printers},
             others=tuple(books.parts[name] for name in job.parts if name != part.id),
         )
-        self._remaker.start(task, cut)
+        self._replan_worker.start(task, cut)
 
     def _name_files(self, job: Job) -> None:
         books = self._core.books
@@ -160,7 +160,7 @@ class Daemon:
             following.cancel()
             timers.stop()
             self._planner.stop()
-            self._remaker.stop()
+            self._replan_worker.stop()
             await self._links.close()
             self._workers.close()
             listening.close()

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from farm.config import PrinterSection
 from farm.model import Hold, HoldCode, Job, JobState
-from farm.scheduling.admission import Begin, begin, begin_beside, unmatched
-from farm.scheduling.situation import PrinterView
-from farm.scheduling.situation_builder import job_need
+from farm.scheduling.admission import Availability, JobRequest, begin_beside, unmatched
+from farm.scheduling.matching import FleetPrinter
+from farm.scheduling.situation_builder import job_requirements
 from farm.scheduling.spares import spare_printers
 from farm.state import events as ev
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from farm.control.controller import Core
 
 
-class Front:
+class JobAdmission:
     """What it remembers goes with the daemon: a plan that died with one is made anew.
 
     Parameters
@@ -53,11 +53,11 @@ class Front:
         promised
             Printers that a plate is being made otherwise for.
         """
-        views, now_s = self._core.printer_views(), self._core.clock.now()
+        views, now_s = self._core.fleet_printers(), self._core.clock.now()
         fronts: dict[bool, Job] = {}
         for job in self._core.books.queue():
             own = job.own_gcode is not None
-            nobody = unmatched(job_need(job), views)
+            nobody = unmatched(job_requirements(job), views)
             if job.state is JobState.PLANNING:
                 fronts[own] = job
             elif nobody is not None:
@@ -75,30 +75,27 @@ class Front:
                 self._begin(job, views, held, promised)
 
     def _begin(
-        self, job: Job, views: list[PrinterView], held: Mapping[str, Hold], promised: frozenset[str]
+        self, job: Job, views: list[FleetPrinter], held: Mapping[str, Hold], promised: frozenset[str]
     ) -> None:
-        """Plan a job, or say what it waits for."""
-        there = self._core.rules.somebody_is_there(self._core.clock.now())
+        """Start to plan a job, or book what it waits for."""
+        attended = self._core.rules.is_attended(self._core.clock.now())
         taken = frozenset(self._core.books.plates[name].printer for name in held)
         taken |= spare_printers(views, taken, self._core.spares()) | promised
-        asleep = frozenset(p.name for p in views if not (p.unattended or there))
-        wanted = job.options.printers if job.own_gcode is None else None  # its plan chooses one of them
-
-        def answer_without(others: frozenset[str]) -> Begin | Hold:
-            return begin(
-                job_need(job),
-                wanted,
-                self._least.get(job.id, 0),
-                views,
-                taken | others,
-                self._core.arriving(),
-                job.options.spares,
-                job.options.hold,
-                asleep,
-            )
-
+        request = JobRequest(
+            requirements=job_requirements(job),
+            printers=job.options.printers if job.own_gcode is None else None,  # its plan chooses one
+            least_parts=self._least.get(job.id, 0),
+            spares=job.options.spares,
+            needs_approval=job.options.hold,
+        )
+        availability = Availability(
+            printers=tuple(views),
+            taken=taken,
+            starting=self._core.arriving(),
+            unattended_blocked=frozenset(p.name for p in views if not (p.unattended or attended)),
+        )
         planned = [(self._core.books.job(n).options.priority, names) for n, names in self._planned.items()]
-        answer = begin_beside(job.options.priority, planned, answer_without)
+        answer = begin_beside(request, availability, job.options.priority, planned)
         if isinstance(answer, Hold):
             self._hold(job, answer)
             return

@@ -14,7 +14,8 @@ from farm.model import Job, JobState, Plate, Reel
 from farm.paths import StateFolder
 from farm.planning.fleet_check import mistake_in
 from farm.scheduling.forecast import Slot, forecast
-from farm.scheduling.situation_builder import plate_views
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import describe_plates
 from farm.state import events as ev
 from farm.state.plate_state import Standing
 from farm.state.reels import loaded
@@ -82,7 +83,8 @@ class Ahead:
             raise Refused(f"job {number} has no plan yet: it is {job.state}")
         plates = list(books.plates_of(job))
         waiting = [plate for plate in plates if books.standing(plate) is Standing.WAITING]
-        seen = forecast(plate_views(waiting, books), self._core.printer_views(), self._core.rules, now_s)
+        views = tuple(describe_plates(waiting, books))
+        seen = forecast(Situation(views, tuple(self._core.fleet_printers()), self._core.rules, now_s))
         slots = sorted([*self._slots(plates), *seen.slots], key=lambda slot: (slot.starts_s, slot.printer))
         return self._view(job, plates, slots, seen.left, seen.lower_bound_s)
 

@@ -15,8 +15,8 @@ from typing import Protocol
 
 from drivers.clock import Clock
 from farm.config import Fleet, PrinterSection
-from farm.control.admission import Front
-from farm.control.forecast_cache import Foresight
+from farm.control.admission import JobAdmission
+from farm.control.forecast_cache import ForecastCache
 from farm.errors import FarmError
 from farm.model import (
     AgentPrint,
@@ -35,22 +35,23 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.planning.plan import Inspected, Plan, TooFewPrinters
 from farm.planning.planned_event import planned_event
-from farm.planning.replanning.coordinator import Otherwise
-from farm.planning.replanning.replan import Remade
+from farm.planning.replanning.coordinator import ReplanCoordinator
+from farm.planning.replanning.replan import ReplannedPlate
 from farm.scheduling.assign import assign
-from farm.scheduling.situation import PlateView, PrinterView
+from farm.scheduling.matching import FleetPrinter
+from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import (
     Rooms,
     Span,
+    describe_plates,
+    describe_printers,
     may_begin,
     own_holds,
-    plate_views,
-    printer_views,
     span,
 )
 from farm.scheduling.spares import spare_printers
-from farm.scheduling.start_rules import Rules
-from farm.scheduling.time_expressions import wished_s
+from farm.scheduling.start_rules import StartRules
+from farm.scheduling.time_expressions import start_and_deadline_s
 from farm.state import events as ev
 from farm.state.outage import window_s
 from farm.state.reconcile import alarmed, not_begun, observe, owed, reconcile, unexpected
@@ -75,7 +76,7 @@ class Hands(Protocol):
 
     def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None: ...
 
-    def remake(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None: ...
+    def replan(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None: ...
 
 
 class Core:
@@ -99,11 +100,11 @@ class Core:
         self._unbooked: dict[str, str] = {}  # by printer: why its agent's last word is not in the books
         self._store = store
         self._room = rooms
-        self.rules = Rules.of(fleet.fleet)
+        self.rules = StartRules.of(fleet.fleet)
         self._hands = hands
-        self._front = Front(self, hands.plan)
-        self._foresight = Foresight(self.rules, clock.scale)
-        self._otherwise = Otherwise(self.rules, clock, self._remake)
+        self._admission = JobAdmission(self, hands.plan)
+        self._forecast_cache = ForecastCache(self.rules, clock.scale)
+        self._replanning = ReplanCoordinator(clock, self._start_replan)
         self._refusals: Counter[str] = Counter()
         self.books = replace(store.load(), outage_window_s=window_s(clock.scale))
         self.fleet = with_reels(fleet, self.books.printers)
@@ -194,8 +195,8 @@ class Core:
         `by_s` are the farm seconds by which it is ahead of what it was.
         """
         self.since_s += by_s
-        self._foresight.clock_set()
-        self._otherwise.clock_set()
+        self._forecast_cache.clock_set()
+        self._replanning.clock_set()
         try:
             self.happened(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
             self.settle()
@@ -211,12 +212,12 @@ class Core:
             return
         now_s = self.clock.now()
         held_back = own_holds(self.books, self.fleet.printers, now_s)
-        offered = self._offered(held_back)
-        views = self.printer_views()
-        self._otherwise.look_at_failures(self.books, offered, views)
-        held_back |= self._otherwise.holds()
-        waiting = [plate for plate in offered if plate.id not in held_back]
-        given, holds = assign(waiting, views, self.rules, now_s, self.spares())
+        offered = self._situation(held_back)
+        self._replanning.recut_failures(self.books, offered)
+        held_back |= self._replanning.holds()
+        waiting = tuple(plate for plate in offered.waiting if plate.id not in held_back)
+        situation = offered.with_waiting(waiting)
+        given, holds = assign(situation)
         for assignment in given:
             self.happened(
                 ev.PlateAssigned(
@@ -229,23 +230,30 @@ class Core:
         if news:
             self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
         if holds:
-            planned = frozenset(plate.planned for plate in waiting)
-            kept = spare_printers(views, planned, self.spares())
-            self._otherwise.look_at_waits(self.books, waiting, holds, self.printer_views(), kept)
-        self._front.settle(holds, self._otherwise.promised)
+            kept = spare_printers(situation.printers, situation.planned, situation.spares)
+            after = situation.with_printers(tuple(self.fleet_printers()))
+            self._replanning.reslice_waiting(self.books, after, holds, kept)
+        self._admission.settle(holds, self._replanning.reserved_printers)
 
-    def _offered(self, held_back: Mapping[str, Hold]) -> list[PlateView]:
-        """The waiting plates that may go to a printer."""
+    def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
+        """Describe this moment to the scheduler, with all waiting plates but those held back."""
         waiting = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
-        return list(plate_views(waiting, self.books))
+        return Situation(
+            waiting=tuple(describe_plates(waiting, self.books)),
+            printers=tuple(self.fleet_printers()),
+            rules=self.rules,
+            now_s=self.clock.now(),
+            time_scale=self.clock.scale,
+            spares=self.spares(),
+        )
 
-    def _remake(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> None:
-        self._hands.remake(plate, [self.fleet.printer(name) for name in printers], cut)
+    def _start_replan(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> None:
+        self._hands.replan(plate, [self.fleet.printer(name) for name in printers], cut)
 
-    def remade(self, plate: str, result: Remade | FarmError) -> None:
-        """A plate was made otherwise, or could not be."""
-        offered = self._offered(own_holds(self.books, self.fleet.printers, self.clock.now()))
-        event = self._otherwise.ended(plate, result, self.books, offered, self.printer_views())
+    def replanned(self, plate: str, result: ReplannedPlate | FarmError) -> None:
+        """Book what a replan came to, and schedule."""
+        offered = self._situation(own_holds(self.books, self.fleet.printers, self.clock.now()))
+        event = self._replanning.finish(plate, result, self.books, offered)
         if event is not None:
             self.happened(event)
         self.settle()
@@ -269,18 +277,18 @@ class Core:
 
     def _may_begin(self, attempt: Print) -> bool:
         """Nothing heats in an outage that nobody has confirmed, nor out of hours."""
-        views, now_s = self.printer_views(), self.clock.now()
+        views, now_s = self.fleet_printers(), self.clock.now()
         return self.books.outage is None and may_begin(attempt, self.books, views, self.rules, now_s)
 
     def span(self, print_id: str) -> Span:
         """When hours let a print begin and go on."""
-        views, now_s = self.printer_views(), self.clock.now()
+        views, now_s = self.fleet_printers(), self.clock.now()
         return span(self.books.prints[print_id], self.books, views, self.rules, now_s)
 
-    def view(self, printer: str) -> PrinterView | None:
+    def view(self, printer: str) -> FleetPrinter | None:
         """A printer as the scheduler sees it; None where it is not used."""
         sections = [section for section in self.fleet.printers if section.name == printer]
-        views = printer_views(sections, self.books, self.snapshots, self._room)
+        views = describe_printers(sections, self.books, self.snapshots, self._room)
         return views[0] if views else None
 
     def refused(self, print_id: str, reason: str, late: bool = False) -> None:
@@ -298,7 +306,7 @@ class Core:
 
     def spares(self) -> int:
         """How many printers are kept for what fails while nobody is there, by the jobs that are printed."""
-        if self.rules.somebody_is_there(self.clock.now()):
+        if self.rules.is_attended(self.clock.now()):
             return 0
         jobs = self.books.jobs.values()
         return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
@@ -322,18 +330,18 @@ class Core:
         if job.state is not JobState.PLANNING:
             return  # cancelled meanwhile
         if isinstance(result, TooFewPrinters):
-            self._front.needs(number, result.needed)
+            self._admission.needs(number, result.needed)
             self.happened(ev.PlanningAbandoned(at_s=now_s, job=number, hold=None))
         elif isinstance(result, FarmError):
             self.happened(ev.JobFailed(at_s=now_s, job=number, error=result.code, reason=str(result)))
         else:
-            made = planned_event(job, result, self.printer_views(), self.books, self.rules, now_s)
+            made = planned_event(job, result, self.fleet_printers(), self.books, self.rules, now_s)
             self.happened(made)
         self.settle()
 
     def _no_longer_planned(self, number: int) -> None:
         self.progress.pop(number, None)
-        self._front.planned(number)
+        self._admission.planned(number)
 
     # -- jobs -------------------------------------------------------------------------------------------
 
@@ -350,7 +358,7 @@ class Core:
             return known, True
         number = max(self.books.jobs, default=0) + 1
         now_s = self.clock.now()
-        not_before_s, done_by_s = wished_s(options, self.rules, now_s)
+        not_before_s, done_by_s = start_and_deadline_s(options, self.rules, now_s)
         if self.fleet.fleet.approve:
             options = options.model_copy(update={"hold": True})
         job = Job(
@@ -386,8 +394,8 @@ class Core:
 
     # -- views ------------------------------------------------------------------------------------------
 
-    def printer_views(self) -> list[PrinterView]:
-        return printer_views(self.fleet.printers, self.books, self.snapshots, self._room)
+    def fleet_printers(self) -> list[FleetPrinter]:
+        return describe_printers(self.fleet.printers, self.books, self.snapshots, self._room)
 
     def scene(self, state: StateFolder) -> Scene:
         """All that a view is drawn from."""
@@ -401,7 +409,7 @@ class Core:
             self.snapshots,
             state,
             now_s,
-            ends_s=self._foresight.ends_s(self.books, self.printer_views, now_s),
+            ends_s=self._forecast_cache.ends_s(self.books, self.fleet_printers, now_s),
             settled=not self.arriving(),
             progress=self.progress,
             warning=unbooked or self._warning,

@@ -1,23 +1,32 @@
-"""When what waits should end: foreseen anew when the books have changed, but not at every look."""
+"""Cached forecast of when each waiting plate ends."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
 from farm.scheduling.forecast import forecast
-from farm.scheduling.situation import PrinterView
-from farm.scheduling.situation_builder import plate_views
-from farm.scheduling.start_rules import Rules
+from farm.scheduling.matching import FleetPrinter
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import describe_plates
+from farm.scheduling.start_rules import StartRules
 from farm.state.books import Books
 
 _KEPT_S = 60.0  # farm seconds in which nothing has happened
 _APART_S = 5.0  # wall seconds: 300 plates on 100 printers take a third of one
 
 
-class Foresight:
-    """The night ahead of all plates that wait; `scale` is farm seconds in a wall second."""
+class ForecastCache:
+    """Forecasts the ends of all waiting plates, at most every few wall seconds.
 
-    def __init__(self, rules: Rules, scale: float) -> None:
+    Parameters
+    ----------
+    rules
+        Hours and the heating limit.
+    scale
+        Farm seconds in a wall second.
+    """
+
+    def __init__(self, rules: StartRules, scale: float) -> None:
         self._rules, self._apart_s = rules, _APART_S * scale
         self._books: Books | None = None
         self._at_s = float("-inf")
@@ -28,13 +37,14 @@ class Foresight:
         self._at_s = float("-inf")
 
     def ends_s(
-        self, books: Books, printers: Callable[[], Sequence[PrinterView]], now_s: float
+        self, books: Books, printers: Callable[[], Sequence[FleetPrinter]], now_s: float
     ) -> Mapping[str, float]:
-        """When each waiting plate should end, since the epoch; none of what no printer can take."""
+        """Return when each waiting plate that a printer can take ends, in seconds since the epoch."""
         old_s = now_s - self._at_s
         if old_s > self._apart_s and (books is not self._books or old_s > _KEPT_S):
-            waiting = list(plate_views(books.waiting_plates(), books))
-            slots = forecast(waiting, printers(), self._rules, now_s, bounded=False).slots if waiting else ()
+            waiting = tuple(describe_plates(books.waiting_plates(), books))
+            situation = Situation(waiting, tuple(printers()) if waiting else (), self._rules, now_s)
+            slots = forecast(situation, bounded=False).slots if waiting else ()
             self._books, self._at_s = books, now_s
             self._ends_s = {slot.plate: slot.ends_s for slot in slots}
         return self._ends_s

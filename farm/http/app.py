@@ -18,7 +18,6 @@ from starlette.requests import ClientDisconnect
 
 import farm
 from farm import api
-from farm.compute.tasks import inspect
 from farm.compute.worker_pool import Workers
 from farm.control.approval import Ahead, add_ahead
 from farm.control.controller import Core
@@ -28,7 +27,8 @@ from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.http.callers import By, ByOperator
 from farm.model import JobOptions
 from farm.paths import StateFolder
-from farm.scheduling.time_expressions import wished_s
+from farm.planning.tasks import inspect_submission
+from farm.scheduling.time_expressions import start_and_deadline_s
 from farm.text import first_of, one_line
 from farm.views.context import Scene
 from farm.views.history import history, night_view, shown_jobs
@@ -89,7 +89,7 @@ def make_app(
     @app.get("/status")
     async def status() -> api.Status:
         scene = core.scene(state)
-        obstacles = {view.name: view.obstacle() for view in core.printer_views()}
+        obstacles = {view.name: view.obstacle() for view in core.fleet_printers()}
         return api.Status(
             daemon=daemon(scene),
             todo=todo(scene),
@@ -150,7 +150,9 @@ def make_app(
         known = core.submitted(request_id)
         if known is not None:
             return api.Submitted(job=known, again=True)
-        wished_s(wanted, core.rules, core.clock.now())  # what it says wrongly is said before the upload
+        start_and_deadline_s(
+            wanted, core.rules, core.clock.now()
+        )  # what it says wrongly is said before the upload
         if core.stopping:
             raise Refused("the farm is going down: submit again when it is up")
         upload = state.work / f"upload-{uuid.uuid4().hex}"
@@ -166,7 +168,9 @@ def make_app(
                 raise Refused(
                     f"the upload of {name} was cut: {received} of {size} bytes came; submit it again"
                 )
-            model = await workers.run(inspect, upload, name, wanted, core.fleet.printers, state.files)
+            model = await workers.run(
+                inspect_submission, upload, name, wanted, core.fleet.printers, state.files
+            )
         finally:
             upload.unlink(missing_ok=True)
         number, again = core.submit(request_id, name, model, wanted, by)

@@ -10,7 +10,6 @@ from dataclasses import replace
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from farm.compute.tasks import decompose_job, level_again, plan_gcode, slice_part
 from farm.compute.worker_pool import DECOMPOSING, SLICING, Workers
 from farm.config import PrinterSection
 from farm.errors import FarmError
@@ -18,6 +17,7 @@ from farm.model import Job, PlanProgress, PlanStep
 from farm.paths import StateFolder
 from farm.planning.plan import Decomposed, DecomposeTask, Plan, Sliced, make_plan, slice_tasks
 from farm.planning.plan_records import SliceTask
+from farm.planning.tasks import decompose_job, level_again, plan_gcode, slice_part
 from slicing.cache import trim_cache
 
 if TYPE_CHECKING:

@@ -10,30 +10,34 @@ from dataclasses import replace
 from farm.model import Job, Part, Plate
 from farm.planning.plan import Plan
 from farm.scheduling.forecast import forecast, idle
-from farm.scheduling.situation import PrinterView
-from farm.scheduling.situation_builder import plate_views
-from farm.scheduling.start_rules import Rules
+from farm.scheduling.matching import FleetPrinter
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import describe_plates
+from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
 from farm.state.books import Books
 
 
 def planned_event(
-    job: Job, plan: Plan, printers: Iterable[PrinterView], books: Books, rules: Rules, now_s: float
+    job: Job, plan: Plan, printers: Iterable[FleetPrinter], books: Books, rules: StartRules, now_s: float
 ) -> ev.JobPlanned:
     """What is booked of a plan: rounds, hours and the breaker may make it longer than its longest plate."""
     used = {plate.printer for plate in plan.plates}
     printers = list(printers)
     fleet = [idle(view) for view in printers if view.name in used]
     books = replace(books, plates={plate.id: plate for plate in plan.plates})
-    waiting = list(plate_views(plan.plates, books))
-    seen = forecast(waiting, fleet, rules, now_s)
+    waiting = list(describe_plates(plan.plates, books))
+    situation = Situation(tuple(waiting), tuple(fleet), rules, now_s)
+    seen = forecast(situation)
     notices = plan.repairs
     materials = sorted({plate.material for plate in plan.plates})
     if len(materials) > 1:
         of = " and ".join(materials)
         notices = (*notices, f"Its parts are of {of}, as the printers have it: `--material` takes one.")
     if job.done_by_s is not None:
-        ends_s = forecast(waiting, printers, rules, now_s).ends_s  # on printers as they are: beds may be full
+        ends_s = forecast(
+            situation.with_printers(tuple(printers))
+        ).ends_s  # on printers as they are: beds may be full
         if ends_s > job.done_by_s:
             asked, ends = rules.words(job.done_by_s), rules.words(ends_s)
             notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")

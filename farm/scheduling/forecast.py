@@ -1,14 +1,15 @@
-"""When every plate of a job should print, and where: the night ahead, with its lower bound. Pure."""
+"""Forecast of when and where every waiting plate prints, with a lower bound of its end. Pure."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
-from farm.scheduling.situation import Kind, PlateView, PrinterView
-from farm.scheduling.start_rules import Rules, Start, short_of_filament
+from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
+from farm.scheduling.situation import Situation
+from farm.scheduling.start_rules import Start, StartRules, short_of_filament
 
 CLEARING_S = 900.0
 """A person takes a part off and says so, once somebody is there."""
@@ -45,40 +46,31 @@ class Forecast:
         return min((slot.starts_s for slot in self.slots), default=self.ends_s)
 
 
-def forecast(
-    plates: Iterable[PlateView],
-    printers: Iterable[PrinterView],
-    rules: Rules,
-    now_s: float,
-    bounded: bool = True,
-) -> Forecast:
-    """Foresee a night by list scheduling: longest first, each plate to the printer where it ends soonest.
+def forecast(situation: Situation, bounded: bool = True) -> Forecast:
+    """Forecast the prints of all waiting plates by list scheduling.
 
-    Between two plates on a printer its bed is cleared, for which somebody has to be there. Printers that are
-    away or broken are not counted on, unless there is no other. Where all printers are alike and free, the
-    end is at most 4/3 of the least (Graham 1969, LPT), and the longest plate's end where there are no more
-    plates than printers.
+    Longest first, each plate goes to the printer where it ends soonest. Between two plates on a printer its
+    bed is cleared, for which somebody has to be there. Printers that are away or broken are not counted on,
+    unless there is no other. At most `max_heating` printers heat at once. Where all printers are alike and
+    free, the end is at most 4/3 of the least (Graham 1969, LPT), and the longest plate's end where there are
+    no more plates than printers.
 
     Parameters
     ----------
-    plates, printers
-        What is to be printed and the fleet, in any order: the answer is the same.
-    rules
-        The house's; at most `max_heating` printers heat at once.
-    now_s
-        Farm time, from which the night is foreseen.
+    situation
+        What waits, the fleet and the rules. The order of plates and printers does not change the answer.
     bounded
-        Tell a lower bound better than now.
+        Compute a lower bound better than now.
     """
-    turns = sorted(plates, key=lambda plate: plate.turn)
-    fleet = sorted(printers, key=lambda printer: printer.name)
+    turns, rules, now_s = situation.by_priority, situation.rules, situation.now_s
+    fleet = list(situation.fleet.values())
     coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _COMING] or fleet
     ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
     grams = {p.name: p.grams for p in coming}
-    kinds: dict[Kind, list[PrinterView]] = {}
+    classes: dict[Capabilities, list[FleetPrinter]] = {}
     for printer in coming:
-        kinds.setdefault(printer.kind, []).append(printer)
-    can = {plate.id: _fitting(plate, kinds, grams) for plate in turns}
+        classes.setdefault(printer.capabilities, []).append(printer)
+    can = {plate.id: _fitting(plate, classes, grams) for plate in turns}
     bound_s = _lower_bound_s(turns, can, dict(ready_s), rules, now_s) if bounded else now_s
     heating: list[tuple[float, float]] = []
     slots: list[Slot] = []
@@ -109,49 +101,53 @@ def forecast(
     return Forecast(tuple(slots), tuple(left), ends_s, min(bound_s, ends_s))
 
 
-def idle(printer: PrinterView) -> PrinterView:
-    """The printer as it is once it is used: for what a plan takes, not for when it begins."""
+def idle(printer: FleetPrinter) -> FleetPrinter:
+    """Return the printer as it is when idle and clear: for how long a plan takes, not for when it begins."""
     return replace(
         printer,
         bed=Bed.CLEAR,
         filament=FilamentState.PARKED,
         link=Link.READY,
         booked=False,
-        look=None,
+        attention_reason=None,
         maintenance=None,
         reel_doubted=False,
     )
 
 
-def seconds_on(plate: PlateView, printer: PrinterView) -> float:
-    """What a plate takes on a printer: as expected on the planned one, by how much faster or slower it is."""
-    layers_s = plate.estimated_s - plate.heating_s
+def seconds_on(plate: WaitingPlate, printer: FleetPrinter) -> float:
+    """Return the seconds that a plate takes on a printer, by the learned time factors of both printers."""
+    layers_s = plate.expected_s - plate.heating_s
     return plate.heating_s + layers_s * printer.time_factor / plate.time_factor
 
 
-def _ready_s(printer: PrinterView, rules: Rules, now_s: float) -> float:
-    """When a printer is idle and clear."""
+def _ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
+    """Return when a printer is idle and clear."""
     if printer.obstacle() is None:
         return now_s
     return rules.cleared_s(max(now_s, printer.free_s or now_s), CLEARING_S)
 
 
 def _fitting(
-    plate: PlateView, kinds: Mapping[Kind, Sequence[PrinterView]], grams: Mapping[str, float | None]
-) -> list[PrinterView]:
-    """The printers, given by their kinds, that hold a plate and have enough on their reels."""
-    fitting = (printer for kind, own in kinds.items() if plate.need.matches(kind) for printer in own)
+    plate: WaitingPlate,
+    classes: Mapping[Capabilities, Sequence[FleetPrinter]],
+    grams: Mapping[str, float | None],
+) -> list[FleetPrinter]:
+    """Return the printers that hold a plate and have enough on their reels."""
+    fitting = (
+        printer for each, own in classes.items() if plate.requirements.matches(each) for printer in own
+    )
     return [printer for printer in fitting if short_of_filament(plate, printer, grams[printer.name]) is None]
 
 
 def _start_s(
-    plate: PlateView,
-    printer: PrinterView,
+    plate: WaitingPlate,
+    printer: FleetPrinter,
     from_s: float,
-    rules: Rules,
+    rules: StartRules,
     heating: Sequence[tuple[float, float]],
 ) -> float | None:
-    """The first moment when hours and breaker let it start there."""
+    """Return the first moment when hours and the heating limit let a plate start on a printer."""
     while True:
         start: Start = rules.start(plate, printer, from_s)
         if start.at_s is None or rules.max_heating is None:
@@ -164,13 +160,13 @@ def _start_s(
 
 
 def _lower_bound_s(
-    plates: Sequence[PlateView],
-    can: Mapping[str, Sequence[PrinterView]],
+    plates: Sequence[WaitingPlate],
+    can: Mapping[str, Sequence[FleetPrinter]],
     ready_s: Mapping[str, float],
-    rules: Rules,
+    rules: StartRules,
     now_s: float,
 ) -> float:
-    """The end that no schedule on these printers can beat.
+    """Return the end that no schedule on these printers can beat.
 
     The greatest of: each plate alone on the printer where it ends soonest; and, for the plates that can go
     to some set of printers only, all their seconds spread evenly over it from when each is ready.
@@ -194,7 +190,7 @@ def _lower_bound_s(
 
 
 def _filled_s(work_s: float, ready: Sequence[float]) -> float:
-    """When so much work is done by machines that are ready at these moments (in order)."""
+    """Return when so much work is done by machines that are ready at these moments (in order)."""
     level_s = ready[0]
     for count, following in enumerate([*ready[1:], float("inf")], 1):
         room_s = (following - level_s) * count

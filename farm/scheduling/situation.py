@@ -1,160 +1,69 @@
-"""What the scheduler is told: printers, plates, and what each plate asks of a printer. Pure."""
+"""One moment of the farm as the scheduler sees it. Pure."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
-from farm.model import Bed, FilamentState, Hold, HoldCode, Link
-
-Box = tuple[float, float, float, float, float]
-"""min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
-
-SLACK_MM = 0.05
-"""Rounding of what a slice says of itself."""
+from farm.scheduling.matching import FleetPrinter, WaitingPlate
+from farm.scheduling.start_rules import StartRules
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """What a printer can print, whatever it is doing."""
+@dataclass(frozen=True)
+class Situation:
+    """Everything that scheduling decides on: what waits, the fleet, and the rules of the house.
 
-    room: tuple[Box, ...]  # one of them must hold all that a plate extrudes
-    material: str
-    colour: str | None
-    nozzle_mm: float
-    kin: str | None = None  # printers of one kin take the same G-code
+    Attributes
+    ----------
+    waiting
+        The plates that may go to a printer, in any order.
+    printers
+        The fleet, in any order.
+    rules
+        Hours, and how many printers may heat at once.
+    now_s
+        Farm time, seconds since the epoch.
+    time_scale
+        Farm seconds in a wall second; work in the daemon's own processes takes wall seconds.
+    spares
+        Free printers that are kept for plates that failed elsewhere (`--spares`).
+    """
 
-    @property
-    def height_mm(self) -> float:
-        return max((height for *_, height in self.room), default=0.0)
+    waiting: tuple[WaitingPlate, ...]
+    printers: tuple[FleetPrinter, ...]
+    rules: StartRules
+    now_s: float
+    time_scale: float = 1.0
+    spares: int = 0
 
-    def holds(self, box: Box) -> bool:
-        """Whether all of a plate lies in its room."""
-        x0, y0, x1, y1, height = box
-        slack = SLACK_MM
-        return any(
-            left <= x0 + slack and front <= y0 + slack and x1 <= right + slack and y1 <= back + slack
-            for left, front, right, back, top in self.room
-            if height <= top + slack
-        )
+    @cached_property
+    def fleet(self) -> dict[str, FleetPrinter]:
+        """The printers by name, in the order of their names."""
+        return {printer.name: printer for printer in sorted(self.printers, key=lambda p: p.name)}
 
+    @cached_property
+    def by_priority(self) -> tuple[WaitingPlate, ...]:
+        """The waiting plates, the one that may choose first at the front."""
+        return tuple(sorted(self.waiting, key=lambda plate: plate.priority_key))
 
-@dataclass(frozen=True, slots=True)
-class PrinterView:
-    """All that decides whether a printer can take a plate."""
+    @cached_property
+    def planned(self) -> frozenset[str]:
+        """The printers that the waiting plates were planned for."""
+        return frozenset(plate.planned for plate in self.waiting)
 
-    name: str
-    kind: Kind
-    bed: Bed
-    filament: FilamentState
-    link: Link
-    booked: bool  # an open print is booked on it
-    look: str | None
-    maintenance: str | None = None  # why a person has taken it out of use
-    heating: bool = False
-    free_s: float | None = None  # when its print should end, as expected when it began
-    grams: float | None = None  # on its reel; None: nobody said
-    reel_doubted: bool = False  # there may be less on it
-    time_factor: float = 1.0  # as learned
-    unattended: bool = True  # it may print while nobody is there
-    why_attended: str = ""  # why it may not
+    @cached_property
+    def free(self) -> tuple[FleetPrinter, ...]:
+        """The printers that are idle and clear, by name."""
+        return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
 
-    def obstacle(self) -> Hold | None:
-        """Why nothing can start on it now; None where it is idle and clear."""
-        if self.booked or self.link is Link.BUSY:
-            return Hold(code=HoldCode.PRINTER_BUSY, text=f"{self.name} is printing")
-        if self.maintenance is not None:
-            return Hold(
-                code=HoldCode.MAINTENANCE,
-                text=f"{self.name} is in maintenance ({self.maintenance}), until "
-                f"`farm maintenance {self.name} --done`",
-            )
-        if self.look is not None:
-            return Hold(
-                code=HoldCode.NEEDS_A_LOOK,
-                text=f"{self.name} needs a look ({self.look}), then `farm cleared {self.name}`",
-            )
-        if self.link is not Link.READY:
-            return Hold(code=HoldCode.PRINTER_ABSENT, text=f"{self.name} does not answer ({self.link})")
-        if self.bed is not Bed.CLEAR:
-            return Hold(
-                code=HoldCode.BED_NOT_CLEAR,
-                text=f"the bed of {self.name} is not clear: clear it, then `farm cleared {self.name}`",
-            )
-        if self.filament is FilamentState.UNKNOWN:
-            return Hold(
-                code=HoldCode.FILAMENT_UNKNOWN,
-                text=f"where the filament of {self.name} is is not known: "
-                f"`farm cleared {self.name} --filament parked` (or at_nozzle) says it",
-            )
-        if self.reel_doubted:
-            return Hold(
-                code=HoldCode.REEL_DOUBTED,
-                text=f"how much is on the reel of {self.name} is not known since the books were restored: "
-                f"weigh it, then `farm load {self.name} --grams G`",
-            )
-        return None
+    def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
+        """Tell whether hours and start times let a plate start on a printer now."""
+        return self.rules.start(plate, printer, self.now_s).at_s == self.now_s
 
+    def with_waiting(self, waiting: tuple[WaitingPlate, ...]) -> Situation:
+        """Return the same moment with other plates that wait."""
+        return replace(self, waiting=waiting)
 
-@dataclass(frozen=True, slots=True)
-class Need:
-    """What a plate, or a job that is not planned yet, asks of a printer."""
-
-    material: str | None
-    colour: str | None
-    nozzle_mm: float | None
-    box: Box | None = None  # what its plate extrudes; not known before it is planned
-    kin: str | None = None  # of the printers that it was sliced for; None: any
-
-    def matches(self, kind: Kind) -> bool:
-        return (
-            self.material in (None, kind.material)
-            and self.colour in (None, kind.colour)
-            and self.nozzle_mm in (None, kind.nozzle_mm)
-            and self.kin in (None, kind.kin)
-            and (self.box is None or kind.holds(self.box))
-        )
-
-    def words(self, lacking: tuple[Kind, ...] = ()) -> str:
-        """All that it asks; only what one of these kinds lacks, where any is given."""
-        asked = []
-        for value, key in ((self.material, "material"), (self.colour, "colour")):
-            if value and (not lacking or any(getattr(kind, key) != value for kind in lacking)):
-                asked.append(value)
-        if self.nozzle_mm and (not lacking or any(kind.nozzle_mm != self.nozzle_mm for kind in lacking)):
-            asked.append(f"nozzle {self.nozzle_mm} mm")
-        if self.kin and (not lacking or any(kind.kin != self.kin for kind in lacking)):
-            asked.append(f"an {self.kin}, which it was sliced for")
-        if self.box is not None:
-            x0, y0, x1, y1, height = self.box
-            width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
-            low = any(height > kind.height_mm + SLACK_MM for kind in lacking)
-            narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in lacking)
-            if not lacking:
-                asked.append(f"{width} and {height:.0f} mm of height")
-            else:
-                asked += [f"{height:.0f} mm of height"] * low + [width] * narrow
-        return ", ".join(asked)
-
-
-@dataclass(frozen=True, slots=True)
-class PlateView:
-    """A waiting plate."""
-
-    id: str
-    need: Need
-    job: int
-    planned: str  # the printer that the plan gave it
-    estimated_s: float
-    priority: int = 0  # higher is earlier
-    grams: float = 0.0
-    heating_s: float = 0.0  # of `estimated_s`: what is not layers
-    time_factor: float = 1.0  # of the planned printer, in `estimated_s`
-    first_layer_s: float = 0.0  # from its start until its first layer lies
-    failed_on: frozenset[str] = frozenset()
-    places: int | None = None  # on how many more printers its job may print now; None: on all
-    not_before_s: float | None = None
-
-    @property
-    def turn(self) -> tuple[int, int, float, str]:
-        """Priority, then order of submission, then the longest: a job ends when its longest plate does."""
-        return -self.priority, self.job, -self.estimated_s, self.id
+    def with_printers(self, printers: tuple[FleetPrinter, ...]) -> Situation:
+        """Return the same moment with another fleet."""
+        return replace(self, printers=printers)

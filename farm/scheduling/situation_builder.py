@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from drivers.printers.profiles import PROFILES
 from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Hold, HoldCode, Job, JobState, Link, Plate, Print, PrintState
-from farm.scheduling.situation import Box, Kind, Need, PlateView, PrinterView
-from farm.scheduling.start_rules import Rules
+from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.start_rules import StartRules
 from farm.state.books import Books
 from farm.state.faults import LOSSES
 from farm.state.plate_state import Standing, stopped
@@ -18,9 +18,9 @@ from farm.state.plate_state import Standing, stopped
 Rooms = Callable[[PrinterSection], tuple[Box, ...]]
 
 
-def printer_views(
+def describe_printers(
     printers: Iterable[PrinterSection], books: Books, snapshots: Mapping[str, AgentSnapshot], rooms: Rooms
-) -> list[PrinterView]:
+) -> list[FleetPrinter]:
     """The printers that may be used."""
     attempts = {attempt.printer: attempt for attempt in books.open_prints()}
     return [
@@ -32,22 +32,22 @@ def printer_views(
 
 def _printer_view(
     section: PrinterSection, books: Books, said: AgentSnapshot | None, attempt: Print | None, rooms: Rooms
-) -> PrinterView:
+) -> FleetPrinter:
     entry = books.printer(section.name)
-    look = entry.look
-    if said is not None and said.link is Link.FAULT and look is None:
-        look = said.reason or "its agent reports a fault"
+    attention_reason = entry.look
+    if said is not None and said.link is Link.FAULT and attention_reason is None:
+        attention_reason = said.reason or "its agent reports a fault"
     verified = said is None or said.reset_verified
-    return PrinterView(
+    return FleetPrinter(
         name=section.name,
-        kind=Kind(
+        capabilities=Capabilities(
             rooms(section), section.material, section.colour, section.nozzle_mm, PROFILES[section.model].kin
         ),
         bed=entry.bed,
         filament=entry.filament,
         link=said.link if said is not None else Link.STARTING,
         booked=attempt is not None,
-        look=look,
+        attention_reason=attention_reason,
         maintenance=entry.maintenance,
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
         free_s=None if attempt is None else _expected_end_s(books, attempt, entry.time_factor),
@@ -65,7 +65,7 @@ def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     return math.ceil((begun_s + books.plates[attempt.plate].seconds(factor)) / 60) * 60.0
 
 
-def plate_views(plates: Iterable[Plate], books: Books) -> Iterator[PlateView]:
+def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPlate]:
     """Plates of planned jobs."""
     printing: dict[int, int] = {}
     for attempt in books.open_prints():
@@ -73,10 +73,10 @@ def plate_views(plates: Iterable[Plate], books: Books) -> Iterator[PlateView]:
     for plate in plates:
         job = books.job(plate.job)
         wanted = job.options.printers
-        yield PlateView(
+        yield WaitingPlate(
             id=plate.id,
             job=plate.job,
-            need=Need(
+            requirements=Requirements(
                 material=plate.material,
                 colour=job.options.colour,
                 nozzle_mm=plate.nozzle_mm,
@@ -84,7 +84,7 @@ def plate_views(plates: Iterable[Plate], books: Books) -> Iterator[PlateView]:
                 box=(*plate.min_mm[:2], *plate.max_mm),
             ),
             planned=plate.printer,
-            estimated_s=plate.estimated_s,
+            expected_s=plate.estimated_s,
             priority=job.options.priority,
             grams=plate.grams,
             heating_s=plate.prelude_s,
@@ -97,14 +97,14 @@ def plate_views(plates: Iterable[Plate], books: Books) -> Iterator[PlateView]:
 
 
 def may_begin(
-    attempt: Print, books: Books, printers: Iterable[PrinterView], rules: Rules, now_s: float
+    attempt: Print, books: Books, printers: Iterable[FleetPrinter], rules: StartRules, now_s: float
 ) -> bool:
     """Whether hours let a print begin that its printer was given, and that its agent has not heard of.
 
     An agent may have been away since: what was right for the evening may be the middle of the night.
     """
     printer = next((p for p in printers if p.name == attempt.printer), None)
-    (plate,) = plate_views([books.plates[attempt.plate]], books)
+    (plate,) = describe_plates([books.plates[attempt.plate]], books)
     if printer is None:
         return False
     start = rules.start(plate, printer, now_s)
@@ -119,20 +119,22 @@ class Span:
     ends_by_s: float | None
 
 
-def span(attempt: Print, books: Books, printers: Iterable[PrinterView], rules: Rules, now_s: float) -> Span:
+def span(
+    attempt: Print, books: Books, printers: Iterable[FleetPrinter], rules: StartRules, now_s: float
+) -> Span:
     """Until when a print that may begin now may, and when what is printed there has to be ended."""
     printer = next((p for p in printers if p.name == attempt.printer), None)
     if printer is None:
         return Span(None, None)
-    (plate,) = plate_views([books.plates[attempt.plate]], books)
+    (plate,) = describe_plates([books.plates[attempt.plate]], books)
     latest_s = rules.latest_s(plate, printer, now_s)
     return Span(None if math.isinf(latest_s) else latest_s, rules.ends_by_s(printer, now_s))
 
 
-def job_need(job: Job) -> Need:
+def job_requirements(job: Job) -> Requirements:
     """What a job asks of a printer before it is planned."""
     own = job.own_gcode
-    return Need(
+    return Requirements(
         material=job.options.material,
         colour=job.options.colour,
         nozzle_mm=own.nozzle_mm if own else None,

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 
 from farm.model import Link
-from farm.scheduling.situation import PlateView, PrinterView
+from farm.scheduling.matching import FleetPrinter, WaitingPlate
 
 
-def spare_printers(printers: Iterable[PrinterView], planned: Collection[str], spares: int) -> frozenset[str]:
+def spare_printers(printers: Iterable[FleetPrinter], planned: Collection[str], spares: int) -> frozenset[str]:
     """Of the free printers that no waiting plate was `planned` for, the roomiest."""
     free = [p for p in printers if p.name not in planned and p.obstacle() is None]
-    free.sort(key=lambda p: (p.kind.height_mm, p.name), reverse=True)
+    free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spares])
 
 
-def takes_spare(plate: PlateView, fleet: Mapping[str, PrinterView]) -> bool:
+def takes_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
     """Whether a plate may have such a printer: it failed elsewhere, or the one of its plan is out of use."""
     own = fleet.get(plate.planned)
-    if plate.failed_on or own is None or not plate.need.matches(own.kind):
+    if plate.failed_on or own is None or not plate.requirements.matches(own.capabilities):
         return True
-    return own.maintenance is not None or own.look is not None or own.link in (Link.ABSENT, Link.FAULT)
+    return (
+        own.maintenance is not None
+        or own.attention_reason is not None
+        or own.link in (Link.ABSENT, Link.FAULT)
+    )

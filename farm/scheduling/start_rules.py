@@ -10,7 +10,7 @@ from zoneinfo import ZoneInfo
 from farm.config import FleetSection
 from farm.model import Hold, HoldCode, ShortReel
 from farm.scheduling.hours import Hours
-from farm.scheduling.situation import PlateView, PrinterView
+from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.text import span
 
 LATE = 1.05
@@ -33,7 +33,7 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
-class Rules:
+class StartRules:
     """What `fleet.yaml` says of the house."""
 
     attended: Hours
@@ -42,9 +42,9 @@ class Rules:
     max_heating: int | None = None
 
     @staticmethod
-    def of(section: FleetSection) -> Rules:
+    def of(section: FleetSection) -> StartRules:
         zone = ZoneInfo(section.timezone)
-        return Rules(
+        return StartRules(
             attended=Hours(section.attended, zone),
             quiet=Hours(section.quiet, zone),
             first_layers_attended=section.first_layers_attended,
@@ -59,7 +59,7 @@ class Rules:
         """A moment as a person reads it."""
         return datetime.fromtimestamp(at_s, self.zone).strftime("%a %H:%M")
 
-    def start(self, plate: PlateView, printer: PrinterView, from_s: float) -> Start:
+    def start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
         """The first moment from `from_s` on at which a plate may start there, as far as hours decide it.
 
         Nothing starts that would print into quiet hours, nothing that needs somebody who is not there.
@@ -78,20 +78,20 @@ class Rules:
             if moved.at_s is None:
                 return moved
             at_s = moved.at_s
-        text = f"it takes {span(plate.estimated_s)}: longer than the hours of fleet.yaml ever let it print"
+        text = f"it takes {span(plate.expected_s)}: longer than the hours of fleet.yaml ever let it print"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
-    def _out_of_quiet(self, plate: PlateView, at_s: float) -> Start | None:
+    def _out_of_quiet(self, plate: WaitingPlate, at_s: float) -> Start | None:
         """When these quiet hours end, or those into which it would print; None where there are none."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
-        if quiet is None or at_s + plate.estimated_s * LATE <= quiet[0]:
+        if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
-        text = f"it takes {span(plate.estimated_s)}, quiet hours are from {self.words(quiet[0])}"
+        text = f"it takes {span(plate.expected_s)}, quiet hours are from {self.words(quiet[0])}"
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
         return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.words(quiet[1])}"))
 
-    def _attended(self, plate: PlateView, printer: PrinterView, at_s: float) -> Start | None:
+    def _attended(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> Start | None:
         """When somebody comes, where somebody has to be there and is not, or not long enough."""
         needed_s = self._attended_s(plate, printer)
         if needed_s is None:
@@ -109,30 +109,30 @@ class Rules:
         text = f"{asks}: from {self.words(then[0])}"
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
-    def _attended_s(self, plate: PlateView, printer: PrinterView) -> float | None:
+    def _attended_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
         """How long somebody has to be there from the start on; None: not at all."""
         if not printer.unattended:
-            return plate.estimated_s * LATE + ENDED_BEFORE_S
+            return plate.expected_s * LATE + ENDED_BEFORE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
-    def latest_s(self, plate: PlateView, printer: PrinterView, at_s: float) -> float:
+    def latest_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
         """Until when a plate that may start there at `at_s` still may; infinity where hours do not end it."""
         quiet = self.quiet.following(at_s)
-        latest_s = math.inf if quiet is None else quiet[0] - plate.estimated_s * LATE
+        latest_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
         needed_s = self._attended_s(plate, printer)
         span = None if needed_s is None else self.attended.span(at_s)
         if needed_s is not None and span is not None:
             latest_s = min(latest_s, span[1] - needed_s)
         return latest_s
 
-    def ends_by_s(self, printer: PrinterView, at_s: float) -> float | None:
+    def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:
         """When what prints there at `at_s` has to be ended; None where it may print on with nobody there."""
         span = self.attended.span(at_s)
         if printer.unattended or (span is not None and math.isinf(span[1])):
             return None
         return at_s if span is None else span[1] - ENDED_BEFORE_S
 
-    def away(self, printer: PrinterView, now_s: float) -> str | None:
+    def away(self, printer: FleetPrinter, now_s: float) -> str | None:
         """Why nothing may print on there now, in words; None where it may."""
         ends_by_s = self.ends_by_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
@@ -158,7 +158,7 @@ class Rules:
             return None
         return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
 
-    def somebody_is_there(self, at_s: float) -> bool:
+    def is_attended(self, at_s: float) -> bool:
         """Whether it is within the attended hours; never where none are named."""
         return self.attended.span(at_s) is not None
 
@@ -170,7 +170,7 @@ class Rules:
         return (then[0] if then is not None else ended_s) + clearing_s
 
 
-def short_of_filament(plate: PlateView, printer: PrinterView, grams: float | None) -> Hold | None:
+def short_of_filament(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
     """Whether a reel with so many grams has too little for a plate; of an unknown one nothing is said."""
     needed = max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
     if grams is None or grams >= needed:

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta, tzinfo
 
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
-from farm.scheduling.start_rules import Rules
+from farm.scheduling.start_rules import StartRules
 from farm.week_windows import DAYS
 
 _FARTHEST_S = 366 * 86400.0
@@ -44,7 +44,9 @@ def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
     return at_s
 
 
-def wished_s(options: JobOptions, rules: Rules, now_s: float) -> tuple[float | None, float | None]:
+def start_and_deadline_s(
+    options: JobOptions, rules: StartRules, now_s: float
+) -> tuple[float | None, float | None]:
     """From when on a person wants a job printed, and by when; None where they did not say.
 
     Raises

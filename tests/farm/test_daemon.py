@@ -23,7 +23,7 @@ def test_a_state_folder_that_cannot_be_written_is_named_in_a_line(tmp_path, monk
         run(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
 
 
-@pytest.mark.parametrize("module", ["farm.daemon", "farm.compute.tasks", "farm.cli.main"])
+@pytest.mark.parametrize("module", ["farm.daemon", "farm.planning.tasks", "farm.cli.main"])
 def test_what_only_workers_need_is_not_loaded_by_those_who_wait_for_nothing(module):
     """A restarted daemon, and every `farm status`, has to be up at once."""
     slow = ("numpy", "scipy", "trimesh", "numba", "sklearn", "matplotlib", "shapely", "manifold3d", "httpx")

@@ -20,11 +20,11 @@ SYNCED = Path(__file__).parents[1] / "support" / "synced.c"
 COMMITS = """
 import sys
 from pathlib import Path
-from farm.tracking.books import Books
-from farm.tracking.rules import apply
-from farm.tracking.store import Store
+from farm.state.books import Books
+from farm.state.transitions import apply
+from farm.state.storage.store import Store
 from make_books import fleet, job
-from farm.tracking import events as ev
+from farm.state import events as ev
 
 store, books = Store(Path(sys.argv[1])), Books()
 for event in (*fleet(), ev.JobSubmitted(at_s=0.0, job=job())):

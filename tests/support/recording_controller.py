@@ -16,7 +16,7 @@ class Hands:
     def __init__(self):
         self.told = []
         self.plans = []
-        self.remade = []
+        self.replans = []
 
     def perform(self, instruction):
         self.told.append(instruction)
@@ -24,8 +24,8 @@ class Hands:
     def plan(self, job, printers, rounds):
         self.plans.append((job.id, [p.name for p in printers], rounds))
 
-    def remake(self, plate, printers, cut):
-        self.remade.append((plate.id, [p.name for p in printers], cut))
+    def replan(self, plate, printers, cut):
+        self.replans.append((plate.id, [p.name for p in printers], cut))
 
 
 PLUS = "ultimaker2_plus"

@@ -22,11 +22,11 @@ from farm.model import Part
 from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.decompose_job import decomposition_options, priced_rooms
 from farm.planning.plan_records import DecomposedPart
-from farm.planning.replanning.replan import AgainTask, Pieces
+from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings.resources import find_resources
 
 
-def cut_part(task: AgainTask) -> Pieces:
+def cut_part(task: ReplanTask) -> Pieces:
     """Cut a part for its printers, as many of them as are worth it; runs in a worker.
 
     Raises

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class AgainTask:
+class ReplanTask:
     """A plate with one part that is to be made otherwise, for these printers."""
 
     plate: Plate
@@ -48,7 +48,7 @@ class Pieces:
 
 
 @dataclass(frozen=True, slots=True)
-class Remade:
+class ReplannedPlate:
     """What is printed instead of a plate."""
 
     parts: tuple[Part, ...]
@@ -58,7 +58,7 @@ class Remade:
     decomposition: str | None = None
 
 
-def as_it_was(task: AgainTask) -> DecomposedPart:
+def planned_part(task: ReplanTask) -> DecomposedPart:
     """The part as it was planned, for the first of the printers."""
     part = task.part
     stl = task.folder / Path(part.file).name
@@ -78,7 +78,7 @@ def as_it_was(task: AgainTask) -> DecomposedPart:
     )
 
 
-def slices_again(task: AgainTask, parts: Sequence[DecomposedPart], cache: Path) -> list[SliceTask]:
+def reslice_tasks(task: ReplanTask, parts: Sequence[DecomposedPart], cache: Path) -> list[SliceTask]:
     """What is to be sliced, a task for each part. Raises FarmError as `planning.slice_tasks`."""
     with in_farm_words():
         resources = find_resources()
@@ -89,7 +89,9 @@ def slices_again(task: AgainTask, parts: Sequence[DecomposedPart], cache: Path) 
     ]
 
 
-def sliced_again(task: AgainTask, part: DecomposedPart, work: SliceTask, sliced: PlateResult) -> Remade:
+def resliced_plate(
+    task: ReplanTask, part: DecomposedPart, work: SliceTask, sliced: PlateResult
+) -> ReplannedPlate:
     """The same part on a new plate; what the first slice could print, this one has to print too.
 
     Raises
@@ -103,12 +105,12 @@ def sliced_again(task: AgainTask, part: DecomposedPart, work: SliceTask, sliced:
     names = Names(task.plate.job, task.part.id, next_name(task.plate.id))
     factor = task.factors.get(section.name, 1.0)
     plate = booked_plate(names, section, work.settings, sliced, factor, task.files, part.stands)
-    return Remade((task.part.model_copy(update={"plate": plate.id}),), (plate,))
+    return ReplannedPlate((task.part.model_copy(update={"plate": plate.id}),), (plate,))
 
 
-def cut_again(
-    task: AgainTask, pieces: Pieces, tasks: Sequence[SliceTask], slices: Sequence[PlateResult]
-) -> Remade:
+def recut_plates(
+    task: ReplanTask, pieces: Pieces, tasks: Sequence[SliceTask], slices: Sequence[PlateResult]
+) -> ReplannedPlate:
     """The pieces, each on a plate of its own."""
     sections = {section.name: section for section in task.printers}
     parts, plates = [], []
@@ -122,7 +124,7 @@ def cut_again(
         plates.append(booked_plate(names, section, work.settings, sliced, factor, task.files, piece.stands))
     of_all = (pieces.picture, pieces.assembly, pieces.decomposition)
     stored = (store_file(task.files, path) for path in of_all)
-    return Remade(tuple(parts), tuple(plates), *stored)
+    return ReplannedPlate(tuple(parts), tuple(plates), *stored)
 
 
 def next_name(plate: str) -> str:

@@ -7,34 +7,34 @@ import logging
 import shutil
 from collections.abc import Callable
 
-from farm.compute.tasks import cut_part, slice_part
 from farm.compute.worker_pool import SLICING, Limit, Workers
 from farm.errors import FarmError
 from farm.paths import StateFolder
 from farm.planning.job_planner import slice_all
 from farm.planning.replanning.replan import (
-    AgainTask,
-    Remade,
-    as_it_was,
-    cut_again,
-    sliced_again,
-    slices_again,
+    ReplannedPlate,
+    ReplanTask,
+    planned_part,
+    recut_plates,
+    reslice_tasks,
+    resliced_plate,
 )
+from farm.planning.tasks import cut_part, slice_part
 
 log = logging.getLogger(__name__)
 
 CUTTING = Limit("cutting a part again", 900.0)
-Done = Callable[[str, "Remade | FarmError"], None]
+Done = Callable[[str, "ReplannedPlate | FarmError"], None]
 
 
-class Remaker:
+class ReplanWorker:
     """Works on several plates side by side; `done` is told of each what came of it."""
 
     def __init__(self, state: StateFolder, workers: Workers, done: Done) -> None:
         self._state, self._workers, self._done = state, workers, done
         self._running: set[asyncio.Task[None]] = set()
 
-    def start(self, task: AgainTask, cut: bool) -> None:
+    def start(self, task: ReplanTask, cut: bool) -> None:
         """Begin; returns at once."""
         making = asyncio.get_running_loop().create_task(self._run(task, cut))
         self._running.add(making)
@@ -45,8 +45,8 @@ class Remaker:
         for making in self._running:
             making.cancel()
 
-    async def _run(self, task: AgainTask, cut: bool) -> None:
-        result: Remade | FarmError
+    async def _run(self, task: ReplanTask, cut: bool) -> None:
+        result: ReplannedPlate | FarmError
         try:
             shutil.rmtree(task.folder, ignore_errors=True)
             task.folder.mkdir()
@@ -65,14 +65,14 @@ class Remaker:
         except FarmError as error:  # the books cannot be written: it is looked at again when they can
             log.error("plate %s: %s", task.plate.id, error)
 
-    async def _slice(self, task: AgainTask) -> Remade:
-        part = await asyncio.to_thread(as_it_was, task)
-        (work,) = await asyncio.to_thread(slices_again, task, [part], self._state.slices)
+    async def _slice(self, task: ReplanTask) -> ReplannedPlate:
+        part = await asyncio.to_thread(planned_part, task)
+        (work,) = await asyncio.to_thread(reslice_tasks, task, [part], self._state.slices)
         sliced = await self._workers.run(slice_part, work, limit=SLICING)
-        return await asyncio.to_thread(sliced_again, task, part, work, sliced)
+        return await asyncio.to_thread(resliced_plate, task, part, work, sliced)
 
-    async def _cut(self, task: AgainTask) -> Remade:
+    async def _cut(self, task: ReplanTask) -> ReplannedPlate:
         pieces = await self._workers.run(cut_part, task, limit=CUTTING)
-        tasks = await asyncio.to_thread(slices_again, task, pieces.parts, self._state.slices)
+        tasks = await asyncio.to_thread(reslice_tasks, task, pieces.parts, self._state.slices)
         slices = await slice_all(self._workers, tasks)
-        return await asyncio.to_thread(cut_again, task, pieces, tasks, slices)
+        return await asyncio.to_thread(recut_plates, task, pieces, tasks, slices)

@@ -11,7 +11,7 @@ from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.planning import job_planner
+from farm.planning import job_planner as planner
 from farm.planning.inspect_model import inspect_model
 from farm.planning.job_planner import ROOM_BYTES, Planner
 from farm.planning.plan import Plan
@@ -85,7 +85,7 @@ def bar(state, tmp_path):
 
 def slowed(monkeypatch, late_s, fail=None):
     """CuraEngine says that parts take so many seconds more than they do; what was cut again it may refuse."""
-    slice_part, asked = job_planner.slice_part, []
+    slice_part, asked = planner.slice_part, []
 
     def slow(task):
         asked.append(task.stl)
@@ -95,7 +95,7 @@ def slowed(monkeypatch, late_s, fail=None):
         mesh = trimesh.load_mesh(task.stl)
         return replace(sliced, print_time_s=sliced.print_time_s + late_s(task.stl, mesh.extents.max()))
 
-    monkeypatch.setattr(job_planner, "slice_part", slow)
+    monkeypatch.setattr(planner, "slice_part", slow)
     return asked
 
 
@@ -143,8 +143,8 @@ def test_what_is_no_gain_or_cannot_be_sliced_is_as_if_it_never_was(state, bar, f
 def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_path, monkeypatch):
     """Jobs that wait in a night with a full disk would fail one after the other."""
     usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
-    monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
-    monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
+    monkeypatch.setattr(planner, "_RETRY_S", 0.0)
+    monkeypatch.setattr(planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
     answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
 
     class FullDisk:
@@ -175,7 +175,7 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
 
 def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
     """It was left planning until the next daemon, with nothing but a line in the log."""
-    monkeypatch.setattr(job_planner.Planner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
+    monkeypatch.setattr(planner.Planner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
     told = []
 
     def done(number, result):

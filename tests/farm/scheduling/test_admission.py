@@ -1,11 +1,17 @@
 """Whether the job in front can begin, and with which printers."""
 
 from farm.model import Bed, Hold, HoldCode, Link
-from farm.scheduling.admission import Begin, begin, unmatched
-from farm.scheduling.situation import Need
-from make_views import TALL, printer
+from farm.scheduling import admission
+from farm.scheduling.admission import Availability, Begin, JobRequest, unmatched
+from farm.scheduling.matching import Requirements
+from scheduling_examples import TALL, printer
 
-ANY = Need(None, None, None)
+ANY = Requirements(None, None, None)
+
+
+def begin(requirements, printers, least, fleet, taken, starting, needs_approval=False, blocked=frozenset()):
+    request = JobRequest(requirements, printers, least, needs_approval=needs_approval)
+    return admission.begin(request, Availability(tuple(fleet), taken, starting, blocked))
 
 
 def test_the_front_job_takes_all_that_are_idle_and_clear():
@@ -31,38 +37,40 @@ def test_it_waits_for_enough_printers_for_one_round_and_takes_rounds_where_the_f
     fleet = [printer("a"), printer("b", booked=True), printer("c")]
     held = begin(ANY, None, 3, fleet, frozenset(), True)
     assert isinstance(held, Hold) and held.code is HoldCode.TOO_FEW_PRINTERS
-    away = [printer("a"), printer("b", link=Link.ABSENT), printer("c", look="it smokes")]
+    away = [printer("a"), printer("b", link=Link.ABSENT), printer("c", attention_reason="it smokes")]
     assert begin(ANY, None, 2, away, frozenset(), True) == Begin(("a",), rounds=2)
     assert begin(ANY, None, 5, fleet, frozenset(), True) == Begin(("a", "c"), rounds=3)
 
 
 def test_a_job_that_no_printer_matches_is_held_with_the_reason():
-    assert unmatched(Need("generic_abs", None, None), [printer("a")]).code is HoldCode.NO_SUCH_PRINTER
+    assert unmatched(Requirements("generic_abs", None, None), [printer("a")]).code is HoldCode.NO_SUCH_PRINTER
     assert unmatched(ANY, []).code is HoldCode.NO_SUCH_PRINTER
-    assert unmatched(ANY, [printer("a", look="it smokes")]) is None
+    assert unmatched(ANY, [printer("a", attention_reason="it smokes")]) is None
 
 
 def test_what_begins_at_night_is_planned_for_printers_that_may_print_then():
     fleet = [printer("a"), printer("b"), printer("c", unattended=False)]
-    asleep = frozenset("c")
-    assert begin(ANY, None, 0, fleet, frozenset(), True, asleep=asleep) == Begin(("a", "b"))
-    assert begin(ANY, None, 3, fleet, frozenset(), True, asleep=asleep) == Begin(("a", "b"), rounds=2)
-    assert begin(ANY, None, 0, fleet[2:], frozenset(), True, asleep=asleep) == Begin(("c",))
-    held = begin(ANY, None, 0, [printer("a", booked=True), fleet[2]], frozenset(), True, asleep=asleep)
+    blocked = frozenset("c")
+    assert begin(ANY, None, 0, fleet, frozenset(), True, blocked=blocked) == Begin(("a", "b"))
+    assert begin(ANY, None, 3, fleet, frozenset(), True, blocked=blocked) == Begin(("a", "b"), rounds=2)
+    assert begin(ANY, None, 0, fleet[2:], frozenset(), True, blocked=blocked) == Begin(("c",))
+    held = begin(ANY, None, 0, [printer("a", booked=True), fleet[2]], frozenset(), True, blocked=blocked)
     assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
-    assert begin(ANY, None, 0, fleet, frozenset(), True, later=True, asleep=asleep) == Begin(("a", "b", "c"))
+    assert begin(ANY, None, 0, fleet, frozenset(), True, needs_approval=True, blocked=blocked) == Begin(
+        ("a", "b", "c")
+    )
 
 
 def test_what_ends_by_itself_is_waited_for_and_a_bed_that_may_be_clear_is_named():
     busy, full = printer("c", booked=True), printer("b", bed=Bed.NOT_CLEAR)
-    for fleet in ([full, busy], [printer("a", look="it smokes"), full, busy]):
+    for fleet in ([full, busy], [printer("a", attention_reason="it smokes"), full, busy]):
         held = begin(ANY, None, 0, fleet, frozenset(), True)
         assert isinstance(held, Hold) and held.code is HoldCode.PRINTER_BUSY
         assert held.text.startswith(busy.obstacle().text) and "`farm cleared b`" in held.text
-    alone = begin(ANY, None, 0, [printer("a", look="it smokes"), full], frozenset(), True)
+    alone = begin(ANY, None, 0, [printer("a", attention_reason="it smokes"), full], frozenset(), True)
     assert isinstance(alone, Hold) and alone.code is HoldCode.NEEDS_A_LOOK
 
 
 def test_a_need_says_the_room_that_it_asks():
-    asked = Need(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
-    assert asked.words() == "100 mm of width, 60 mm of depth and 30 mm of height"
+    asked = Requirements(None, None, None, (-50.0, -20.0, 50.0, 40.0, 30.0))
+    assert asked.describe() == "100 mm of width, 60 mm of depth and 30 mm of height"

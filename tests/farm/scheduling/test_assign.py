@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, FilamentState, HoldCode, Link
-from farm.scheduling.assign import assign as assign_by
-from farm.scheduling.situation import Need
-from make_views import LOW, TALL, box, plate, printer, rules
+from farm.scheduling import assign as assignment
+from farm.scheduling.matching import Requirements
+from scheduling_examples import LOW, TALL, box, plate, printer, situation
 
 NOW_S = 1_000_000.0
 
 
 def assign(waiting, fleet, house=None, **changes):
-    return assign_by(waiting, fleet, house or rules(), NOW_S, **changes)
+    return assignment.assign(situation(waiting, fleet, house, NOW_S, **changes))
 
 
 printers = st.lists(
@@ -25,7 +25,7 @@ printers = st.lists(
         filament=st.sampled_from(FilamentState),
         link=st.sampled_from(Link),
         booked=st.booleans(),
-        look=st.sampled_from([None, "its nozzle is cold"]),
+        attention_reason=st.sampled_from([None, "its nozzle is cold"]),
         room=st.sampled_from([LOW, TALL]),
     ),
     unique_by=lambda p: p.name,
@@ -35,14 +35,14 @@ plates = st.lists(
         plate,
         st.uuids().map(str),
         st.sampled_from("abcdefg"),
-        need=st.builds(
-            Need,
+        requirements=st.builds(
+            Requirements,
             st.sampled_from(["generic_pla", "generic_abs", None]),
             st.none(),
             st.sampled_from([0.4, 0.8]),
             st.sampled_from([None, box(100.0), box(250.0), box(10.0, 110.0)]),
         ),
-        estimated_s=st.floats(60, 1e5),
+        expected_s=st.floats(60, 1e5),
         failed_on=st.frozensets(st.sampled_from("abc")),
     ),
     unique_by=lambda p: p.id,
@@ -56,11 +56,16 @@ def test_the_laws_of_assignment(waiting, fleet):
     by_id = {p.id: p for p in waiting}
     used = [a.printer for a in given_]
     assert len(used) == len(set(used))
-    for assignment in given_:
-        taken = by_name[assignment.printer]
-        assert taken.bed is Bed.CLEAR and taken.link is Link.READY and not taken.booked and taken.look is None
+    for pair in given_:
+        taken = by_name[pair.printer]
+        assert (
+            taken.bed is Bed.CLEAR
+            and taken.link is Link.READY
+            and not taken.booked
+            and taken.attention_reason is None
+        )
         assert taken.filament is not FilamentState.UNKNOWN
-        assert by_id[assignment.plate].need.matches(taken.kind)
+        assert by_id[pair.plate].requirements.matches(taken.capabilities)
     assert {a.plate for a in given_} | set(holds) == set(by_id)
     assert not {a.plate for a in given_} & set(holds)
 
@@ -71,7 +76,7 @@ def test_no_printer_idles_while_a_plate_waits_for_one_like_it(waiting, fleet):
     used = {a.printer for a in given_}
     for waits in (p for p in waiting if p.id in holds):
         left = [p for p in fleet if p.name not in used and p.obstacle() is None]
-        assert not [p for p in left if waits.need.matches(p.kind)]
+        assert not [p for p in left if waits.requirements.matches(p.capabilities)]
 
 
 @given(plates, printers, st.randoms())
@@ -95,19 +100,19 @@ def test_a_hold_says_what_the_plate_waits_for():
     _, holds = assign([plate("1/01", "a")], [printer("a", bed=Bed.NOT_CLEAR)])
     assert holds["1/01"].code is HoldCode.BED_NOT_CLEAR
     assert "farm cleared a" in holds["1/01"].text
-    tall = Need("generic_pla", None, 0.4, box(231.0))
-    _, holds = assign([plate("1/01", "a", need=tall)], [printer("a")])
+    tall = Requirements("generic_pla", None, 0.4, box(231.0))
+    _, holds = assign([plate("1/01", "a", requirements=tall)], [printer("a")])
     assert holds["1/01"].code is HoldCode.NO_SUCH_PRINTER
     assert "231 mm of height" in holds["1/01"].text
 
 
 def test_a_plate_moves_only_to_a_printer_whose_room_holds_all_of_it():
     small = printer("b", room=((-50.0, -50.0, 50.0, 50.0, 205.0),))
-    aside = Need("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
-    given_, holds = assign([plate("1/01", "a", need=aside)], [printer("a", booked=True), small])
+    aside = Requirements("generic_pla", None, 0.4, (20.0, -20.0, 60.0, 20.0, 30.0))
+    given_, holds = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), small])
     assert given_ == []
     assert holds["1/01"].code is HoldCode.PRINTER_BUSY
-    given_, _ = assign([plate("1/01", "a", need=aside)], [printer("a", booked=True), printer("b")])
+    given_, _ = assign([plate("1/01", "a", requirements=aside)], [printer("a", booked=True), printer("b")])
     assert given_[0].printer == "b"
 
 
@@ -126,7 +131,7 @@ def test_places_are_kept_whatever_the_fleet(waiting, fleet, places):
 
 
 def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
-    waiting = [plate("1/01", "x", job=1, estimated_s=60.0), plate("2/01", "x", job=2, estimated_s=6000.0)]
+    waiting = [plate("1/01", "x", job=1, expected_s=60.0), plate("2/01", "x", job=2, expected_s=6000.0)]
     given_, _ = assign(waiting, [printer("a")])
     assert given_[0].plate == "1/01"
 
@@ -134,10 +139,12 @@ def test_an_earlier_jobs_plate_comes_before_a_longer_one_of_a_later_job():
 def test_gcode_for_another_kind_of_printer_waits():
     """A plain 2 feeds and heats in another way than a 2+: what was sliced for one is not for the other."""
     plain = printer("plain")
-    plain = replace(plain, kind=replace(plain.kind, kin="ultimaker2"))
+    plain = replace(plain, capabilities=replace(plain.capabilities, kin="ultimaker2"))
     plus = printer("plus")
-    plus = replace(plus, kind=replace(plus.kind, kin="ultimaker2_plus"))
-    sliced = plate("p1", "plus", need=Need("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus"))
+    plus = replace(plus, capabilities=replace(plus.capabilities, kin="ultimaker2_plus"))
+    sliced = plate(
+        "p1", "plus", requirements=Requirements("generic_pla", None, 0.4, box(100.0), "ultimaker2_plus")
+    )
     given_, holds = assign([sliced], [plain])
     assert not given_
     assert "an ultimaker2_plus, which it was sliced for" in holds["p1"].text
@@ -146,7 +153,7 @@ def test_gcode_for_another_kind_of_printer_waits():
 
 
 def test_a_plate_whose_printers_are_all_hindered_says_what_hinders_its_own():
-    fleet = [printer("a", look="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
+    fleet = [printer("a", attention_reason="it smokes"), printer("b", bed=Bed.NOT_CLEAR)]
     for planned, code in (("a", HoldCode.NEEDS_A_LOOK), ("b", HoldCode.BED_NOT_CLEAR)):
         _, holds = assign([plate("p", planned)], fleet)
         assert holds["p"].code is code

@@ -7,12 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from farm.model import Bed, Link
-from farm.scheduling.forecast import CLEARING_S, forecast, seconds_on
-from farm.scheduling.situation import Need
-from make_views import LOW, TALL, box, plate, printer, rules
+from farm.scheduling import forecast as forecasting
+from farm.scheduling.forecast import CLEARING_S, seconds_on
+from farm.scheduling.matching import Requirements
+from scheduling_examples import LOW, TALL, box, plate, printer, rules, situation
 
 MONDAY_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400  # 00:00 UTC
 HOUR = 3600.0
+
+
+def forecast(waiting, fleet, house, now_s):
+    return forecasting.forecast(situation(waiting, fleet, house, now_s))
+
 
 fleets = st.lists(
     st.builds(
@@ -33,8 +39,10 @@ waiting = st.lists(
         plate,
         st.uuids().map(str),
         st.sampled_from("abcd"),
-        need=st.builds(Need, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])),
-        estimated_s=st.floats(600, 9 * HOUR),
+        requirements=st.builds(
+            Requirements, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])
+        ),
+        expected_s=st.floats(600, 9 * HOUR),
         heating_s=st.just(300.0),
         first_layer_s=st.just(500.0),
         grams=st.floats(0, 100),
@@ -67,7 +75,7 @@ def test_the_laws_of_a_forecast(plates, fleet, house, after_s, random):
         assert on_reel is None or sum(by_id[slot.plate].grams for slot in mine) <= on_reel
     for slot in seen.slots:
         what, where = by_id[slot.plate], by_name[slot.printer]
-        assert what.need.matches(where.kind)
+        assert what.requirements.matches(where.capabilities)
         assert slot.starts_s >= now_s
         assert slot.ends_s - slot.starts_s == pytest.approx(seconds_on(what, where))
         assert house.start(what, where, slot.starts_s).at_s == slot.starts_s
@@ -82,7 +90,7 @@ def test_the_laws_of_a_forecast(plates, fleet, house, after_s, random):
 @given(st.lists(st.floats(600, 9 * HOUR), min_size=1, max_size=6), st.integers(1, 3))
 def test_the_bound_is_below_every_order_of_the_plates(times, count):
     names = "abc"[:count]
-    plates = [plate(f"1/{i}", "a", estimated_s=seconds) for i, seconds in enumerate(times)]
+    plates = [plate(f"1/{i}", "a", expected_s=seconds) for i, seconds in enumerate(times)]
     seen = forecast(plates, [printer(name) for name in names], rules(), 0.0)
     best = min(
         max(sum(t for t, where in zip(times, places, strict=True) if where == name) for name in names)
@@ -96,33 +104,33 @@ def test_the_bound_is_below_every_order_of_the_plates(times, count):
 
 def test_a_second_round_waits_for_somebody_to_clear_the_bed():
     house = rules(attended=("mon-fri 08:00-18:00",))
-    plates = [plate("1/01", "a", estimated_s=4 * HOUR), plate("1/02", "a", estimated_s=2 * HOUR)]
+    plates = [plate("1/01", "a", expected_s=4 * HOUR), plate("1/02", "a", expected_s=2 * HOUR)]
     seen = forecast(plates, [printer("a")], house, MONDAY_S + 17 * HOUR)
     assert [slot.starts_s - MONDAY_S for slot in seen.slots] == [17 * HOUR, 32 * HOUR + CLEARING_S]
 
 
 def test_heating_up_is_staggered():
-    plates = [plate(f"1/{i}", "abc"[i], estimated_s=HOUR, heating_s=600.0) for i in range(3)]
+    plates = [plate(f"1/{i}", "abc"[i], expected_s=HOUR, heating_s=600.0) for i in range(3)]
     seen = forecast(plates, [printer(name) for name in "abc"], rules(max_heating=2), 0.0)
     assert [slot.starts_s for slot in seen.slots] == [0.0, 0.0, 600.0]
 
 
 def test_a_printer_that_is_away_is_not_counted_on():
-    plates = [plate(f"1/{i}", "a", estimated_s=HOUR) for i in range(2)]
+    plates = [plate(f"1/{i}", "a", expected_s=HOUR) for i in range(2)]
     seen = forecast(plates, [printer("a"), printer("b", link=Link.ABSENT)], rules(), 0.0)
     assert {slot.printer for slot in seen.slots} == {"a"}
 
 
 def test_a_plate_takes_as_much_longer_as_the_printer_is_slower_than_the_one_it_was_planned_for():
-    view = plate("p", "a", estimated_s=1100.0, heating_s=100.0, time_factor=1.25)
+    view = plate("p", "a", expected_s=1100.0, heating_s=100.0, time_factor=1.25)
     assert seconds_on(view, printer("b", time_factor=1.0)) == pytest.approx(100.0 + 800.0)
     assert seconds_on(view, printer("b", time_factor=1.25)) == pytest.approx(1100.0)
 
 
 def test_the_bound_counts_what_only_some_of_the_printers_can_take():
-    low, tall = (Need(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0))
+    low, tall = (Requirements(None, None, None, box(height_mm)) for height_mm in (100.0, 250.0))
     needs = enumerate((tall, low, low))
-    plates = [plate(f"1/{i}", "b", need=need, estimated_s=2 * HOUR) for i, need in needs]
+    plates = [plate(f"1/{i}", "b", requirements=need, expected_s=2 * HOUR) for i, need in needs]
     seen = forecast(plates, [printer("a", room=LOW), printer("b", room=TALL)], rules(), 0.0)
     assert seen.lower_bound_s == pytest.approx(3 * HOUR)
 

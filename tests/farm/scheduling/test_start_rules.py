@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from farm.model import Bed, HoldCode
-from farm.scheduling.assign import assign
-from farm.scheduling.situation import Need
+from farm.scheduling import assign as assignment
+from farm.scheduling.matching import Requirements
 from farm.scheduling.start_rules import ENDED_BEFORE_S
-from make_views import LOW, TALL, UTC, box, plate, printer, rules
+from scheduling_examples import LOW, TALL, UTC, box, plate, printer, rules, situation
 
 HOUR = 3600.0
 WEEK = [("mon-fri 08:00-18:00",), ("08:00-10:00", "16:00-18:00"), ()]
@@ -23,6 +23,11 @@ def at(text):
 
 
 FRIDAY = at("2026-11-20 17:00")
+
+
+def assign(waiting, fleet, house, now_s, spares=0):
+    return assignment.assign(situation(waiting, fleet, house, now_s, spares=spares))
+
 
 fleets = st.lists(
     st.builds(
@@ -41,8 +46,10 @@ plates = st.lists(
         plate,
         st.uuids().map(str),
         st.sampled_from("abcd"),
-        need=st.builds(Need, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])),
-        estimated_s=st.floats(600, 20 * HOUR),
+        requirements=st.builds(
+            Requirements, st.none(), st.none(), st.none(), st.sampled_from([box(100.0), box(250.0)])
+        ),
+        expected_s=st.floats(600, 20 * HOUR),
         first_layer_s=st.floats(300, 900),
         grams=st.floats(1, 150),
         job=st.integers(1, 3),
@@ -77,10 +84,10 @@ def test_nothing_starts_that_the_house_forbids(waiting, fleet, house, now_s, spa
         assert where.grams is None or what.grams <= where.grams
         assert what.not_before_s is None or what.not_before_s <= now_s
         quiet = house.quiet.span(now_s) or house.quiet.following(now_s)
-        assert quiet is None or now_s + what.estimated_s <= quiet[0]
+        assert quiet is None or now_s + what.expected_s <= quiet[0]
         watched = house.attended.span(now_s)
         if not where.unattended:
-            assert watched is not None and now_s + what.estimated_s + ENDED_BEFORE_S <= watched[1]
+            assert watched is not None and now_s + what.expected_s + ENDED_BEFORE_S <= watched[1]
         elif house.first_layers_attended:
             assert watched is not None and now_s + what.first_layer_s <= watched[1]
 
@@ -99,7 +106,7 @@ def test_what_may_start_now_may_start_until_its_latest_moment_and_not_after_it(w
             assert house.start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
         ends_by_s = house.ends_by_s(where, at_s)
         assert (ends_by_s is None) == (where.unattended or math.isinf(house.attended.span(at_s)[1]))
-        assert ends_by_s is None or at_s + what.estimated_s < ends_by_s
+        assert ends_by_s is None or at_s + what.expected_s < ends_by_s
 
 
 def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_when_it_may_go_on():
@@ -134,15 +141,15 @@ def test_no_printer_idles_for_want_of_a_better_order(waiting, fleet, house, now_
         options += [(first.id, *most(others, free - {p})) for p in free if can(first, p)]
         return max(options, key=lambda ids: [p.id in ids for p in rest])
 
-    turns = sorted(waiting, key=lambda p: p.turn)
+    turns = sorted(waiting, key=lambda p: p.priority_key)
     assert {a.plate for a in given_} == set(most(turns, frozenset(fleet)))
 
 
 def test_a_spare_is_never_the_printer_that_a_plate_was_planned_for():
-    high = plate("1/02", "b", need=Need("generic_pla", None, 0.4, box(231.0)))
+    high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
     given_, _ = assign([high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY, spares=1)
     assert given_[0].printer == "b"
-    broken = printer("b", room=TALL, look="heater")
+    broken = printer("b", room=TALL, attention_reason="heater")
     given_, _ = assign([high], [broken, printer("c", room=TALL)], rules(), FRIDAY, spares=1)
     assert given_[0].printer == "c"
 
@@ -172,8 +179,8 @@ def only(what, where, house=None, now_s=FRIDAY, **changes):
 @pytest.mark.parametrize(
     ("what", "where", "house", "code", "says"),
     [
-        ({"estimated_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
-        ({"estimated_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
+        ({"expected_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
+        ({"expected_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
         ({}, {"unattended": False}, {"attended": WEEK[0]}, "unattended", "from Mon 08:00"),
         ({}, {"unattended": False}, {}, "unattended", "names no such hours"),
         (
@@ -201,22 +208,22 @@ def test_a_reel_that_is_too_short_is_named_also_where_another_printer_is_waited_
     hold = assign([plate("1/01", "a", grams=20.0)], [busy, short], rules(), FRIDAY)[1]["1/01"]
     assert hold.code is HoldCode.PRINTER_BUSY
     assert (hold.reel.printer, hold.reel.text) == ("b", "b has 10 g, 1/01 needs 25 g")
-    colour = Need("generic_pla", "white", 0.4, box(100.0))
+    colour = Requirements("generic_pla", "white", 0.4, box(100.0))
     fleet = [printer("b", grams=10.0, colour="white"), printer("c", colour="black")]
-    hold = assign([plate("1/01", "b", grams=20.0, need=colour)], fleet, rules(), FRIDAY)[1]["1/01"]
+    hold = assign([plate("1/01", "b", grams=20.0, requirements=colour)], fleet, rules(), FRIDAY)[1]["1/01"]
     assert hold.text.startswith("needs white: b has 10 g") and hold.reel.text == "b has 10 g, 1/01 needs 25 g"
 
 
 def test_a_margin_is_kept_to_quiet_hours():
     house = rules(quiet=["22:00-06:00"])
-    assert only(plate("1/01", "a", estimated_s=5 * HOUR / 1.05 - 1), printer("a"), house) == "a"
-    assert only(plate("1/01", "a", estimated_s=5 * HOUR), printer("a"), house).code == "quiet_hours"
+    assert only(plate("1/01", "a", expected_s=5 * HOUR / 1.05 - 1), printer("a"), house) == "a"
+    assert only(plate("1/01", "a", expected_s=5 * HOUR), printer("a"), house).code == "quiet_hours"
 
 
 def test_what_few_printers_can_hold_is_said_with_when_they_are_free():
     tall = [printer(n, room=TALL, booked=True, free_s=FRIDAY + 10.2 * HOUR) for n in ("um2x-02", "um2x-03")]
     hold = assign(
-        [plate("1/01", "um2x-02", need=Need("generic_pla", None, 0.4, box(231.0)))],
+        [plate("1/01", "um2x-02", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))],
         [printer("um2-01"), *tall],
         rules(),
         FRIDAY,
@@ -232,8 +239,8 @@ def test_priority_goes_before_order_of_submission():
 
 
 def test_a_plate_makes_way_where_another_printer_will_do_as_well():
-    low = plate("1/01", "b", estimated_s=9 * HOUR)
-    high = plate("1/02", "b", need=Need("generic_pla", None, 0.4, box(231.0)))
+    low = plate("1/01", "b", expected_s=9 * HOUR)
+    high = plate("1/02", "b", requirements=Requirements("generic_pla", None, 0.4, box(231.0)))
     given_, _ = assign([low, high], [printer("a"), printer("b", room=TALL)], rules(), FRIDAY)
     assert {a.plate: a.printer for a in given_} == {"1/01": "a", "1/02": "b"}
 

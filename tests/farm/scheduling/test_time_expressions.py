@@ -7,8 +7,8 @@ import pytest
 
 from farm.model import JobOptions
 from farm.scheduling.hours import Hours
-from farm.scheduling.start_rules import Rules
-from farm.scheduling.time_expressions import moment_s, wished_s
+from farm.scheduling.start_rules import StartRules
+from farm.scheduling.time_expressions import moment_s, start_and_deadline_s
 from farm.week_windows import parse_window
 
 LONDON, BERLIN = ZoneInfo("Europe/London"), ZoneInfo("Europe/Berlin")
@@ -59,9 +59,9 @@ def test_a_time_in_the_hour_that_is_skipped_or_comes_twice(now, then):
 def test_a_night_is_as_long_as_it_is(day, night_h):
     """From the end of attended hours, and from 22:00, to the same hour of the morning."""
     attended = Hours((parse_window("08:00-21:00"),), BERLIN)
-    house = Rules(attended, Hours((), BERLIN))
+    house = StartRules(attended, Hours((), BERLIN))
     now_s = datetime.fromisoformat(f"{day} 18:00").replace(tzinfo=BERLIN).timestamp()
-    begins_s, ends_s = wished_s(JobOptions(overnight=True, done_by="07:00"), house, now_s)
+    begins_s, ends_s = start_and_deadline_s(JobOptions(overnight=True, done_by="07:00"), house, now_s)
     assert (begins_s - now_s, ends_s - begins_s) == (3 * 3600.0, night_h * 3600.0)
-    begins_s, ends_s = wished_s(JobOptions(at="22:00", done_by="08:00"), house, now_s)
+    begins_s, ends_s = start_and_deadline_s(JobOptions(at="22:00", done_by="08:00"), house, now_s)
     assert (begins_s - now_s, ends_s - begins_s) == (4 * 3600.0, night_h * 3600.0)

@@ -10,7 +10,7 @@ from farm.state import events as ev
 from farm.state.reels import used_grams, with_reels
 from farm.views.operator_requests import asks
 from make_books import ended, printing, run
-from make_views import printer
+from scheduling_examples import printer
 
 WHITE = Reel(material="generic_pla", colour="white", grams=100.0, nozzle_mm=0.4)
 

@@ -14,7 +14,7 @@ from make_gcode import END, marlin, square, ultigcode
 from own_gcode import body, fed, followed, refused, safe, take
 from slicing.errors import GcodeRefused
 
-FIXTURES = Path(__file__).parent / "fixtures"
+FIXTURES = Path(__file__).parents[1] / "fixtures"
 COUNTED = [";LAYER_COUNT:100", *marlin(square(layers=100))]
 
 

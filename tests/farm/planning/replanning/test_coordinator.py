@@ -5,7 +5,7 @@ import pytest
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, HoldCode, JobOptions, Link, PrintState
 from farm.planning.plan import Plan
-from farm.planning.replanning.replan import Remade, next_name
+from farm.planning.replanning.replan import ReplannedPlate, next_name
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
 from make_books import plan as planned
@@ -64,7 +64,7 @@ def pieces(farm, plate, hours, printers):
         time = {"estimated_s": hours * HOUR, "print_time_s": hours * HOUR - 300.0}
         own = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "printer": printer}
         plates.append(old.model_copy(update={"prints": (), **own, **time}))
-    return Remade(tuple(parts), tuple(plates), "n.png")
+    return ReplannedPlate(tuple(parts), tuple(plates), "n.png")
 
 
 def printing(farm):
@@ -74,15 +74,15 @@ def printing(farm):
 def test_what_failed_is_cut_for_the_free_printers_and_no_printer_gets_it_meanwhile(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
-    ((plate, printers, cut),) = farm.hands.remade
+    ((plate, printers, cut),) = farm.hands.replans
     assert (plate, printers, cut) == ("1/01", ["b", "c", "d"], True)
     hold = farm.core.books.plates["1/01"].hold
     assert hold.code is HoldCode.CUT_AGAIN
     assert "b, c and d" in hold.text
     assert printing(farm) == {}
     farm.core.settle()
-    assert len(farm.hands.remade) == 1
-    farm.core.remade("1/01", pieces(farm, "1/01", 4.0, printers))
+    assert len(farm.hands.replans) == 1
+    farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, printers))
     assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
@@ -91,11 +91,11 @@ def test_pieces_that_cannot_be_booked_are_made_again(tmp_path):
     fails(farm, "a", "1/01")
     farm.store._db.execute("PRAGMA query_only = 1")
     with pytest.raises(StoreError):
-        farm.core.remade("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+        farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))
     farm.store._db.execute("PRAGMA query_only = 0")
     farm.core.settle()
-    assert farm.hands.remade == [("1/01", ["b", "c", "d"], True)] * 2
-    farm.core.remade("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+    assert farm.hands.replans == [("1/01", ["b", "c", "d"], True)] * 2
+    farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))
     assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
@@ -106,16 +106,16 @@ def test_what_is_not_sooner_in_pieces_is_printed_whole(tmp_path):
     }.items():
         farm = begun(tmp_path / name, [PLUS] * 4, plates=1)
         fails(farm, "a", "1/01")
-        farm.core.remade("1/01", result(farm))
+        farm.core.replanned("1/01", result(farm))
         assert printing(farm) == {"b": "1/01"}
         fails(farm, "b", "1/01")  # the next failure is looked at again: two are free now
-        assert [cut for _, _, cut in farm.hands.remade] == [True, True]
+        assert [cut for _, _, cut in farm.hands.replans] == [True, True]
 
 
 def test_a_job_that_is_begun_meanwhile_leaves_the_promised_printers(tmp_path):
     farm = begun(tmp_path, [PLUS] * 5, plates=1)
     fails(farm, "a", "1/01")
-    ((_, promised, _),) = farm.hands.remade
+    ((_, promised, _),) = farm.hands.replans
     farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
     assert farm.hands.plans[1:] == [] or not set(farm.hands.plans[1][1]) & set(promised)
 
@@ -125,7 +125,7 @@ def test_a_daemon_that_dies_over_it_has_lost_nothing(tmp_path):
     fails(farm, "a", "1/01")
     farm.store.close()
     again = Farm(tmp_path, [PLUS] * 4, farm.core.clock, attended=["08:00-18:00"])
-    again.core.remade("1/01", pieces(farm, "1/01", 4.0, "bcd"))  # it has begun nothing of the kind
+    again.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))  # it has begun nothing of the kind
     assert again.core.books.jobs[1].plates == ("1/01",)
     again.ready("b", "c", "d")
     assert printing(again) == {"b": "1/01"}  # which was there first
@@ -135,7 +135,7 @@ def test_a_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.desk.cancel_part(1, "p01", "ann")
-    farm.core.remade("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+    farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))
     assert farm.core.books.jobs[1].parts == ("1/p01",)
     assert printing(farm) == {}
 
@@ -143,7 +143,7 @@ def test_a_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
 def test_what_a_person_approved_is_printed_as_it_was_approved(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1, hold=True)
     fails(farm, "a", "1/01")
-    assert farm.hands.remade == []
+    assert farm.hands.replans == []
     assert printing(farm) == {"b": "1/01"}
 
 
@@ -153,15 +153,15 @@ def sliced(farm, plate, printer, hours):
     time = {"estimated_s": hours * HOUR, "print_time_s": hours * HOUR - 300.0, "prints": ()}
     new = old.model_copy(update={"id": name, "kin": PLAIN, "printer": printer, **time})
     (part,) = (farm.core.books.parts[one].model_copy(update={"plate": name}) for one in old.parts)
-    return Remade((part,), (new,))
+    return ReplannedPlate((part,), (new,))
 
 
 def test_what_waits_for_a_full_bed_overnight_is_sliced_for_another_kind_of_printer(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")  # its bed is looked at in the morning
-    assert farm.hands.remade == [("1/01", ["b"], False)]
+    assert farm.hands.replans == [("1/01", ["b"], False)]
     assert farm.core.books.plates["1/01"].hold is not None
-    farm.core.remade("1/01", sliced(farm, "1/01", "b", 11.0))
+    farm.core.replanned("1/01", sliced(farm, "1/01", "b", 11.0))
     assert printing(farm) == {"b": "1/01-2"}
     assert farm.core.books.jobs[1].parts == ("1/p01",)
     assert farm.core.books.plates["1/01"].replaced_by == ("1/01-2",)
@@ -170,10 +170,10 @@ def test_what_waits_for_a_full_bed_overnight_is_sliced_for_another_kind_of_print
 def test_a_slice_that_would_not_be_there_sooner_is_not_made_twice(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
-    farm.core.remade("1/01", sliced(farm, "1/01", "b", 30.0))
+    farm.core.replanned("1/01", sliced(farm, "1/01", "b", 30.0))
     farm.core.clock.now_s += HOUR
     farm.core.settle()
-    assert len(farm.hands.remade) == 1
+    assert len(farm.hands.replans) == 1
     assert printing(farm) == {}
     farm.desk.cleared("a", "ann", FilamentState.PARKED)
     assert printing(farm) == {"a": "1/01"}
@@ -184,6 +184,6 @@ def test_its_own_printer_may_take_it_before_the_slice_is_made(tmp_path):
     fails(farm, "a", "1/01")
     farm.desk.cleared("a", "ann", FilamentState.PARKED)
     assert printing(farm) == {"a": "1/01"}
-    farm.core.remade("1/01", sliced(farm, "1/01", "b", 9.0))
+    farm.core.replanned("1/01", sliced(farm, "1/01", "b", 9.0))
     assert farm.core.books.jobs[1].plates == ("1/01",)
     assert [next_name(name) for name in ("3/07", "3/07-2", "3/07a")] == ["3/07-2", "3/07-3", "3/07a-2"]

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from decompose.engines.guillotine import ASSEMBLE_S, CLEAR_S
 from farm.model import Bed, HoldCode
 from farm.planning.replanning import policy
-from farm.scheduling.situation import Kind, Need
-from make_views import LOW, box, plate, printer, rules
+from farm.scheduling.matching import Capabilities, Requirements
+from scheduling_examples import LOW, box, plate, printer, rules, situation
 
 HOUR = 3600.0
 NOW_S = 1_000_000.0 // 604800 * 604800 + 4 * 86400 + 20 * HOUR  # Monday, 20:00 UTC
@@ -19,12 +19,18 @@ PLUS, PLAIN = "ultimaker2_plus", "ultimaker2"
 
 
 def kin(name, kin, nozzle_mm=0.4, **changes):
-    return replace(printer(name, **changes), kind=Kind(LOW, "generic_pla", None, nozzle_mm, kin))
+    return replace(
+        printer(name, **changes), capabilities=Capabilities(LOW, "generic_pla", None, nozzle_mm, kin)
+    )
 
 
 def part(hours=10.0, **changes):
-    facts = {"need": Need("generic_pla", None, 0.4, box(100.0), PLUS), "heating_s": 300.0, "grams": 50.0}
-    return plate("1/01", "a", **{**facts, "estimated_s": hours * HOUR, **changes})
+    facts = {
+        "requirements": Requirements("generic_pla", None, 0.4, box(100.0), PLUS),
+        "heating_s": 300.0,
+        "grams": 50.0,
+    }
+    return plate("1/01", "a", **{**facts, "expected_s": hours * HOUR, **changes})
 
 
 def test_a_piece_more_costs_what_a_decomposition_says():
@@ -33,9 +39,9 @@ def test_a_piece_more_costs_what_a_decomposition_says():
 
 def test_what_waits_for_a_full_bed_until_morning_is_sliced_for_another_kind():
     full, other = kin("a", PLUS, bed=Bed.NOT_CLEAR), kin("b", PLAIN)
-    wish = policy.to_slice(part(), [part()], [full, other], [other], NIGHT, NOW_S)
-    assert wish == policy.Slice("1/01", "b")
-    assert policy.waits_for_a_kind(HoldCode.BED_NOT_CLEAR)
+    wish = policy.choose_reslice(part(), situation([part()], [full, other], NIGHT, NOW_S), [other])
+    assert wish == policy.Reslice("1/01", "b")
+    assert policy.waits_for_its_printer_kind(HoldCode.BED_NOT_CLEAR)
 
 
 @pytest.mark.parametrize(
@@ -44,8 +50,11 @@ def test_what_waits_for_a_full_bed_until_morning_is_sliced_for_another_kind():
         ({}, {"kin": PLAIN, "grams": 10.0}),  # too little filament
         ({"failed_on": frozenset("b")}, {"kin": PLAIN}),
         ({"places": 0}, {"kin": PLAIN}),  # its job prints on as many as it was given
-        ({"need": Need("generic_abs", None, 0.4, box(100.0), PLUS)}, {"kin": PLAIN}),
-        ({"need": Need("generic_pla", None, 0.4, box(250.0), PLUS)}, {"kin": PLAIN}),  # too high
+        ({"requirements": Requirements("generic_abs", None, 0.4, box(100.0), PLUS)}, {"kin": PLAIN}),
+        (
+            {"requirements": Requirements("generic_pla", None, 0.4, box(250.0), PLUS)},
+            {"kin": PLAIN},
+        ),  # too high
         ({}, {"kin": PLUS, "nozzle_mm": 0.25}),  # 25 h on the finer nozzle: the bed is cleared before
         ({}, {"kin": PLAIN, "unattended": False}),
     ],
@@ -54,7 +63,7 @@ def test_it_waits_where_the_other_printer_will_not_do(changes, other):
     full = kin("a", PLUS, bed=Bed.NOT_CLEAR)
     free = kin("b", **other)
     view = part(**changes)
-    assert policy.to_slice(view, [view], [full, free], [free], NIGHT, NOW_S) is None
+    assert policy.choose_reslice(view, situation([view], [full, free], NIGHT, NOW_S), [free]) is None
 
 
 def test_it_waits_where_its_own_printer_is_free_soon_enough():
@@ -63,7 +72,7 @@ def test_it_waits_where_its_own_printer_is_free_soon_enough():
     def wish(hours):
         busy = kin("a", PLUS, booked=True, free_s=NOW_S + hours * HOUR)
         other = kin("b", PLAIN)
-        return policy.to_slice(part(), [part()], [busy, other], [other], rules(), NOW_S)
+        return policy.choose_reslice(part(), situation([part()], [busy, other], rules(), NOW_S), [other])
 
     assert wish(2.0) is None
     assert wish(4.0) is not None
@@ -71,47 +80,51 @@ def test_it_waits_where_its_own_printer_is_free_soon_enough():
 
 def test_a_part_whose_kind_of_printer_is_gone_for_good_is_sliced_for_another():
     other = kin("b", PLAIN)
-    assert policy.to_slice(part(), [part()], [other], [other], rules(), NOW_S) is not None
+    assert policy.choose_reslice(part(), situation([part()], [other], rules(), NOW_S), [other]) is not None
 
 
 def test_a_printer_to_be_looked_at_is_counted_on_only_where_it_is_known_when():
-    broken, other = kin("a", PLUS, look="no heat"), kin("b", PLAIN, time_factor=2.0)  # 20 h
+    broken, other = kin("a", PLUS, attention_reason="no heat"), kin("b", PLAIN, time_factor=2.0)  # 20 h
 
     def wish(house):
-        return policy.to_slice(part(), [part()], [broken, other], [other], house, NOW_S)
+        return policy.choose_reslice(part(), situation([part()], [broken, other], house, NOW_S), [other])
 
     assert wish(NIGHT) is None  # by 18:15 on the next day
-    assert wish(rules()) == policy.Slice("1/01", "b")
+    assert wish(rules()) == policy.Reslice("1/01", "b")
 
 
 def test_a_failed_part_is_cut_for_the_printers_that_others_leave():
     fleet = [kin(name, PLUS) for name in "abcd"]
     failed = part(failed_on=frozenset("a"))
-    other = plate("1/02", "b", estimated_s=HOUR)
-    wish = policy.to_cut(failed, [failed, other], fleet, NIGHT, NOW_S)
-    assert wish == policy.Cut("1/01", ("c", "d", "a"))
+    other = plate("1/02", "b", expected_s=HOUR)
+    wish = policy.choose_recut(failed, situation([failed, other], fleet, NIGHT, NOW_S))
+    assert wish == policy.Recut("1/01", ("c", "d", "a"))
     short = part(hours=1.0)
-    assert policy.to_cut(short, [short], fleet, NIGHT, NOW_S) is None
+    assert policy.choose_recut(short, situation([short], fleet, NIGHT, NOW_S)) is None
     two = part(places=2)
-    assert len(policy.to_cut(two, [two], fleet, NIGHT, NOW_S).printers) == 2
-    assert policy.to_cut(part(places=1), [part(places=1)], fleet, NIGHT, NOW_S) is None
-    assert policy.to_cut(failed, [failed], fleet[:1], NIGHT, NOW_S) is None
+    assert len(policy.choose_recut(two, situation([two], fleet, NIGHT, NOW_S)).printers) == 2
+    assert policy.choose_recut(part(places=1), situation([part(places=1)], fleet, NIGHT, NOW_S)) is None
+    assert policy.choose_recut(failed, situation([failed], fleet[:1], NIGHT, NOW_S)) is None
 
 
 def test_a_part_whose_kind_of_printer_is_gone_is_cut_only_where_a_new_slice_is_not_as_good():
     fleet = [kin(name, PLAIN) for name in "bc"]
     short, long = part(hours=1.0), part(hours=10.0)
-    assert policy.ends_s(short, [short], fleet, NIGHT, NOW_S) == float("inf")
-    assert policy.to_cut(short, [short], fleet, NIGHT, NOW_S) is None
-    assert policy.to_slice(short, [short], fleet, fleet, NIGHT, NOW_S) == policy.Slice("1/01", "b")
-    assert policy.to_cut(long, [long], fleet, NIGHT, NOW_S) == policy.Cut("1/01", ("b", "c"))
+    assert policy.expected_end_s(short, situation([short], fleet, NIGHT, NOW_S)) == float("inf")
+    assert policy.choose_recut(short, situation([short], fleet, NIGHT, NOW_S)) is None
+    assert policy.choose_reslice(short, situation([short], fleet, NIGHT, NOW_S), fleet) == policy.Reslice(
+        "1/01", "b"
+    )
+    assert policy.choose_recut(long, situation([long], fleet, NIGHT, NOW_S)) == policy.Recut(
+        "1/01", ("b", "c")
+    )
 
 
 def test_pieces_may_end_before_quiet_hours_that_the_whole_would_run_into():
     house = rules(quiet=["06:00-22:00"])
     now_s = NOW_S + 3 * HOUR  # 23:00
     fleet = [kin(name, PLUS) for name in "abc"]
-    assert policy.to_cut(part(), [part()], fleet, house, now_s) is not None
+    assert policy.choose_recut(part(), situation([part()], fleet, house, now_s)) is not None
 
 
 fleets = st.lists(
@@ -142,19 +155,19 @@ parts = st.builds(
 def test_only_free_printers_with_its_filament_are_asked_for_and_only_where_it_pays(view, fleet):
     by_name = {p.name: p for p in fleet}
     free = [p for p in fleet if p.obstacle() is None]
-    whole_s = policy.ends_s(view, [view], fleet, NIGHT, NOW_S)
-    sliced = policy.to_slice(view, [view], fleet, free, NIGHT, NOW_S)
+    whole_s = policy.expected_end_s(view, situation([view], fleet, NIGHT, NOW_S))
+    sliced = policy.choose_reslice(view, situation([view], fleet, NIGHT, NOW_S), free)
     if sliced is not None:
         other = by_name[sliced.printer]
         assert other.obstacle() is None
-        assert not view.need.matches(other.kind)
-        assert (other.kind.material, other.name in view.failed_on) == ("generic_pla", False)
+        assert not view.requirements.matches(other.capabilities)
+        assert (other.capabilities.material, other.name in view.failed_on) == ("generic_pla", False)
         assert whole_s - NOW_S > policy.LEAST_GAIN_S
-    cut = policy.to_cut(view, [view], fleet, NIGHT, NOW_S)
+    cut = policy.choose_recut(view, situation([view], fleet, NIGHT, NOW_S))
     if cut is not None:
         assert 2 <= len(set(cut.printers)) == len(cut.printers) <= policy.MOST_PIECES
         assert all(by_name[name].obstacle() is None for name in cut.printers)
         assert view.places is None or len(cut.printers) <= view.places
         assert whole_s - NOW_S > policy.LEAST_GAIN_S + 2 * policy.JOIN_S
-    assert policy.to_slice(view, [view], fleet[::-1], free[::-1], NIGHT, NOW_S) == sliced
-    assert policy.to_cut(view, [view], fleet[::-1], NIGHT, NOW_S) == cut
+    assert policy.choose_reslice(view, situation([view], fleet[::-1], NIGHT, NOW_S), free[::-1]) == sliced
+    assert policy.choose_recut(view, situation([view], fleet[::-1], NIGHT, NOW_S)) == cut

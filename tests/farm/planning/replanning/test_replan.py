@@ -15,8 +15,8 @@ from farm.model import JobOptions, Part, Plate
 from farm.paths import StateFolder
 from farm.planning.replanning import replan
 from farm.planning.replanning.cut_part import cut_part
-from farm.planning.replanning.replan import AgainTask, Remade
-from farm.planning.replanning.worker import Remaker
+from farm.planning.replanning.replan import ReplannedPlate, ReplanTask
+from farm.planning.replanning.worker import ReplanWorker
 from farm.state.storage.file_store import store_file
 from make_books import plan
 
@@ -55,7 +55,7 @@ def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
     folder.mkdir(exist_ok=True)
     other = known.parts[1].model_copy(update={"file": part.file})
     options = JobOptions(engine="guillotine")
-    return AgainTask(plate, part, options, fleet.printers, state.files, folder, others=(other,))
+    return ReplanTask(plate, part, options, fleet.printers, state.files, folder, others=(other,))
 
 
 def in_model(path, to_model):
@@ -74,7 +74,7 @@ def remade(state, task, cut):
     told = []
 
     async def main():
-        remaker = Remaker(state, SameProcess(), lambda *came: told.append(came))
+        remaker = ReplanWorker(state, SameProcess(), lambda *came: told.append(came))
         remaker.start(task, cut)
         while not told:
             await asyncio.sleep(0)
@@ -90,7 +90,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     task = task_of(state)
     whole = in_model(state.files / task.part.file, task.part.to_model)
     result = remade(state, task, cut=True)
-    assert isinstance(result, Remade), result
+    assert isinstance(result, ReplannedPlate), result
     solids = [in_model(state.files / part.file, part.to_model) for part in result.parts]
     together = Solid.union(solids)
     volumes = (
@@ -127,7 +127,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
 def test_a_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
     task = task_of(state, (40.0, 30.0, 4.0), (PLAIN,))
     result = remade(state, task, cut=False)
-    assert isinstance(result, Remade), result
+    assert isinstance(result, ReplannedPlate), result
     ((part,), (plate,)) = result.parts, result.plates
     assert part == task.part.model_copy(update={"plate": "1/01-2"})
     assert (plate.id, plate.kin, plate.printer, plate.parts) == ("1/01-2", PLAIN, "a", ("1/p01",))

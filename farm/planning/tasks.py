@@ -1,0 +1,32 @@
+"""Functions of planning that run in worker processes; their modules load numpy, meshes and Cura there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from farm.compute.deferred import Deferred
+
+if TYPE_CHECKING:
+    from farm.planning.inspect_submission import inspect_submission
+    from farm.planning.own_gcode import plan_gcode
+    from farm.planning.parts.decompose_job import decompose_job, level_again, warm
+    from farm.planning.parts.slice_part import slice_part
+    from farm.planning.replanning.cut_part import cut_part
+else:
+    inspect_submission = Deferred("farm.planning.inspect_submission:inspect_submission")
+    decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job")
+    level_again = Deferred("farm.planning.parts.decompose_job:level_again")
+    warm = Deferred("farm.planning.parts.decompose_job:warm")
+    plan_gcode = Deferred("farm.planning.own_gcode:plan_gcode")
+    slice_part = Deferred("farm.planning.parts.slice_part:slice_part")
+    cut_part = Deferred("farm.planning.replanning.cut_part:cut_part")
+
+__all__ = [
+    "cut_part",
+    "decompose_job",
+    "inspect_submission",
+    "level_again",
+    "plan_gcode",
+    "slice_part",
+    "warm",
+]

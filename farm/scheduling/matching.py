@@ -1,0 +1,168 @@
+"""Printers, waiting plates, and whether a printer can print what a plate requires. Pure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from farm.model import Bed, FilamentState, Hold, HoldCode, Link
+
+Box = tuple[float, float, float, float, float]
+"""min_x, min_y, max_x, max_y and height, in mm from the bed's centre."""
+
+SLACK_MM = 0.05
+"""Rounding of what a slice says of itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Capabilities:
+    """Describes what a printer can print, whatever it is doing.
+
+    Attributes
+    ----------
+    room
+        Boxes of which one must hold all that a plate extrudes.
+    kin
+        Printers of one kin take the same G-code; None: it does not matter.
+    """
+
+    room: tuple[Box, ...]
+    material: str
+    colour: str | None
+    nozzle_mm: float
+    kin: str | None = None
+
+    @property
+    def height_mm(self) -> float:
+        return max((height for *_, height in self.room), default=0.0)
+
+    def holds(self, box: Box) -> bool:
+        """Tell whether a box lies in the room."""
+        x0, y0, x1, y1, height = box
+        slack = SLACK_MM
+        return any(
+            left <= x0 + slack and front <= y0 + slack and x1 <= right + slack and y1 <= back + slack
+            for left, front, right, back, top in self.room
+            if height <= top + slack
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class FleetPrinter:
+    """A printer with all that decides whether it can take a plate."""
+
+    name: str
+    capabilities: Capabilities
+    bed: Bed
+    filament: FilamentState
+    link: Link
+    booked: bool  # an open print is booked on it
+    attention_reason: str | None  # why a person has to inspect it
+    maintenance: str | None = None  # why a person has taken it out of use
+    heating: bool = False
+    free_s: float | None = None  # when its print should end, as expected when it began
+    grams: float | None = None  # on its reel; None: nobody said
+    reel_doubted: bool = False  # there may be less on it
+    time_factor: float = 1.0  # as learned
+    unattended: bool = True  # it may print while nobody is there
+    why_attended: str = ""  # why it may not
+
+    def obstacle(self) -> Hold | None:
+        """Return why nothing can start on it now; None where it is idle and clear."""
+        if self.booked or self.link is Link.BUSY:
+            return Hold(code=HoldCode.PRINTER_BUSY, text=f"{self.name} is printing")
+        if self.maintenance is not None:
+            return Hold(
+                code=HoldCode.MAINTENANCE,
+                text=f"{self.name} is in maintenance ({self.maintenance}), until "
+                f"`farm maintenance {self.name} --done`",
+            )
+        if self.attention_reason is not None:
+            return Hold(
+                code=HoldCode.NEEDS_A_LOOK,
+                text=f"{self.name} needs a look ({self.attention_reason}), then `farm cleared {self.name}`",
+            )
+        if self.link is not Link.READY:
+            return Hold(code=HoldCode.PRINTER_ABSENT, text=f"{self.name} does not answer ({self.link})")
+        if self.bed is not Bed.CLEAR:
+            return Hold(
+                code=HoldCode.BED_NOT_CLEAR,
+                text=f"the bed of {self.name} is not clear: clear it, then `farm cleared {self.name}`",
+            )
+        if self.filament is FilamentState.UNKNOWN:
+            return Hold(
+                code=HoldCode.FILAMENT_UNKNOWN,
+                text=f"where the filament of {self.name} is is not known: "
+                f"`farm cleared {self.name} --filament parked` (or at_nozzle) says it",
+            )
+        if self.reel_doubted:
+            return Hold(
+                code=HoldCode.REEL_DOUBTED,
+                text=f"how much is on the reel of {self.name} is not known since the books were restored: "
+                f"weigh it, then `farm load {self.name} --grams G`",
+            )
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Requirements:
+    """Requirements of a plate, or of a job without a plan, on a printer."""
+
+    material: str | None
+    colour: str | None
+    nozzle_mm: float | None
+    box: Box | None = None  # what its plate extrudes; not known before it is planned
+    kin: str | None = None  # of the printers that it was sliced for; None: any
+
+    def matches(self, kind: Capabilities) -> bool:
+        return (
+            self.material in (None, kind.material)
+            and self.colour in (None, kind.colour)
+            and self.nozzle_mm in (None, kind.nozzle_mm)
+            and self.kin in (None, kind.kin)
+            and (self.box is None or kind.holds(self.box))
+        )
+
+    def describe(self, lacking: tuple[Capabilities, ...] = ()) -> str:
+        """List the requirements as text; those alone that one of `lacking` misses, where any is given."""
+        asked = []
+        for value, key in ((self.material, "material"), (self.colour, "colour")):
+            if value and (not lacking or any(getattr(kind, key) != value for kind in lacking)):
+                asked.append(value)
+        if self.nozzle_mm and (not lacking or any(kind.nozzle_mm != self.nozzle_mm for kind in lacking)):
+            asked.append(f"nozzle {self.nozzle_mm} mm")
+        if self.kin and (not lacking or any(kind.kin != self.kin for kind in lacking)):
+            asked.append(f"an {self.kin}, which it was sliced for")
+        if self.box is not None:
+            x0, y0, x1, y1, height = self.box
+            width = f"{x1 - x0:.0f} mm of width, {y1 - y0:.0f} mm of depth"
+            low = any(height > kind.height_mm + SLACK_MM for kind in lacking)
+            narrow = any(not kind.holds((x0, y0, x1, y1, 0.0)) for kind in lacking)
+            if not lacking:
+                asked.append(f"{width} and {height:.0f} mm of height")
+            else:
+                asked += [f"{height:.0f} mm of height"] * low + [width] * narrow
+        return ", ".join(asked)
+
+
+@dataclass(frozen=True, slots=True)
+class WaitingPlate:
+    """A plate that waits for a printer."""
+
+    id: str
+    requirements: Requirements
+    job: int
+    planned: str  # the printer that the plan gave it
+    expected_s: float  # on the planned printer, heating included
+    priority: int = 0  # higher is earlier
+    grams: float = 0.0
+    heating_s: float = 0.0  # of `expected_s`: everything but the layers
+    time_factor: float = 1.0  # of the planned printer, in `expected_s`
+    first_layer_s: float = 0.0  # from its start until its first layer lies
+    failed_on: frozenset[str] = frozenset()
+    places: int | None = None  # on how many more printers its job may print now; None: on all
+    not_before_s: float | None = None
+
+    @property
+    def priority_key(self) -> tuple[int, int, float, str]:
+        """Sort key: priority, order of submission, then the longest, which decides when its job ends."""
+        return -self.priority, self.job, -self.expected_s, self.id

@@ -1,0 +1,40 @@
+"""Books and journals of an installation of farm 0.1.0 open as they were."""
+
+from drivers.agent.journal import JOURNAL, Journal
+from drivers.messages import PrintPhase
+from farm.model import Bed, JobState, PrintState, Verdict
+from farm.state.plate_state import Standing
+from farm.state.storage.store import Store
+from recorded_state import unpack_state
+
+
+def test_the_books_of_the_first_release_open(tmp_path):
+    books = Store(unpack_state(tmp_path) / "farm.db").load()
+    states = {number: job.state for number, job in books.jobs.items()}
+    assert states == {
+        1: JobState.DONE,
+        2: JobState.PRINTING,
+        3: JobState.HELD,
+        4: JobState.PRINTED,
+        5: JobState.CANCELLED,
+    }
+    (good,) = books.prints_of_job(books.job(1))
+    assert (good.state, good.verdict, good.printer) == (PrintState.DONE, Verdict.GOOD, "um2-01")
+    (printing,) = books.open_prints()
+    assert (printing.job, printing.printer, printing.state) == (2, "um2x-01", PrintState.PRINTING)
+    (plate,) = books.plates_of(books.job(4))
+    assert books.standing(plate) is Standing.PRINTED
+    assert round(plate.estimated_s / 60) == 18 and plate.kin == "ultimaker2_plus"
+    (part,) = (books.parts[name] for name in plate.parts)
+    assert part.volume_mm3 > 2000.0 and part.stands
+    first = books.printer("um2-01")
+    assert (first.bed, round(first.reel.grams)) == (Bed.NOT_CLEAR, 697)
+
+
+def test_the_journals_of_the_first_release_open(tmp_path):
+    state = unpack_state(tmp_path)
+    ended = Journal(state / "agents" / "um2-01" / JOURNAL).memory
+    assert len(ended.ended) == 2 and not ended.heat
+    assert ended.print is None or ended.print.phase is PrintPhase.DONE
+    still = Journal(state / "agents" / "um2x-01" / JOURNAL).memory
+    assert still.print.phase is PrintPhase.PRINTING and still.heat and still.print.extruded

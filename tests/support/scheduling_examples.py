@@ -1,0 +1,55 @@
+"""Printers, plates and situations as the scheduler sees them, for tests."""
+
+from zoneinfo import ZoneInfo
+
+from farm.model import Bed, FilamentState, Link
+from farm.scheduling.hours import Hours
+from farm.scheduling.matching import Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.situation import Situation
+from farm.scheduling.start_rules import StartRules
+from farm.week_windows import parse_window
+
+LOW = ((-111.0, -104.0, 111.0, 102.0, 205.0),)
+TALL = ((-111.0, -104.0, 111.0, 102.0, 305.0),)
+
+
+UTC = ZoneInfo("UTC")
+
+
+def hours(*texts):
+    return Hours(tuple(map(parse_window, texts)), UTC)
+
+
+def rules(attended=(), quiet=(), **changes):
+    return StartRules(hours(*attended), hours(*quiet), **changes)
+
+
+def printer(name, room=LOW, material="generic_pla", colour=None, nozzle_mm=0.4, **changes):
+    facts = {
+        "bed": Bed.CLEAR,
+        "filament": FilamentState.PARKED,
+        "link": Link.READY,
+        "booked": False,
+        "attention_reason": None,
+    }
+    return FleetPrinter(
+        name=name, capabilities=Capabilities(room, material, colour, nozzle_mm), **{**facts, **changes}
+    )
+
+
+def box(height_mm, half_mm=50.0):
+    return (-half_mm, -half_mm, half_mm, half_mm, height_mm)
+
+
+def plate(name, planned, **changes):
+    facts = {
+        "requirements": Requirements("generic_pla", None, 0.4, box(100.0)),
+        "job": 1,
+        "expected_s": 3600.0,
+        "failed_on": frozenset(),
+    }
+    return WaitingPlate(id=name, planned=planned, **{**facts, **changes})
+
+
+def situation(waiting, fleet, house=None, now_s=0.0, **changes):
+    return Situation(tuple(waiting), tuple(fleet), house or rules(), now_s, **changes)

@@ -1,0 +1,28 @@
+"""A farm of this release goes on with the state folder that the first one left in the middle of a print."""
+
+from __future__ import annotations
+
+import pytest
+
+from real_farm import wait_for
+from recorded_state import unpack_state
+
+pytestmark = pytest.mark.system
+
+
+def test_a_print_that_an_older_farm_left_open_is_ended_and_its_part_waits(make_farm, tmp_path):
+    models = {"um2-01": "ultimaker2_plus", "um2-02": "ultimaker2_plus", "um2x-01": "ultimaker2_extended_plus"}
+    farm = make_farm({name: (model, f"sim://{model}") for name, model in models.items()})
+    unpack_state(farm.folder)  # with the fleet file that it was made with
+    farm.ok("up")
+    wait_for("the open print to be ended", lambda: farm.printer("um2x-01")["print"] is None)
+    jobs = {job["id"]: job["state"] for job in farm.status()["jobs"]}
+    assert (jobs[2], jobs[3], jobs[4]) == ("printing", "held", "printed")
+    assert farm.job(1)["state"] == "done"
+    (part,) = farm.job(2)["parts"]
+    first = part["prints"][0]
+    assert (first["printer"], first["state"]) == ("um2x-01", "failed")
+    assert "agent" in first["reason"]
+    assert farm.printer("um2-01")["bed"] == "not_clear"
+    farm.ok("cleared", "um2-01")
+    assert farm.job(4)["state"] == "done"
