@@ -1,4 +1,4 @@
-"""As many of the printers as are worth it: the number from the curve of the exact engine, the cut by any."""
+"""Choice of the number of printers: by the curve of the guillotine engine; any engine cuts then."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def decompose_auto(
     assemble_s: float = ASSEMBLE_S,
     within_s: float | None = None,
 ) -> Decomposition:
-    """Cut a model for the first of the printers, so many that printing and handling take least together.
+    """Cut a model for as many of the first printers as makes printing plus handling take least.
 
     The number is chosen from the curve of what the first of them reach by the tables, with the rooms and the
     speeds that they have; where they turn out too few for the true parts, all printers are taken.
@@ -49,7 +49,7 @@ def decompose_auto(
     Parameters
     ----------
     printers
-        Those that are free, the best ones first; see `partition.decompose_model`.
+        Those that are free, the best ones first; see `decompose.decompose_model`.
     clear_s, assemble_s
         What a person is busy with each part: to make its bed clear, and to put it to the others.
     within_s
@@ -58,7 +58,7 @@ def decompose_auto(
     Raises
     ------
     NoFit, GeometryError
-        As `partition.decompose_model`, where all of the printers are not enough.
+        As `decompose.decompose_model`, where all of the printers are not enough.
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
@@ -80,7 +80,7 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """The makespan of the first of a problem's printers by the tables, for each number that is enough.
+    """Makespan of the first 1, 2, ... of a problem's printers by the tables, where they are enough.
 
     Unequal printers are taken in classes, on a grid as for few of them, since there are more ways to share
     parts out; within a class each number has the mean speed of its printers.
@@ -102,5 +102,5 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
 
 
 def _mean(factors: Sequence[float]) -> float:
-    """Of what printers can do together: parts that end together are as long as each is quick."""
+    """Harmonic mean of time factors: parts that end together are as long as each printer is fast."""
     return len(factors) / sum(1.0 / factor for factor in factors)

@@ -27,7 +27,7 @@ NEAR = 0.03  # share of the makespan that has to be left to gain, so that anothe
 
 
 def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -> Decomposition:
-    """The best result, as far as the budget goes; the first engine is always begun.
+    """Run the engines and grids in their order and return the best result, as far as the budget goes.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
 
 @dataclass(slots=True)
 class _Trials:
-    """What was tried, and the best of it; `yaw_deg` is how the model lies there."""
+    """Attempts so far and the best of them; `yaw_deg` is how the model is turned there."""
 
     problem: Problem
     by_engine: Callable[[Problem], Decomposition]
@@ -65,7 +65,7 @@ class _Trials:
     failure: DecomposeError | None = None
 
     def result(self) -> Decomposition:
-        """The best; the error of the first engine where there is none."""
+        """Best result; raises the error of the first engine where there is none."""
         if self.best is None:
             assert self.failure is not None  # the first engine is always tried
             raise self.failure
@@ -73,7 +73,7 @@ class _Trials:
         return replace(self.best, options=options, yaw_deg=self.yaw_deg, attempts=tuple(self.attempts))
 
     def try_engine(self, engine: Engine, cells: str | int, yaw_deg: float = 0.0) -> None:
-        """Add an engine's attempt, as far as the budget goes."""
+        """Add an engine's attempt, unless the budget is spent."""
         if self.attempts and self.left_s <= 0.0:
             why = "not begun: the budget was spent"
             self.attempts.append(Attempt(engine, cells, yaw_deg, finished=False, reason=why))
@@ -111,7 +111,7 @@ class _Trials:
         return _rank(found) < _rank(self.best)
 
     def try_other_grids(self) -> None:
-        """Add the guillotine engine on other grids, none twice, where enough is left to be gained."""
+        """Add the guillotine engine on other grids, none twice, while enough is left to gain."""
         problem, yaw_deg = rotate_about_z(self.problem, self.yaw_deg), self.yaw_deg
         extents_mm, first = problem.model.extents_mm, problem.granularity(problem.model)
         shapes = {cell_counts(extents_mm, first)}
@@ -126,10 +126,10 @@ class _Trials:
 
 
 def rotate_about_z(problem: Problem, yaw_deg: float) -> Problem:
-    """The same problem, its model turned about z."""
+    """Same problem with its model turned about z."""
     return problem.rotate(Rotation.from_euler("z", yaw_deg, degrees=True).as_matrix())
 
 
 def _rank(result: Decomposition) -> tuple[bool, float, int]:
-    """Less is better."""
+    """Sort key of a result: less is better."""
     return bool(result.faults), result.makespan_s, len(result.parts)

@@ -65,7 +65,7 @@ def decompose_model(
 
 
 def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
-    """The result of one engine, checked; `serial` is what `serial_seconds` says of the model."""
+    """Checked result of the engine that the options name; `serial` is of `estimate_serial_s`."""
     watch = _StageTimes()
     if problem.options.faithful and problem.options.engine is Engine.PARALLELOBOX:
         problem = replace(problem, options=paper_settings(problem.options))
@@ -78,7 +78,7 @@ def _by_engine(problem: Problem, serial: tuple[float, float]) -> Decomposition:
 def estimate_serial_s(
     vertices: Floats, faces: Ints, cost: CostModel, fit_first_layer: bool
 ) -> tuple[float, float]:
-    """A whole model on a printer without limits, in seconds: in its best pose, and as it stands."""
+    """Price a whole model on a printer without limits, in seconds: in its best pose, and as it stands."""
     uncut = np.zeros(len(faces), dtype=np.bool_)
     best = find_best_pose(vertices, faces, uncut, (), cost, fit_first_layer)
     as_is = measure_pose(vertices, faces, uncut, POSE_ROTATIONS[4], cost, fit_first_layer)

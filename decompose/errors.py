@@ -61,7 +61,7 @@ class NoFit(DecomposeError):
     def of_too_few(
         cls, extents_mm: Iterable[float], needed: int, printers: int, more: str = "more printers"
     ) -> NoFit:
-        """Of parts that are more than the printers, with which `more` to free and the size that might do."""
+        """Error of parts that outnumber the printers: which `more` to free, and the size that might do."""
         sides_mm = list(extents_mm)
         longest = max(1, math.floor(max(sides_mm) * (printers / needed) ** (1.0 / 3.0)))
         return cls(
@@ -72,12 +72,12 @@ class NoFit(DecomposeError):
 
 
 def size_text(sides_mm: Iterable[float]) -> str:
-    """The sides of a box in whole mm, for a message."""
+    """Sides of a box in whole mm, for a message."""
     return " x ".join(f"{side:.0f}" for side in sides_mm)
 
 
 class Rule(StrEnum):
-    """The geometry rules that `decompose.check` holds every result to, by name."""
+    """Geometry rules that `results.check` holds every result to, by name."""
 
     CLOSED = "closed"  # each part is a closed manifold of positive volume
     ONE_PIECE = "one-piece"

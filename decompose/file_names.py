@@ -1,3 +1,3 @@
-"""What the files of a decomposition are called. It loads nothing, for those who only look for them."""
+"""File names of a decomposition, apart so that reading them loads nothing else."""
 
 REPORT, PICTURE, ASSEMBLY = "decomposition.json", "assembly.png", "assembly.glb"

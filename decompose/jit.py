@@ -19,7 +19,7 @@ F = TypeVar("F", bound=Callable[..., object])
 
 
 def hash_sources(folder: Path) -> str:
-    """A name for the content of all files below a folder that compile something."""
+    """Hash of the content of all files below a folder that compile something."""
     digest = hashlib.sha256()
     for path in sorted(folder.rglob("*.py")):
         text = path.read_bytes()
@@ -29,7 +29,7 @@ def hash_sources(folder: Path) -> str:
 
 
 def _kept_in() -> Path:
-    """Beside the sources, where that can be written; else in the user's cache."""
+    """Folder of the machine code: beside the sources where writable, else in the user's cache."""
     here = Path(__file__).parent
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     root = here / "__pycache__" if os.access(here, os.W_OK) else home / "farm"

@@ -1,4 +1,4 @@
-"""What a decomposition is asked for: the engine, and the options of all engines and of each."""
+"""Options of a decomposition: the engine, the options of all engines, and those of each."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class ParalleloboxOptions:
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to decompose a model.
+    """Options of a decomposition.
 
     Attributes
     ----------

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PrinterRoom:
-    """The boxes (x, y, z) in mm that a part may fill on a printer; x and y may be swapped.
+    """Boxes (x, y, z) in mm that a part may fill on a printer; x and y may be swapped.
 
     A part takes `time_factor` times what it costs: what was learned of the printer.
     """
@@ -17,7 +17,7 @@ class PrinterRoom:
     time_factor: float = 1.0
 
     def fits(self, width_mm: float, depth_mm: float, height_mm: float) -> bool:
-        """Whether a part of these extents fits one of the boxes, turned about Z if need be."""
+        """Tell whether a part of these extents fits one of the boxes, turned about Z if need be."""
         return any(
             height_mm <= z and ((width_mm <= x and depth_mm <= y) or (depth_mm <= x and width_mm <= y))
             for x, y, z in self.boxes

@@ -1,4 +1,4 @@
-"""Cut planes moved once more, now that a slicer has told what each part takes.
+"""Cut planes moved once more, by the sliced time of each part.
 
 The price of a part is a per cent or two off, and the job waits for the part whose price is furthest off. How
 far each part's is hardly changes while its faces move by some millimetres: each keeps its own factor, and the
@@ -33,7 +33,7 @@ def relevel_planes(
     cost: CostModel,
     executor: Executor | None = None,
 ) -> Decomposition | None:
-    """The same parts with other borders, so that the slowest of them, as it is sliced, ends sooner.
+    """Move the cut planes so that the slowest part, as it is sliced, ends sooner.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def relevel_planes(
 def _cut_previous_boxes(
     problem: Problem, cutting: Cutting, took_s: Sequence[float]
 ) -> list[list[Piece]] | None:
-    """What is in each box, in the order in which it is cut out, with what its slice took over its price.
+    """Pieces in each box, in the order in which it is cut out, with the time ratio of slice to price.
 
     `took_s` is in seconds, in the order of the parts. None where those are not the parts that there were.
     """
@@ -123,7 +123,7 @@ def _cut_previous_boxes(
 
 
 def _makespan_s(problem: Problem, pieces: Sequence[Piece]) -> float:
-    """When the last piece ends, as sliced, in seconds, each on its best printer; inf where one fits none."""
+    """Sliced time when the last piece ends, each on its best printer; inf where one fits none."""
     poses = [pose for pose in problem.find_poses(pieces) if pose is not None]
     if len(poses) != len(pieces):
         return math.inf

@@ -1,4 +1,4 @@
-"""How few boxes cover cells, fractions of boxes allowed: a linear programme over all boxes within a time.
+"""Fewest boxes that cover cells, fractions allowed: a linear programme over all boxes within a time.
 
 Only boxes count that no larger one within the time contains: some ten thousands, too many and too wide for a
 simplex method, but each is summed and spread in O(1) by summed-area tables. So it is solved by the
@@ -23,7 +23,7 @@ SURE = 1e-4  # share by which the fewest boxes are more than the printers, so th
 
 @dataclass(frozen=True, slots=True)
 class Covering:
-    """What was found of the fewest boxes.
+    """A fractional covering of cells by boxes, and the weights that bound it from below.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ def _largest(
     nz: int,
     found: npt.NDArray[np.int16],
 ) -> int:
-    """Fill in boxes (k, 6) within the limit that no box one layer larger replaces; how many they are."""
+    """Fill in the boxes within the limit that no box one layer larger replaces; return how many they are."""
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     size = (nx, ny, nz)
     ends = np.zeros(6, np.int64)
@@ -91,7 +91,7 @@ def _largest(
 
 @jit
 def _held(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
-    """What boxes hold of the cells' values; sums: for the summed-area table, one longer each way."""
+    """Sum the values of cells (nx, ny, nz) in each box (k, 8 corners), by a summed-area table."""
     nx, ny, nz = cells.shape
     for x in range(nx):
         for y in range(ny):
@@ -110,7 +110,7 @@ def _held(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
 
 @jit
 def _covered(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
-    """How often shares of boxes cover each cell; steps: as `sums` of `_held`, where boxes begin and end."""
+    """Sum, for each cell (nx, ny, nz), the shares (k,) of the boxes that cover it."""
     s = steps.ravel()
     s[:] = 0.0
     for k in range(len(corners)):
@@ -139,7 +139,7 @@ def _covered(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> N
 def _solve(
     needed: Bools, corners: Ints, pieces: Floats, printers: int, weights: Floats
 ) -> tuple[Floats, Floats]:
-    """The best weights and shares that were found, scaled so that both keep their rules."""
+    """Best weights and shares found, scaled so that both keep their rules."""
     shape = (needed.shape[0] + 1, needed.shape[1] + 1, needed.shape[2] + 1)
     sums, steps, covered = np.zeros(shape), np.zeros(shape), np.zeros(needed.shape)
     held, content, crowd = np.zeros(len(pieces)), np.zeros(len(pieces)), np.zeros(needed.shape)
@@ -201,7 +201,7 @@ def _solve(
 
 
 def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
-    """The fewest boxes within a time that cover the needed cells, or as near as it takes to tell.
+    """Cover the needed cells by the fewest boxes within a time, fractions allowed.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ an n-th of it, so the makespan is at least the time of the quickest box that hol
 is k parts, and has to hold k times as much). That is true of any weights; weights are whole numbers, so that
 the comparison is exact, and every box is looked at.
 
-Good weights are the dual solution of a linear programme (`decompose.covering`): cover the needed cells with
+Good weights are the dual solution of a linear programme (`bound.covering`): cover the needed cells with
 the fewest boxes, fractions of boxes allowed, that each take at most T seconds. Where that takes more than n,
 T is refuted; bisection finds the greatest such T.
 """
@@ -53,7 +53,7 @@ def _proven_s(
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> float:
-    """The time of the quickest box that holds its pieces' share of the weight; at most makespan_s.
+    """Time of the fastest box that holds its pieces' share of the weight; at most makespan_s.
 
     sat: summed-area table of the weights.
     """
@@ -80,7 +80,7 @@ def _proven_s(
 
 
 def _proof(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) -> Bound:
-    """What weights prove."""
+    """Bound that weights prove."""
     whole = np.floor(weights * UNIT).astype(np.int64)
     sat = np.pad(whole, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
@@ -88,7 +88,7 @@ def _proof(boxes: BoxTables, weights: Floats, printers: int, makespan_s: float) 
 
 
 def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: float) -> Bound:
-    """A lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
+    """Lower bound on the longest time of any box, over all partitions into boxes, guillotine or not.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from decompose.print_time import MAX_INSET_SHARE, CostModel
 
 
 def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
-    """A makespan that no partition undercuts which prints this surface and volume, in seconds.
+    """Lower bound in seconds on the makespan of any partition that prints this surface and volume.
 
     All of the surface is at best level skin or the flattest slope that has none; cuts, supports, brims and
     least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time;

@@ -106,7 +106,7 @@ def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> 
 
 
 def _write(picture: Floats, seen: Ints, names: Sequence[str], path: Path) -> None:
-    """The picture (h, w, 3), its first row at the bottom, with a name where most of each part is seen."""
+    """Write the picture (h, w, 3), first row at the bottom, with each part's name where it is seen most."""
     height, width = seen.shape
     figure = Figure(figsize=(width / DPI, height / DPI), dpi=DPI)
     FigureCanvasAgg(figure)
@@ -143,7 +143,7 @@ def _outline(image: Floats, depth: Floats, step: float) -> None:
 
 
 def _camera() -> Floats:
-    """Rows: the directions of the screen's right, its up, and the eye."""
+    """Directions of the screen's right, its up, and the eye, as rows (3, 3)."""
     azimuth, elevation = np.radians(AZIMUTH_DEG), np.radians(ELEVATION_DEG)
     eye = np.array(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]

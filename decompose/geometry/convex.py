@@ -12,7 +12,7 @@ FLAT_MM2 = 1e-9  # twice the area of a corner that is none
 
 @jit
 def convex_outline(points: Floats) -> Floats:
-    """Corners (k, 2), anticlockwise, of the convex outline about points (n, 2); none where it has no area.
+    """Corners (k, 2), anticlockwise, of the convex outline about points (n, 2); none without area.
 
     By A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
     """
@@ -67,7 +67,7 @@ def rectangles(outline: Floats, angles: Floats) -> Floats:
 
 @jit
 def smallest_rectangle(outline: Floats) -> float:
-    """The angle in radians of the long side of the smallest rectangle about an outline (k, 2)."""
+    """Angle in radians of the long side of the smallest rectangle about an outline (k, 2)."""
     best, angle = np.inf, 0.0
     for i in range(len(outline)):
         a, b = outline[i], outline[(i + 1) % len(outline)]

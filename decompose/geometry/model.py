@@ -59,7 +59,7 @@ class Model:
 
     @property
     def mesh(self) -> Any:
-        """As a `trimesh.Trimesh`, in mm."""
+        """The model as a `trimesh.Trimesh`, in mm."""
         vertices, faces = self.solid.arrays()
         return trimesh.Trimesh(vertices, faces, process=False)
 
@@ -126,12 +126,12 @@ def load_model(
 
 
 def _one_line(text: str) -> str:
-    """Without what would break a line or cannot be printed; file names may hold anything."""
+    """Text without line breaks and unprintable characters; file names may hold anything."""
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
-    """The file's triangles (m, 3, 3)."""
+    """Triangles (m, 3, 3) of a file."""
     try:
         data = path.read_bytes()
     except (OSError, ValueError) as error:  # a path with a zero byte is a ValueError

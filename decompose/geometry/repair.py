@@ -41,7 +41,7 @@ MAX_BODIES = 1000
 
 
 def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
-    """A closed solid of triangles (m, 3, 3) in mm, and what it took, a sentence each.
+    """Close triangles (m, 3, 3) in mm to a solid; also returns the repairs, a sentence each.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
 
 
 def _welded(triangles: Floats) -> tuple[Any, list[str]]:
-    """The triangles with common vertices, without collapsed ones and repetitions; and what was done.
+    """Join common vertices, drop collapsed and repeated triangles; also returns the repairs.
 
     Where edges stay open, vertices that lie next to each other are taken as one if that closes most of them.
     """
@@ -114,7 +114,7 @@ def _open_edges(faces: Any) -> int:
 
 
 def _bodies(name: str, mesh: Any) -> list[Any]:
-    """The mesh's connected bodies."""
+    """Split a mesh into its connected bodies."""
     f = mesh.faces
     rows, columns = np.concatenate([f[:, :2], f[:, 1:]]).T
     label = label_components(len(mesh.vertices), rows, columns)[f[:, 0]]
@@ -168,20 +168,20 @@ def _closed(bodies: list[Any]) -> tuple[list[Any], bool]:
 
 
 def _volume_mm3(body: Any) -> float:
-    """As `body.volume`, which divides by it."""
+    """Volume as `body.volume`, which divides by it."""
     a, b, c = np.moveaxis(np.asarray(body.triangles) - body.bounds.mean(axis=0), 1, 0)
     return float(np.einsum("ij,ij->", np.cross(a, b), c) / 6.0)
 
 
 def _shells(body: Any) -> list[Any] | None:
-    """A body's surfaces as `shells.shells` takes them apart, None where it cannot."""
+    """A body's surfaces by `split_shells`, None where it cannot take them apart."""
     faces = orient_faces(np.asarray(body.faces))
     found = None if faces is None else split_shells(np.asarray(body.vertices), faces)
     return None if found is None else [trimesh.Trimesh(*shell, process=False) for shell in found]
 
 
 def _mesh_fix(body: Any) -> Any:
-    """The body closed and turned outward by MeshFix, or None where nothing closed is left of it."""
+    """Close a body and turn it outward by MeshFix; None where nothing closed is left of it."""
     faces = np.array(body.faces)[body.unique_faces()]
     if len(faces) < 4:
         return None
@@ -195,7 +195,7 @@ def _mesh_fix(body: Any) -> Any:
 
 
 def _refuse_if_changed(name: str, before: Any, solid: Solid) -> float:
-    """Share of new surface. A repair that changes much has invented a model."""
+    """Share of new surface; refuses a repair that changes so much that it invents a model."""
     after: Any = trimesh.Trimesh(*solid.arrays(), process=False)
     probes = _probes(before, PROBES)
     away = probes[_far(before, after)]
@@ -222,7 +222,7 @@ def _probes(mesh: Any, count: int) -> Floats:
 
 
 def _far(mesh: Any, other: Any) -> Bools:
-    """(PROBES,) Whether points on a mesh are further from another mesh than a repair may move it."""
+    """(PROBES,) Tell whether points on a mesh are further from another mesh than a repair may move it."""
     geometry: Any = trimesh.triangles  # untyped
     samples, triangle = trimesh.sample.sample_surface(other, SAMPLES, seed=0)
     probes = _probes(mesh, PROBES)
@@ -236,7 +236,7 @@ def _far(mesh: Any, other: Any) -> Bools:
 
 
 def _inside(points: Floats, triangles: Floats) -> Bools:
-    """(n,) Whether points lie in a closed surface (m, 3, 3): a ray from each meets it an odd number of times.
+    """(n,) Tell whether points lie in a closed surface (m, 3, 3): a ray meets it an odd number of times.
 
     The ray leans by no round number, so that it meets no edge of what is square.
     """
@@ -248,7 +248,7 @@ def _inside(points: Floats, triangles: Floats) -> Bools:
 
 @jit
 def _triangles_above(points: Floats, triangles: Floats) -> Ints:
-    """(n,) How many triangles (m, 3, 3) lie straight above each point."""
+    """(n,) Number of triangles (m, 3, 3) straight above each point."""
     above = np.zeros(len(points), np.int64)
     for i in range(len(points)):
         x, y, z = points[i]
@@ -265,7 +265,7 @@ def _triangles_above(points: Floats, triangles: Floats) -> Ints:
 
 
 def _join(name: str, bodies: list[Any], repairs: list[str]) -> Solid:
-    """All bodies as one solid: the large ones first, cavities taken out, bodies inside cavities put back."""
+    """Join bodies to one solid: the large ones first, cavities subtracted, bodies in cavities added."""
     if sum(b.volume for b in bodies) < 0.0:
         for body in bodies:
             body.invert()

@@ -19,7 +19,7 @@ ONE_PLANE_SHARE = 1e-6  # of the model: rims this near to one plane may belong t
 
 
 def orient_faces(faces: Ints) -> Ints | None:
-    """The faces (m, 3) with those turned that faced against their neighbours; None for a one-sided surface.
+    """Faces (m, 3) turned to face as their neighbours do; None for a one-sided surface.
 
     Neighbours are the two faces of an edge. Of each surface the lesser half is turned.
     """
@@ -44,7 +44,7 @@ def orient_faces(faces: Ints) -> Ints | None:
 
 
 def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | None:
-    """The surfaces that triangles form, each with vertices (n, 3) of its own and faces (m, 3).
+    """Split triangles into their surfaces, each with vertices (n, 3) of its own and faces (m, 3).
 
     Where more than two triangles meet at an edge, each goes on to the next one around the edge on the side
     where the solid is: bodies that only touch come apart. After it each edge of a shell has one or two faces,
@@ -84,7 +84,7 @@ def split_shells(vertices: Floats, faces: Ints) -> list[tuple[Floats, Ints]] | N
 
 
 def find_rims(faces: Ints) -> list[Ints]:
-    """The rims of the holes of a shell, as vertices in the order in which a face that fills them has them."""
+    """Rims of the holes of a shell, as vertices in the order of a face that fills them."""
     tail, head, _ = _half_edges(faces)
     order, starts, counts = _by_edge(tail, head)
     lone = order[starts[counts == 1]]
@@ -101,7 +101,7 @@ def find_rims(faces: Ints) -> list[Ints]:
 
 
 def is_flat(rim: Floats) -> bool:
-    """Whether a rim (k, 3) is flat, but for a small share of its size."""
+    """Tell whether a rim (k, 3) is flat, but for a small share of its size."""
     centred = rim - rim.mean(axis=0)
     off = np.linalg.svd(centred, full_matrices=False)[2][-1]
     return float(np.abs(centred @ off).max()) <= FLAT_SHARE * float(np.ptp(rim, axis=0).max())
@@ -148,7 +148,7 @@ def _is_hole_of(rim: Floats, normal: Floats, polygon: shapely.Polygon, frame: Fl
 
 
 def _newell(loop: Floats) -> Floats:
-    """The area vector of a closed loop (k, 3)."""
+    """Area vector of a closed loop (k, 3), by Newell."""
     centred = loop - loop.mean(axis=0)
     return np.asarray(np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0) / 2.0)
 
@@ -178,7 +178,7 @@ def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
-    """(count,) The number of the connected component of each node of a graph."""
+    """(count,) Number of the connected component of each node of a graph."""
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
@@ -186,7 +186,7 @@ def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
 def _around_edge(
     vertices: Floats, faces: Ints, tail: Ints, head: Ints, face: Ints, around: Ints
 ) -> Ints | None:
-    """(k, 2) The half-edges of one edge in pairs with solid between them; None where it is not by turns."""
+    """Pair the half-edges (k, 2) of an edge with solid between them; None where it is not by turns."""
     start, end = min(tail[around[0]], head[around[0]]), max(tail[around[0]], head[around[0]])
     along = vertices[end] - vertices[start]
     along = along / np.linalg.norm(along)

@@ -62,7 +62,7 @@ class Solid:
 
     @classmethod
     def union(cls, solids: list[Solid]) -> Solid:
-        """All solids as one."""
+        """Union of all solids."""
         merged = manifold3d.Manifold.batch_boolean([s.manifold for s in solids], manifold3d.OpType.Add)
         return cls(_checked(merged, "joining solids"))
 
@@ -80,12 +80,12 @@ class Solid:
 
     @property
     def faces(self) -> int:
-        """How many triangles it has."""
+        """Number of triangles."""
         return int(self.manifold.num_tri())
 
     @property
     def bounds_mm(self) -> Floats:
-        """(2, 3): the least and the greatest coordinates."""
+        """(2, 3) Least and greatest coordinates."""
         return np.array(self.manifold.bounding_box(), dtype=np.float64).reshape(2, 3)
 
     def arrays(self) -> tuple[Floats, Ints]:
@@ -101,36 +101,36 @@ class Solid:
         return Solid(_checked(self.manifold - other.manifold, "subtracting solids"))
 
     def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
-        """What lies inside an axis-aligned box."""
+        """Part inside an axis-aligned box."""
         return self.intersect(Solid.box(lo, hi))
 
     def rotate(self, rotation: Floats) -> Solid:
-        """The same after ``v -> rotation @ v``, a rotation (3, 3)."""
+        """Same solid after ``v -> rotation @ v``, a rotation (3, 3)."""
         vertices, faces = self.arrays()
         return Solid.from_arrays(vertices @ rotation.T, faces)
 
     def simplify(self, tolerance_mm: float) -> Solid:
-        """The same with edges gone that are shorter than the tolerance, and what is flat to within it."""
+        """Same solid without edges shorter than the tolerance, and flat where it is flat to within it."""
         return Solid(_checked(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
     def gap_mm(self, other: Solid, up_to_mm: float) -> float:
-        """The least distance to another solid, exact between their triangles; 0 where they meet.
+        """Least distance to another solid, exact between their triangles; 0 where they meet.
 
         Not looked for further than `up_to_mm`, which is the answer where the two are further apart.
         """
         return float(self.manifold.min_gap(other.manifold, up_to_mm))
 
     def split(self, axis: int, at_mm: float) -> tuple[Solid, Solid]:
-        """What lies below and above an axis plane."""
+        """Parts below and above an axis plane."""
         return self.split_by_plane(np.eye(3)[axis], at_mm)
 
     def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
-        """What lies below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
+        """Parts below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
         above, below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
         return Solid(_checked(below, "cutting a solid")), Solid(_checked(above, "cutting a solid"))
 
     def pieces(self) -> list[Solid]:
-        """The connected pieces, each with the cavities inside it, in the order of their least corners."""
+        """Connected pieces, each with the cavities inside it, in the order of their least corners."""
         if self.is_empty:
             return []
         surfaces = [Solid(_checked(p, "separating pieces")) for p in self.manifold.decompose()]

@@ -42,15 +42,15 @@ def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
 
 
 def is_binary_stl(data: bytes) -> bool:
-    """Whether an STL is of the binary kind. An ASCII one begins with `solid` and has `facet` soon after."""
+    """Tell whether an STL is binary: an ASCII one begins with `solid` and has `facet` soon after."""
     return not (data[:5].lower() == b"solid" and b"facet" in data[:1000].lower())
 
 
 def header_face_count(data: bytes) -> int:
-    """The number of faces that a binary STL's header promises."""
+    """Number of faces that a binary STL's header gives."""
     return int(np.frombuffer(data[HEADER : HEADER + 4], dtype="<u4")[0])
 
 
 def stored_face_count(data: bytes) -> float:
-    """How many faces the bytes of a binary STL hold."""
+    """Number of faces that the bytes of a binary STL hold."""
     return max(0, len(data) - HEADER - 4) / RECORD.itemsize

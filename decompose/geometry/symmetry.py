@@ -54,7 +54,7 @@ class _Cloud:
         return _unit(self.rng.standard_normal((SAMPLES, 3)))
 
     def refined(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
-        """The best normal near to one, and its error."""
+        """Best normal near to one, and its error."""
         least = error_mm
         for cone in CONES_RAD:
             near = _unit(normal + cone * self.rng.standard_normal((samples, 3)))
@@ -76,7 +76,7 @@ class _Cloud:
 
 
 def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = TOLERANCE) -> Mirror | None:
-    """The best plane of symmetry of vertices (n, 3) in mm, None where it is not good enough."""
+    """Best plane of symmetry of vertices (n, 3) in mm, None where it is not good enough."""
     cloud = _Cloud(vertices, rng)
     normals = np.vstack([cloud.principal(), cloud.drawn()])
     errors = [cloud.error_mm(normal) for normal in normals]
@@ -86,7 +86,7 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
 
 
 def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
-    """The best of one draw of normals, however bad, as the program of SBD answers: the best first."""
+    """Best planes of one draw of normals, however bad, as the program of SBD answers: the best first."""
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.drawn())
     return [cloud.mirror(np.array(normal), error) for error, normal in _apart(ranked, most)]
@@ -95,7 +95,7 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[
 def find_good_mirrors(
     vertices: Floats, rng: np.random.Generator, most: int, samples: int, tolerance: float = TOLERANCE
 ) -> list[Mirror]:
-    """The same refined, with `samples` normals a round, and only those that are good enough."""
+    """Refined planes of symmetry that are good enough, with `samples` normals a round."""
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     normals = np.vstack([cloud.principal(), cloud.drawn()])
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
@@ -109,7 +109,7 @@ Scored = tuple[float, tuple[float, ...]]  # the error in mm, and the normal
 
 
 def _apart(ranked: list[Scored], most: int) -> list[Scored]:
-    """The first of these whose normals differ from each other, whichever way they point."""
+    """First of these whose normals differ from each other, whichever way they point."""
     kept: list[Scored] = []
     for error, normal in ranked:
         if len(kept) < most and all(abs(np.dot(normal, n)) < np.cos(APART_RAD) for _, n in kept):
@@ -122,7 +122,7 @@ def _diagonal_mm(vertices: Floats) -> float:
 
 
 def rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
-    """The least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and which."""
+    """Least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and the axis."""
     axis = int(np.abs(normal).argmax())
     target = np.eye(3)[axis] * np.sign(normal[axis])
     cross, cosine = np.cross(normal, target), float(normal @ target)

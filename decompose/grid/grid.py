@@ -168,7 +168,7 @@ def fill_grid(
     overhang_cos: float,
     skin_cos: float,
 ) -> Grid:
-    """The grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`."""
+    """Fill a grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`."""
     area, flux, sums, extents = clip_into_cells(triangles, planes, skin_cos, overhang_cos)
     surface = extents.copy()  # the solid's extents follow from it
     steps = [np.diff(p) for p in planes]

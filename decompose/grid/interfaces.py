@@ -1,4 +1,4 @@
-"""Where the boxes of a partition meet, and how their faces may move while they stay a partition.
+"""Interfaces between the boxes of a partition, and the moves of faces that keep it a partition.
 
 Two faces that lie on each other move together. Where four boxes meet along an edge (or two do, crosswise),
 one of the two planes there has to go through: the faces on both sides of the edge move together too, or a
@@ -17,7 +17,7 @@ from decompose.grid.needed_cells import SAME_MM, NeededCells
 
 
 def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
-    """Boxes of cells, grown over cells without solid (nx, ny, nz) so that they face more of their neighbours.
+    """Grow boxes of cells over cells without solid (nx, ny, nz) so that they face more neighbours.
 
     A face can only give way to a box that covers all of it. Nothing is printed of what is added here.
     """
@@ -53,7 +53,7 @@ def _cells(box: Ints) -> tuple[slice, ...]:
 
 
 def group_faces(boxes_mm: Floats) -> Ints:
-    """(n, 2, 3) The number of the group that each face of boxes (n, 2, 3) moves with; -1 where it is fixed.
+    """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 where a face is fixed.
 
     A face is fixed whose group has no two faces on each other: there is nobody to give to or to take from.
     All faces of a group have one axis and one coordinate.
@@ -102,7 +102,7 @@ def _facing(boxes_mm: Floats, box: int, other: int, axis: int) -> int:
 
 
 class _Groups:
-    """Sets that are joined (union-find), with their sizes."""
+    """Disjoint sets (union-find), with their sizes."""
 
     def __init__(self, count: int) -> None:
         self._parent = list(range(count))
@@ -121,18 +121,18 @@ class _Groups:
             self._size[a] += self._size[b]
 
     def size(self, *members: int) -> int:
-        """Of the set that would be, were these joined."""
+        """Size of the set that joining these would give."""
         return sum(self._size[root] for root in {self.of(member) for member in members})
 
 
 def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
-    """Boxes with each group (of `moving_together`) moved along its axis by so much (groups,)."""
+    """Move each group (of `group_faces`) of boxes along its axis by so much (groups,) in mm."""
     by = np.append(by_mm, 0.0)  # the last is for the faces that are fixed: group -1
     return np.asarray(boxes_mm + by[groups])
 
 
 def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
-    """(groups, 2) Whether each group can move down, and up, by a step while all others stay."""
+    """(groups, 2) Tell whether each group can move down, and up, by a step while all others stay."""
     count = int(groups.max(initial=-1)) + 1
     free = np.zeros((count, 2), dtype=np.bool_)
     for group in range(count):
@@ -144,7 +144,7 @@ def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm:
 
 
 def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) -> float:
-    """Where a plane comes to lie that was to move: short of the new place where that is near a flat face.
+    """Place of a plane that moves, short of its target where that is near a flat face.
 
     Between the old and the new place, as far from all flats (k,) as asked; the old place where there is none.
     """

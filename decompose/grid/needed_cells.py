@@ -1,4 +1,4 @@
-"""What of a grid's cells has to be printed, on finer cells than those that the model is cut along.
+"""Needed cells of a grid, on finer cells than those that the model is cut along.
 
 A cell counts as needed whole, however little of it is. Where planes leave the grid that matters: a part that
 borders on the hollow may give way by what is neither surface nor the wall behind it.
@@ -20,7 +20,7 @@ MAX_FINER = 4
 def refine_cells(
     grid: Grid, triangles: Floats, min_wall_mm: float, keep_interior: bool, most_cells: int
 ) -> NeededCells:
-    """The needed part of a grid's needed cells, each of them in several.
+    """Needed part of a grid's needed cells, each of them divided.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def refine_cells(
 
 
 def _finer(planes: Floats, times: int) -> Floats:
-    """Each interval of planes (n + 1,) in so many equal ones."""
+    """Divide each interval of planes (n + 1,) into so many equal ones."""
     shares = np.arange(times) / times
     return np.append((planes[:-1, None] + np.diff(planes)[:, None] * shares).ravel(), planes[-1])
 
@@ -73,7 +73,7 @@ COVERED = 1e-9  # share of a cell that rounding may leave open
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NeededCells:
-    """What boxes have to cover: the needed cells of a grid.
+    """Cells that boxes have to cover.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class NeededCells:
     needed: Bools
 
     def is_partition(self, boxes_mm: Floats) -> bool:
-        """Whether boxes (n, 2, 3) do not overlap and leave nothing of a needed cell open."""
+        """Tell whether boxes (n, 2, 3) do not overlap and leave nothing of a needed cell open."""
         lo, hi = boxes_mm[:, 0], boxes_mm[:, 1]
         overlap = np.minimum(hi[:, None], hi[None]) - np.maximum(lo[:, None], lo[None])
         if (np.triu((overlap > SAME_MM).all(axis=2), k=1)).any() or (hi - lo <= SAME_MM).any():

@@ -1,4 +1,4 @@
-"""What a model is cut into: pieces, the joints between them, and the printer of each."""
+"""Pieces of a model, the joints between them, and the printer of each."""
 
 from __future__ import annotations
 

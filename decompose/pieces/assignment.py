@@ -1,4 +1,4 @@
-"""Which part is printed where: the parts are cut, and every printer has its room and its speed."""
+"""Assignment of cut parts to printers with their rooms and speeds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from decompose.printers import PrinterRoom
 
 
 def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> list[PrinterRoom] | None:
-    """The printer of each part, so that the last one ends soonest; None where they do not all fit.
+    """Assign a printer to each part so that the last one ends soonest; None where they do not all fit.
 
     A part fits by its pose, whose time leaves the speeds of the printers out.
     """
@@ -28,7 +28,7 @@ def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> l
 
 
 def assign_bottleneck(seconds: Floats) -> list[int] | None:
-    """The printer of each part, so that the last part ends as soon as it can, and all together soonest then.
+    """Assign parts to printers with the least longest time, and of those the least sum.
 
     Parameters
     ----------
@@ -59,5 +59,5 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
 
 
 def _matched(allowed: Bools) -> bool:
-    """Whether every row has a column of its own among those that it is allowed."""
+    """Tell whether every row has a column of its own among those that it is allowed."""
     return bool((maximum_bipartite_matching(csr_array(allowed), perm_type="column") >= 0).all())

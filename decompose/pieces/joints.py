@@ -1,4 +1,4 @@
-"""Where parts are glued together: area and width of each joint, and which pieces are bad to glue."""
+"""Glue joints between pieces: area and width of each, and the pieces that are bad to glue."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAME_DIGITS = 6  # of a plane's normal and distance: two pieces were cut at the 
 
 
 class CutSolid(Protocol):
-    """A `piece.Piece` or a `report.Part`: a solid, and the planes (k, 4) that it was cut at, in one frame."""
+    """A `Piece` or a `results.Part`: a solid and the planes (k, 4) that it was cut at, in one frame."""
 
     @property
     def solid(self) -> Solid: ...
@@ -33,7 +33,7 @@ class CutSolid(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Where two pieces touch, by their numbers, a < b.
+    """Contact of two pieces, by their numbers, a < b.
 
     Attributes
     ----------
@@ -50,14 +50,14 @@ class Joint:
     width_mm: float
 
     def holds(self, min_glue_mm2: float) -> bool:
-        """Whether it is counted on: of this area at least, and two walls wide; of any width where 0 will do.
+        """Tell whether it counts: of this area at least, and two walls wide; of any width where 0 will do.
 
         A narrower joint is a line of glue, however long: the parts fold about it.
         """
         return self.area_mm2 >= min_glue_mm2 and (min_glue_mm2 <= 0.0 or self.width_mm >= TWO_WALLS_MM)
 
     def weakness(self, min_glue_mm2: float) -> str:
-        """Why it is not counted on, as the end of a sentence."""
+        """Reason why it does not count, as the end of a sentence."""
         if self.area_mm2 < min_glue_mm2:
             return f"is held by {self.area_mm2:.1f} mm2 of glue, of {min_glue_mm2:g} mm2 that are wanted"
         return f"is held by a joint {self.width_mm:.1f} mm wide, of {TWO_WALLS_MM:g} mm that are wanted"
@@ -65,14 +65,14 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A piece that should not be: what is wrong with it, as the end of a sentence."""
+    """A piece that a partition is better without, and the reason as the end of a sentence."""
 
     piece: int
     reason: str
 
 
 def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
-    """All joints, by the numbers of the pieces."""
+    """Find all joints, by the numbers of the pieces."""
     sides: dict[tuple[float, ...], list[tuple[int, shapely.Geometry]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
         for plane, face in _cut_sides(piece.solid, piece.planes).items():
@@ -95,7 +95,7 @@ def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
 def find_faults(
     pieces: Sequence[CutSolid], min_glue_mm2: float = MIN_GLUE_MM2, touching: Sequence[Joint] | None = None
 ) -> list[Fault]:
-    """The pieces that a partition is better without, at most one for each reason.
+    """Find the pieces that a partition is better without, at most one for each reason.
 
     Slivers: a cut left them under SLIVER_MM across it, or they are flakes thinner than two walls. Loose
     pieces: some joints do not hold (`Joint.holds`), and the others do not hold them to the body that they are
@@ -124,7 +124,7 @@ def _loose(volumes_mm3: Sequence[float], touching: Sequence[Joint], min_glue_mm2
 
 
 def _sliver(piece: CutSolid) -> str:
-    """Why a piece is a sliver; empty where it is none."""
+    """Reason why a piece is a sliver; empty where it is none."""
     vertices, faces = piece.solid.arrays()
     for plane in piece.planes:
         off_mm = vertices @ plane[:3] - plane[3]
@@ -146,7 +146,7 @@ def _groups(count: int, touching: Sequence[Joint]) -> Ints:
 
 
 def _cut_sides(solid: Solid, planes: Floats) -> dict[tuple[float, ...], shapely.Geometry]:
-    """The faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
+    """Faces of a solid on each plane, as one geometry in its coordinates, by the plane's name."""
     vertices, faces = solid.arrays()
     found: dict[tuple[float, ...], shapely.Geometry] = {}
     for plane in planes:

@@ -43,34 +43,34 @@ class Piece:
 
     @property
     def time_factor(self) -> float:
-        """How many times as long its printer takes for it as the cost says."""
+        """Time on its printer over the price."""
         return self.time_ratio * (1.0 if self.printer is None else self.printer.time_factor)
 
 
 def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
-    """Pieces by position, from the bottom up: so parts are numbered."""
+    """Sort pieces from the bottom up, in the order in which parts are numbered."""
     return sorted(pieces, key=lambda p: tuple(np.round(p.solid.bounds_mm.mean(axis=0)[::-1], 3)))
 
 
 def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:
-    """The connected pieces of a solid in an axis-aligned box, cut exactly in double precision."""
+    """Connected pieces of a solid in an axis-aligned box, cut exactly in double precision."""
     box = np.array([lo_mm, hi_mm], dtype=np.float64)
     planes = box_planes(box)
     return [Piece(piece, planes, box[None]) for piece in solid.clip(*box).pieces()]
 
 
 def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
-    """The same for a box of cells. The grid's outermost planes lie outside the model and cut no face."""
+    """Connected pieces of a solid in a box of cells; the grid's outermost planes cut no face."""
     return cut_box(solid, *grid.bounds_mm(box))
 
 
 def box_planes(box_mm: Floats) -> Floats:
-    """(6, 4) The planes of the sides of a box (2, 3)."""
+    """(6, 4) Planes of the sides of a box (2, 3)."""
     return np.array([[*np.eye(3)[axis], box_mm[side, axis]] for side in range(2) for axis in range(3)])
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """(m,) Which faces lie on one of these planes (k, 4)."""
+    """(m,) Tell which faces lie on one of these planes (k, 4)."""
     on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < ON_PLANE_MM
     return np.asarray(np.any(np.all(on_plane[faces], axis=1), axis=1))
 

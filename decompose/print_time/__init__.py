@@ -1,4 +1,4 @@
-"""What a part costs to print: its price in a pose, and the pose that it is printed in."""
+"""Print time of a part: its price in a pose, and the pose that it is printed in."""
 
 from __future__ import annotations
 

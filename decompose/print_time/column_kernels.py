@@ -107,7 +107,7 @@ def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
 
 @jit
 def _add(sums: Floats, level: int, x: float, y: float, bottom: float, top: float) -> None:
-    """Moments and mass of a run of a column at (x, y)."""
+    """Add the moments and the mass of a run of a column at (x, y)."""
     sums[level, 0] += x * (top - bottom)
     sums[level, 1] += y * (top - bottom)
     sums[level, 2] += (top * top - bottom * bottom) / 2.0
@@ -133,7 +133,7 @@ def _normals(triangles: Floats) -> Floats:
 def _crossings(
     triangles: Floats, normals: Floats, origin: Floats, step: float, nx: int, ny: int
 ) -> tuple[Ints, Floats, Ints]:
-    """Where each column begins in the other two: the rising heights of its crossings, and their triangles.
+    """Crossings of each column with the mesh: where its own begin, their rising heights, their triangles.
 
     Of two triangles with an edge in common a column goes through one: what lies on an edge belongs to the
     triangle above it.
@@ -289,7 +289,7 @@ def _islands_mm(
 
 @jit
 def _root(parent: Ints, at: int) -> int:
-    """Which group this belongs to."""
+    """Root of the group of an element."""
     while parent[at] != at:
         parent[at] = parent[parent[at]]
         at = parent[at]

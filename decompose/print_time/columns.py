@@ -18,7 +18,7 @@ COLUMNS = 12_000  # about how many: support volumes then err by 1 to 2 %
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """What the columns say of a part in its printing pose.
+    """Supports, mass and islands of a part in its printing pose.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Columns:
 
 
 def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count: int = COLUMNS) -> Columns:
-    """Cut a closed mesh into columns.
+    """Cut a closed mesh into upright columns and measure its supports, mass and islands.
 
     Parameters
     ----------

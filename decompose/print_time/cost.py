@@ -1,7 +1,7 @@
-"""What a part costs: its print time in seconds, from features that need no slicing.
+"""Price of a part: its print time in seconds, from features that need no slicing.
 
 Two kinds of feature. The additive ones (`ADDITIVE`) are integrals over volume and surface: the sum over the
-cells of a grid is that of a part, cut faces being ordinary faces, so that `decompose.boxes` prices any box
+cells of a grid is that of a part, cut faces being ordinary faces, so that `grid.boxes` prices any box
 from tables. The rest follows from the sums (`skin_rim_mm`) and from the extents of a part.
 
 The time of each term is the length of its lines over their speed. What lengths and speeds leave out (travel,
@@ -31,7 +31,7 @@ MAX_INSET_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class CostModel:
-    """Coefficients of the print time, in seconds for each unit of a feature, and what the features depend on.
+    """Coefficients of the print time, in seconds per unit of a feature, and limits of the features.
 
     ``t = fixed + max(volume V + lateral L - inset H, least H) + skin S - rim sqrt(S) + slope X + overhang O
     + brim B``; see `ADDITIVE` for V, L, S, X and O. B is the ring of the brim about the part's rectangle in
@@ -68,7 +68,7 @@ class CostModel:
 
     @classmethod
     def from_recipe(cls, recipe: Recipe, factors: Mapping[str, float] = FACTORS) -> CostModel:
-        """The terms of the settings, each times its factor."""
+        """Cost of print settings: their terms, each times its factor."""
         each = sum(
             (factors[name] * vector for name, vector in time_terms(recipe).items()), np.zeros(len(FEATURES))
         )
@@ -97,7 +97,7 @@ class CostModel:
     def support_price_s(
         self, support_mm3: float, side_mm2: float, towers_mm: float = 0.0, islands_mm: float = 0.0
     ) -> float:
-        """The time of a support of this volume and these upright sides, with towers and islands this high."""
+        """Time of a support of this volume and these upright sides, with towers and islands this high."""
         support = self.support_s_mm3 * support_mm3 + self.support_side_s_mm2 * side_mm2
         return support + self.tower_s_mm * towers_mm + self.island_s_mm * islands_mm
 

@@ -1,4 +1,4 @@
-"""What holds a part to the bed: its first layer, the brim that it needs, and how its foot is squeezed."""
+"""Hold of a part on the bed: its first layer, the brim that it needs, and its elephant foot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MIN_WALL_MM = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Footing:
-    """What of a part touches the bed.
+    """Contact of a part with the bed.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Footing:
         )
 
     def inside_mm(self, points: Floats) -> float:
-        """How far inside the outline the outermost of some points (n, 2) is; negative outside."""
+        """Distance of the outermost of some points (n, 2) inside the outline; negative outside."""
         if not len(self.edges):
             return -math.inf
         return -float((points @ self.edges[:, :2].T + self.edges[:, 2]).max())
@@ -80,7 +80,7 @@ class Footing:
     def brim_width_mm(
         self, height_mm: float, lean_mm: float, widest_mm: float, shrinkage: float = REFERENCE_SHRINKAGE
     ) -> float:
-        """The brim that a part of this height needs; 0 for none, never more than the widest.
+        """Brim that a part of this height needs; 0 for none, never more than the widest.
 
         Where it is high for its feet, or its centre of mass is not inside them (`lean_mm`), a brim widens
         them; a small contact sticks by its brim; a long base curls up at its corners, less where they are
@@ -96,7 +96,7 @@ class Footing:
         return 0.0 if needed < MIN_BRIM_MM else math.floor(10.0 * min(needed, widest_mm)) / 10.0
 
     def expansion_mm(self, joined: bool) -> float:
-        """The first layer's horizontal expansion: what is joined to a neighbour must not stick out."""
+        """Horizontal expansion of the first layer: a face that is glued must not stick out."""
         return -ELEPHANT_FOOT_MM if joined and self.wall_mm >= MIN_WALL_MM else 0.0
 
 

@@ -1,4 +1,4 @@
-"""How a part lies on the bed: soonest printed among the poses in which it stands safely.
+"""Orientation of a part: the fastest to print among the poses in which it stands safely.
 
 Candidates are the six axis poses and those that lie on a facet of the convex hull or on a large flat face.
 Each is priced with its supports, and looked at for what a price cannot say: whether it stands while it grows,
@@ -40,7 +40,7 @@ def find_best_pose(
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose | None:
-    """The pose that a part is printed in.
+    """Find the pose to print a part in.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ def find_best_pose(
 
 
 def _support_s(vertices: Floats, faces: Ints, hull: Floats, rotation: Floats, cost: CostModel) -> float:
-    """The time of the support in a pose, at a glance: too few columns to tell islands apart."""
+    """Estimate the time of the support in a pose by few columns: too few to tell islands apart."""
     triangles = (vertices @ rotation.T - (hull @ rotation.T).min(axis=0))[faces]
     seen = measure_columns(triangles, np.zeros(len(faces), np.bool_), cost.overhang_cos, FEW)
     return cost.support_price_s(seen.support_mm3, seen.support_side_mm2, seen.towers_mm)
 
 
 def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
-    """Directions (k, 3) that may point up: the axes, then away from hull facets and from large flat faces."""
+    """Directions (k, 3) to try as up: the axes, then away from hull facets and from large flat faces."""
     corners = vertices[faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2.0
     found = POSE_ROTATIONS[[4, 5, 0, 1, 2, 3], 2]
@@ -109,7 +109,7 @@ def candidate_directions(vertices: Floats, faces: Ints) -> Floats:
 
 @jit
 def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
-    """Directions (k, 3), and as many `more` of them that are near to none so far."""
+    """Directions (k, 3), and as many of `more` that are near to none so far."""
     all_of_them = np.zeros((len(found) + most, 3))
     count = len(found)
     all_of_them[:count] = found
@@ -130,7 +130,7 @@ def _apart(found: Floats, more: Floats, most: int, near_cos: float) -> Floats:
 
 
 def _flats(areas: Floats) -> Floats:
-    """Directions (k, 3) of area vectors (m, 3), each with all that point its way; the largest first."""
+    """Directions (k, 3) of area vectors (m, 3), summed by direction; the largest first."""
     size = np.linalg.norm(areas, axis=1)
     areas = areas[size > 0.0]
     if not len(areas):
@@ -145,14 +145,14 @@ def _flats(areas: Floats) -> Floats:
 
 
 def _hull_points(points: Floats) -> Floats:
-    """Those of points (n, d) that span their convex hull; all where they span no volume."""
+    """Points of (n, d) that span their convex hull; all where they span no volume."""
     with suppress(QhullError):
         points = points[ConvexHull(points).vertices]
     return points
 
 
 def _turned(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
-    """The rotation (rows) with this direction up and a yaw that fits every printer; None where none does.
+    """Rotation (rows) with this direction up and a yaw that fits every printer; None where none does.
 
     What stands along the axes stays so. Anything else is turned into its smallest rectangle, and further only
     where that has no room.

@@ -83,14 +83,14 @@ class Pose:
 
     @property
     def stands(self) -> bool:
-        """Whether it stays where it is while it is printed, and its weight is on its footing or its brim."""
+        """Tell whether it stays in place while it is printed, its weight on its footing or its brim."""
         footing = self.footing
         touches = footing.contact_mm2 >= MIN_CONTACT_MM2 and footing.wall_mm >= MIN_FOOT_MM
         return touches and self.strain <= 1.0 and self.lean_mm >= -self.brim_share_mm
 
     @property
     def rank(self) -> tuple[int, float, float, float]:
-        """Less is better: standing, then clean cut faces, then time. Where none stands, the least strain."""
+        """Sort key, less is better: standing, clean cut faces, time; where none stands, the least strain."""
         touched = self.touched_mm2 if self.touched_mm2 > TOUCHED_MM2 else 0.0
         if self.stands:
             return (0, 0.0, touched, self.price_s)
@@ -105,7 +105,7 @@ def measure_pose(
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose:
-    """Price a pose, a rotation in rows, with the supports that it really has, and see how the part stands."""
+    """Price a pose, a rotation in rows, with its true supports, and measure how the part stands."""
     (features,), _ = pose_features(vertices, faces, rotation[None], cost)
     return measure_from_features(vertices, faces, cut, rotation, features, cost, fit_first_layer)
 
@@ -156,7 +156,7 @@ def measure_from_features(
 
 
 def _strain(footing: Footing, inside: Columns, height_mm: float, leans_mm: Sequence[float]) -> float:
-    """The moments that pull a growing part over, at their worst, over that of what holds it."""
+    """Worst ratio of the moments that pull a growing part over to the one that holds it."""
     area_mm2 = footing.contact_mm2 + PROPPED * inside.propped_mm2
     holds = STICKS_N_MM2 * area_mm2 * footing.width_mm / 2.0
     outside = max(w * max(0.0, -lean) for w, lean in zip(inside.volumes_mm3, leans_mm, strict=True))

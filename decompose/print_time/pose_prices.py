@@ -14,7 +14,7 @@ POSES = 6
 
 
 def pose_axes(pose: int) -> tuple[int, int, int]:
-    """The model's axes that become width, depth and height in a pose."""
+    """Model axes that become width, depth and height in a pose."""
     up = pose // 2
     return ((up + 1) % 3, (up + 2) % 3, up)
 
@@ -41,7 +41,7 @@ def _surface_sums(
     skin_cos: float,
     overhang_cos: float,
 ) -> tuple[float, float, float, float]:
-    """The `ADDITIVE` features of faces, without the volume; the bed lies at `bed_mm` along `up`."""
+    """Sum the `ADDITIVE` features of faces, without the volume; the bed lies at `bed_mm` along `up`."""
     lateral, skin, slope, column = 0.0, 0.0, 0.0, 0.0
     for i in range(len(areas)):
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]

@@ -32,7 +32,7 @@ FEATURES = (
 )
 """And those that do not add up: the height, the root of `skin_mm2`, the ring of the brim about the part's
 rectangle and, where a part is looked at closely, its islands and, in place of `column_mm3`, the support that
-it really has (`decompose.columns`)."""
+it really has (`columns`)."""
 
 
 FACTORS: Mapping[str, float] = {
@@ -50,7 +50,7 @@ FACTORS: Mapping[str, float] = {
     "infill ends": 0.808,
     "travel": 0.868,
 }
-"""What the seconds of each term of `terms` are multiplied by: one set for all settings.
+"""Factors of the seconds of each term of `time_terms`: one set for all settings.
 
 ``columns`` stands for all of `SUPPORT` where only tables are at hand. The factor of ``islands`` is seconds
 a layer: there and back, with a retraction each way.
@@ -61,7 +61,7 @@ SUPPORT = ("support", "support sides", "islands")
 
 
 TOWER = 2.7
-"""What a layer of a tower of support takes, in islands: it is printed, too."""
+"""Time of a layer of a tower of support, in islands: it is printed, too."""
 
 
 INSET = 8.0
@@ -74,12 +74,12 @@ and a line that is left grows to the whole face. A face at just the support angl
 
 
 TURNED = 0.5
-"""What a line of infill loses where it turns along the wall, as a share of where it ends."""
+"""Time that a line of infill loses where it turns along the wall, as a share of where it ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recipe:
-    """The settings of a slicer that decide print time, in mm, mm/s and s."""
+    """Slicer settings that decide print time, in mm, mm/s and s."""
 
     layer_height_mm: float = 0.25
     line_width_mm: float = 0.35
@@ -127,7 +127,7 @@ class Recipe:
 
     @property
     def supported_deg(self) -> float:
-        """Faces that lean out further from the vertical are supported: by a hair sooner than they are to."""
+        """Angle from the vertical beyond which faces count as supported: a hair less than the setting."""
         out_mm = self.layer_height_mm * math.tan(math.radians(self.support_angle_deg)) - OUTLINE_MM
         return math.degrees(math.atan2(max(0.0, out_mm), self.layer_height_mm))
 

@@ -13,7 +13,7 @@ SLOWED_AT_MOST = 4.0  # times: walls of 40 to 50 mm/s are not printed at less th
 
 
 def short_layers_s(triangles: Floats, cost: CostModel) -> float:
-    """What layers take longer than their lines, beyond what `CostModel.seconds` knows of, in seconds.
+    """Time in seconds by which short layers exceed their lines, beyond what `CostModel.price_s` knows.
 
     That knows the mean of all layers only: of a part that tapers those at the tip are slowed down alone.
 

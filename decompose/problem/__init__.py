@@ -1,4 +1,4 @@
-"""What every engine is given and what it answers, and how much work it may do."""
+"""Input and answer of every engine, and the work that it may do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much a search may do: work that is counted, never timed, so that every machine finds the same.
+"""Effort of a search: work that is counted, never timed, so that every machine finds the same.
 
 Each kind of work has a price: what a unit of it takes on one core of a usual machine (`bench/effort.py`).
 What was done is booked where work is given out, in one thread, whatever threads do it.
@@ -46,7 +46,7 @@ WORK_NS = {
 
 @dataclass(slots=True)
 class Effort:
-    """What was done of what may be done.
+    """Work done, and the budget.
 
     Attributes
     ----------
@@ -64,20 +64,20 @@ class Effort:
 
     @property
     def spent_s(self) -> float:
-        """What was done, in seconds of one core of a usual machine."""
+        """Work done, in seconds of one core of a usual machine."""
         return sum(price * self.done[work] for work, price in WORK_NS.items()) / 1e9
 
     def book(self, work: Work, units: int) -> None:
         self.done[work] += units
 
     def can_afford(self, work: Work, units: int) -> bool:
-        """Whether that much may be done; what may not is not begun, which is remembered."""
+        """Tell whether that much may be done; a refusal is recorded in `cut_short`."""
         can_afford = self.spent_s + units * WORK_NS[work] / 1e9 <= self.budget_s
         self.cut_short = self.cut_short or not can_afford
         return can_afford
 
     def is_spent(self) -> bool:
-        """Whether no more may be done; who asks and may not goes on no longer, which is remembered."""
+        """Tell whether no more may be done; if so, that is recorded in `cut_short`."""
         spent = self.spent_s >= self.budget_s
         self.cut_short = self.cut_short or spent
         return spent

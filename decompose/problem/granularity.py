@@ -1,4 +1,4 @@
-"""How fine a grid is: the cube root of the number of its cells."""
+"""Granularity of a grid: the cube root of the number of its cells."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a
 
 
 def choose_granularity(wanted: str | int, printers: int, rooms_long: float = 1.0) -> int:
-    """The cube root of the number of cells, from a name, a number, or ``auto``.
+    """Choose the cube root of the number of cells from a name, a number, or ``auto``.
 
     `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
     not much larger than half a room.

@@ -1,4 +1,4 @@
-"""What every engine is given, and what it answers."""
+"""Input and answer of every engine."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # wha
 
 @dataclass(frozen=True, slots=True)
 class GridFigures:
-    """Of an engine that searches a grid: its own makespan there, the proven bound, and the cells."""
+    """Makespan on the grid of an engine that searches one, the proven bound, and the cells."""
 
     makespan_s: float
     lower_bound_s: float
@@ -35,7 +35,7 @@ class GridFigures:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A model to be cut, and for whom.
+    """A model to cut, and the printers to cut it for.
 
     Attributes
     ----------
@@ -70,33 +70,33 @@ class Problem:
 
     @cached_property
     def rooms(self) -> tuple[PrinterRoom, ...]:
-        """The distinct rooms of the printers."""
+        """Distinct rooms of the printers."""
         return tuple({printer.boxes: printer for printer in self.printers}.values())
 
     @property
     def is_uniform(self) -> bool:
-        """Whether all printers have the same room and the same speed."""
+        """Tell whether all printers have the same room and the same speed."""
         return len({(printer.boxes, printer.time_factor) for printer in self.printers}) == 1
 
     @property
     def fastest_factor(self) -> float:
-        """The time factor of the quickest printer."""
+        """Time factor of the fastest printer."""
         return min(printer.time_factor for printer in self.printers)
 
     @property
     def room_mm(self) -> list[float]:
-        """The longest sides that a part may have on every printer."""
+        """Longest sides that a part may have on every printer."""
         return [min(max(box[axis] for box in p.boxes) for p in self.rooms) for axis in range(3)]
 
     def rotate(self, rotation: Floats) -> Problem:
-        """The same with the model turned by (3, 3); itself where that is not at all."""
+        """Same problem with the model turned by (3, 3); itself for the identity."""
         if (rotation == np.eye(3)).all():
             return self
         model = replace(self.model, solid=self.model.solid.rotate(rotation))
         return replace(self, model=model, frame=rotation @ self.frame)
 
     def granularity(self, model: Model) -> int:
-        """The cube root of the number of cells that is asked for over a model in the frame of the cut."""
+        """Cube root of the number of cells for a model in the frame of the cut."""
         rooms_long = max(model.extents_mm) / min(self.room_mm)
         return choose_granularity(self.options.granularity, len(self.printers), rooms_long)
 
@@ -106,7 +106,7 @@ class Problem:
         plane_at: tuple[int, float] | None = None,
         overhang_cos: float | None = None,
     ) -> Grid:
-        """The grid over a model in the frame that it is cut in; see `grid.build_grid`."""
+        """Grid over a model in the frame that it is cut in; see `grid.build_grid`."""
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
         self.effort.book(Work.FACE_GRIDDED, len(faces))
@@ -121,7 +121,7 @@ class Problem:
         )
 
     def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
-        """Every box of a grid, priced; it fits where it fits these rooms, if none are named every printer."""
+        """Price every box of a grid; it fits where it fits these rooms, by default those of all printers."""
         boxes = price_boxes(grid, list(rooms or self.rooms), self.cost)
         self.effort.book(Work.BOX_PRICED, len(boxes.seconds))
         return boxes
@@ -129,7 +129,7 @@ class Problem:
     def grid_figures(
         self, grid: Grid, boxes: BoxTables, chosen: list[Box], pieces: Sequence[Piece]
     ) -> GridFigures:
-        """How good these boxes of a grid are: their makespan by the tables, and what none can undercut.
+        """Makespan of these boxes by the tables, and a bound that no partition undercuts.
 
         `pieces` are what came of them, or of others like them, in the end. The boxes fit every printer: the
         longest is for the quickest one. The bound is proven as if all printers were as quick as that one.
@@ -146,14 +146,14 @@ class Problem:
         return GridFigures(ends_s, self.fastest_factor * bound_s, grid.shape)
 
     def needs_proof(self, pieces: Sequence[Piece]) -> bool:
-        """Whether the bound is proven for a result of these pieces: where it may be the best there is."""
+        """Tell whether to prove the bound for a result of these pieces: if it may be the best there is."""
         if not self.options.prove:
             return False
         ends_s = self.makespan_s(pieces)
         return math.isfinite(ends_s) and ends_s <= self.best_known_s  # of two that end together one is chosen
 
     def makespan_s(self, pieces: Sequence[Piece]) -> float:
-        """When the last piece ends, each truly posed and on its printer of `takers`; inf where there is none.
+        """Time when the last piece ends, truly posed, each on its printer; inf where they do not fit.
 
         Whatever printers they are cut for: it is the makespan of the result.
         """
@@ -164,25 +164,25 @@ class Problem:
         return max(pose.price_s * taker.time_factor for pose, taker in each if pose is not None)
 
     def assign_printers(self, pieces: Sequence[Piece]) -> list[PrinterRoom] | None:
-        """The printer of each piece, so that the last one ends soonest; None where they do not all fit."""
+        """Assign printers to pieces so that the last one ends soonest; None where they do not all fit."""
         if len(pieces) > len(self.printers):
             return None
         posed = [pose for pose in self.find_poses(pieces) if pose is not None]
         return assign_printers(posed, self.printers) if len(posed) == len(pieces) else None
 
     def rooms_for(self, piece: Piece) -> tuple[PrinterRoom, ...]:
-        """The rooms that a piece has to fit: its printer's, or those of all."""
+        """Rooms that a piece has to fit: its printer's, or those of all."""
         return self.rooms if piece.printer is None else (piece.printer,)
 
     def find_pose(self, piece: Piece) -> Pose | None:
-        """The best pose that fits `rooms_for` a piece; None where there is none."""
+        """Best pose of a piece that fits `rooms_for` it; None where there is none."""
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
         rooms = self.rooms_for(piece)
         return find_best_pose(vertices, faces, cut, rooms, self.cost, self.options.fit_first_layer)
 
     def find_poses(self, pieces: Sequence[Piece]) -> list[Pose | None]:
-        """`pose` of each, once for a solid and its rooms, side by side where there is an executor."""
+        """`find_pose` of each, once for a solid and its rooms, in parallel where there is an executor."""
         run = map if self.executor is None else self.executor.map
         new = {self._posing(piece): piece for piece in pieces if self._posing(piece) not in self._posed}
         self.effort.book(Work.PIECE_POSED, len(new))
@@ -196,7 +196,7 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partition:
-    """What an engine answers: at most as many pieces as there are printers.
+    """Answer of an engine: at most as many pieces as there are printers.
 
     Each fits the printer that it is cut for; where it is cut for none, all of them.
 

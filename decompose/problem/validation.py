@@ -19,7 +19,7 @@ def validate_problem(
     printers: tuple[PrinterRoom, ...],
     options: Options,
 ) -> None:
-    """Refuse what no engine can work on.
+    """Refuse a problem that no engine can work on.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def validate_problem(
 
 
 def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
-    """Refuse at once what is longer than all printers' rooms one after the other, along their diagonals."""
+    """Refuse models longer than all printers' rooms one after the other, along their diagonals."""
     reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
     if float(model.extents_mm.max()) <= reach_mm:
         return

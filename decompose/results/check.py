@@ -33,7 +33,7 @@ def check_result(
     printers: Sequence[PrinterRoom],
     min_wall_mm: float,
 ) -> Coverage:
-    """Check all rules but the files'.
+    """Check all rules but those of the files.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def check_result(
 
 
 def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
-    """Closed, one piece, and inside its printer's room in its pose."""
+    """Check that a part is closed, one piece, and fits its printer's room in its pose."""
     vertices, faces = part.solid.arrays()
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if not (len(faces) and mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0.0):
@@ -83,7 +83,7 @@ def check_part(part: Part, rooms: dict[str, PrinterRoom]) -> None:
 
 
 def check_overlap(parts: Sequence[Part]) -> float:
-    """The volume in mm3 that two parts share, over all pairs."""
+    """Check that no two parts overlap; return the shared volume in mm3 over all pairs."""
     total = 0.0
     for a, b in combinations(parts, 2):
         lo = np.maximum(a.solid.bounds_mm[0], b.solid.bounds_mm[0])
@@ -98,7 +98,7 @@ def check_overlap(parts: Sequence[Part]) -> float:
 
 
 def check_surface(parts: Sequence[Part], model: Model) -> float:
-    """Relative error of the original area that the parts carry: their faces that are no cuts."""
+    """Check that the parts carry the original area on faces that are no cuts; return the relative error."""
     covered = 0.0
     for part in parts:
         vertices, faces = part.solid.arrays()
@@ -116,7 +116,7 @@ def check_surface(parts: Sequence[Part], model: Model) -> float:
 
 
 def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wall_mm: float) -> None:
-    """What no part has is what lies in no box, and keeps its distance from the surface."""
+    """Check that only what lies in no box is missing, and that it keeps its distance from the surface."""
     whole = model.solid.volume_mm3
     missing = whole - sum(p.solid.volume_mm3 for p in parts)
     hollow = None
@@ -145,7 +145,7 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
 
 
 def check_stl(path: Path, part: Part) -> None:
-    """The written file holds the part: watertight, and of its volume."""
+    """Check that a written file holds the part: watertight, and of its volume."""
     mesh: Any = trimesh.load(path, force="mesh", process=True)
     if not mesh.is_watertight:
         raise GeometryError(Rule.STL, part.id, f"{path.name}, read back, is not watertight")

@@ -1,4 +1,4 @@
-"""What decomposition is asked, and what it answers: options, parts and figures."""
+"""Records of a result: parts, attempts and figures."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """How well the parts cover the model: relative error of the original area, and doubly covered volume."""
+    """Relative error of the original area, and volume that parts cover twice."""
 
     surface_error: float
     overlap_mm3: float
@@ -102,7 +102,7 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What became of one engine on one grid, of those that `best` tried.
+    """Outcome of one engine on one grid, of those that `best` tried.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Attempt:
     makespan_s
         None where it reached nothing, and why is in `reason`.
     compute_s, effort_s
-        Wall time; and the work that was counted, which is the same on every machine (`decompose.effort`).
+        Wall time; and the work that was counted, which is the same on every machine (`problem.Effort`).
     finished
         Whether the budget let it do all that it does.
     """
@@ -128,7 +128,7 @@ class Attempt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cutting:
-    """How the parts were cut, so that they can be levelled again (`decompose.again`).
+    """Boxes that the parts were cut from, so that they can be levelled again (`decompose.relevel`).
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Decomposition:
         `makespan_s` is of the pose that a part is printed in, and may be either side.
     lower_bound_s
         Proven: no partition into boxes of this grid, of at most as many pieces as there are printers, has a
-        lower `grid_makespan_s` (`decompose.bound`). It says nothing of other grids, cuts or poses. Of an
+        lower `grid_makespan_s` (`bound`). It says nothing of other grids, cuts or poses. Of an
         engine without a grid: no partition that prints the whole surface has a lower makespan. Both are on
         these printers at their speeds; the bound takes all of them for as quick as the quickest.
     gap
@@ -211,7 +211,7 @@ class Decomposition:
     cutting: Cutting | None = None
 
     def possible_gain(self, printers: Sequence[PrinterRoom]) -> float:
-        """About the share of the makespan that could be gained with no less work in all.
+        """Share of the makespan that perfect balance would gain with no less work in all.
 
         All printers would be busy to the end, each as quick as it is.
         """
@@ -219,11 +219,11 @@ class Decomposition:
         return 1.0 - busy_s / self.makespan_s
 
     def without_parts(self) -> Decomposition:
-        """The same without its parts and what is told of them: figures alone, for another process."""
+        """Same result without its parts, joints and faults: figures alone, for another process."""
         return replace(self, parts=(), joints=(), faults=())
 
     def as_dict(self) -> dict[str, Any]:
-        """The object that decomposition.json holds."""
+        """Object that decomposition.json holds."""
         return {
             "schema": SCHEMA,
             "engine": self.engine,

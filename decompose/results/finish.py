@@ -1,4 +1,4 @@
-"""What an engine found, made into an answer: pieces posed and numbered, checked, and reported."""
+"""From an engine's partition to a checked result: pieces posed, numbered, assigned and checked."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from decompose.results.decomposition import Coverage, Cutting, Decomposition, Pa
 
 
 def finish_result(problem: Problem, found: Partition, serial: tuple[float, float]) -> Decomposition:
-    """The checked answer; its times by stage are left to whoever measures them.
+    """Pose, number, assign and check an engine's pieces; stage times are left to the caller.
 
     Parameters
     ----------
     serial
-        What `partition.serial_seconds` says of the model.
+        Seconds of the whole model, of `decompose.estimate_serial_s`.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def finish_result(problem: Problem, found: Partition, serial: tuple[float, float
 
 
 def _record_cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats) -> Cutting | None:
-    """What the pieces can be levelled again from; only those of boxes of a grid can."""
+    """Boxes to level the pieces again from; None unless they were cut from boxes of a grid."""
     if problem.options.engine is not Engine.GUILLOTINE or len(boxes_mm) != len(pieces):
         return None
     cut_for = tuple(piece.printer for piece in pieces)
@@ -110,7 +110,7 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
-    """Poses with what each piece takes there, as far as a slicer has shown it."""
+    """Poses with each price multiplied by the ratio that a slicer has shown for its piece."""
     each = zip(pieces, poses, strict=True)
     return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in each]
 
@@ -122,7 +122,7 @@ def _require_pose(pose: Pose | None) -> Pose:
 
 
 def _restore_frame(part: Part, rotation: Floats) -> Part:
-    """A part in the frame of the model as it was; `rotation` (3, 3) led to the frame of the cut."""
+    """Part in the frame of the original model; `rotation` (3, 3) led to the frame of the cut."""
     if (rotation == np.eye(3)).all():
         return part
     back = np.eye(4)

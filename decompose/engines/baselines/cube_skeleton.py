@@ -49,7 +49,7 @@ TOUCH_MM2 = 1.0  # pieces that share less are no neighbours
 
 
 def cut_by_cube_skeleton(problem: Problem) -> Partition:
-    """The pieces of CSSS.
+    """Cut a problem's model by CSSS.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
 
 
 def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tuple[Piece, ...]:
-    """The pieces that the sides of a cube cut a shell into, merged; and those of the skeleton."""
+    """Pieces that the sides of a cube cut a shell into, merged, and those of the skeleton."""
     skeleton: list[Piece] = []
     if cube is not None and shell.cavity.any() and problem.options.interior is Interior.KEEP:
         skeleton = _skeleton([cube, *cubes_about(cube, shell.cavity)], grid, problem)
@@ -100,7 +100,7 @@ def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
 
 
 def _regions(whole: Piece, cube: Block | None, grid: Grid) -> list[Piece]:
-    """What is between the planes of a cube's sides; each of it may be in several pieces."""
+    """Regions between the planes of a cube's sides; each may be in several pieces."""
     parts = [whole]
     if cube is None:
         return parts
@@ -118,7 +118,7 @@ def _split(piece: Piece, axis: int, at_mm: float) -> list[Piece]:
 
 
 def _fitting(piece: Piece, problem: Problem) -> list[Piece]:
-    """A piece cut on a grid, if need be, into such as fit every printer."""
+    """Cut a piece on a grid until every block fits every printer."""
     lo, hi = piece.solid.bounds_mm
     counts = np.array(count_blocks(hi - lo, problem.rooms))
     if counts.max() == 1:
@@ -132,7 +132,7 @@ def _fitting(piece: Piece, problem: Problem) -> list[Piece]:
 
 @dataclass(slots=True, eq=False)
 class _Group:
-    """Pieces that are one: their numbers, and their solid with its seconds."""
+    """Merged pieces: their numbers, their solid and its price."""
 
     members: list[int]
     solid: Solid
@@ -143,7 +143,7 @@ class _Group:
         return self.solid.volume_mm3
 
     def size_mm(self, other: _Group) -> Floats:
-        """(3,) Of the box about both."""
+        """(3,) Size of the box about both groups."""
         both = np.array([self.solid.bounds_mm, other.solid.bounds_mm])
         return np.asarray(both[:, 1].max(axis=0) - both[:, 0].min(axis=0))
 
@@ -170,7 +170,7 @@ class _Merging:
         return max(count_blocks(size_mm, self.problem.rooms)) == 1
 
     def merge(self, a: int, b: int) -> bool:
-        """The second group becomes a part of the first.
+        """Merge the second group into the first.
 
         Not where rounding keeps them apart on their cut, nor where they would meet along an edge too: an STL
         of that is not closed.
@@ -194,7 +194,7 @@ class _Merging:
         return min(numbers, key=lambda i: (self.groups[i].volume_mm3, i), default=None)
 
     def join_islands(self, islands: list[int]) -> None:
-        """Each of these pieces, the smallest first, to its smallest neighbour with which it fits."""
+        """Join each of these pieces, the smallest first, to its smallest neighbour with which it fits."""
         for island in sorted(islands, key=lambda i: self.groups[i].volume_mm3):
             joined = False
             while not joined:
@@ -202,7 +202,7 @@ class _Merging:
                 joined = neighbour is None or self.merge(neighbour, island)
 
     def pair_once(self) -> None:
-        """Each piece, the largest first, with its smallest neighbour that has no other, if both fit."""
+        """Pair each piece, the largest first, with its smallest single neighbour with which it fits."""
         alone = set(self.groups)
         for number in sorted(self.groups, key=lambda i: (-self.groups[i].volume_mm3, i)):
             neighbour = self.smallest(self.touching[number] & alone)
@@ -212,7 +212,7 @@ class _Merging:
                 alone -= {number, neighbour}
 
     def merge_to(self, printers: int) -> None:
-        """Neighbours that are printed soonest are merged, until there are no more groups than printers.
+        """Merge the neighbours that print fastest until there are no more groups than printers.
 
         Where that ends with too many that fit no other, those that fill the least box are merged instead.
         """
@@ -239,7 +239,7 @@ class _Merging:
 
 
 def _merged(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
-    """The pieces of regions, islands joined to neighbours and neighbours merged."""
+    """Pieces of regions, with islands joined to neighbours and neighbours merged."""
     pieces: list[Piece] = []
     islands: list[int] = []
     for region in regions:

@@ -21,7 +21,7 @@ ROUNDS = 2  # of growing it every way
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shell:
-    """What is left of a model.
+    """A hollowed model.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Shell:
 
 
 def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
-    """Take out the cells that are not needed, those that keep the least wall from the surface; and a cube."""
+    """Take out the cells that keep the least wall from the surface, and a cube."""
     own = np.zeros_like(grid.needed)
     if cube is not None:
         own[cube[0] : cube[3], cube[1] : cube[4], cube[2] : cube[5]] = True
@@ -55,7 +55,7 @@ def hollow_model(solid: Solid, grid: Grid, cube: Block | None = None) -> Shell:
 
 
 def remove_diagonals(cells: Bools, kept: Bools | None = None) -> Bools:
-    """Less cells that meet others along an edge alone, where the surface of the rest would touch itself.
+    """Drop cells that meet others along an edge alone, where the remaining surface would touch itself.
 
     Those of one box may be `kept`.
     """
@@ -98,7 +98,7 @@ def blocks(cells: Bools) -> list[Block]:
 
 
 def largest_cube(cells: Bools) -> Block | None:
-    """The largest cube of these cells, the one nearest to their middle; None where there are no cells."""
+    """Largest cube of these cells, the one nearest to their middle; None where there are no cells."""
     if not cells.any():
         return None
     edge = np.zeros([n + 1 for n in cells.shape], dtype=np.int64)  # of the largest cube that ends at a cell
@@ -114,7 +114,7 @@ def largest_cube(cells: Bools) -> Block | None:
 
 
 def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -> Floats:
-    """A cube (2, 3) within the cuboid of these corners in mm, grown until it reaches the least wall.
+    """Grow a cube (2, 3) within a cuboid of these corners in mm until it reaches the least wall.
 
     It grows about its middle and towards each corner, by bisection against the mesh itself, and so often that
     hardly any larger cube that contains it keeps the wall; not further than `REACH` cells. What it begins as
@@ -149,7 +149,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
 
 
 def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, Floats, Floats], Block]:
-    """The planes of a grid, the nearest of them moved to the sides of a cube (2, 3); and its cells there.
+    """Move the nearest planes of a grid to the sides of a cube (2, 3); the planes, and the cube in cells.
 
     A side next to a flat face of the solid, where a plane would cut slivers off, goes inwards.
     """
@@ -169,7 +169,7 @@ def planes_at(solid: Solid, grid: Grid, cube_mm: Floats) -> tuple[tuple[Floats, 
 
 
 def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
-    """The place nearest to one, up to so far from it, that is clear of all flats, or furthest from any."""
+    """Nearest place within reach that is clear of all flat faces, or the furthest from any."""
     places = np.linspace(at_mm, at_mm + by_mm, 41)
     gaps = np.abs(places[:, None] - flats_mm[None]).min(axis=1, initial=np.inf)
     clear = np.flatnonzero(gaps >= CLEAR_MM)
@@ -177,7 +177,7 @@ def _clear(flats_mm: Floats, at_mm: float, by_mm: float) -> float:
 
 
 def cubes_about(cube: Block, cells: Bools) -> list[Block]:
-    """From the middle of each face of a cube outwards the largest cube of these cells, not larger than it.
+    """Largest cube of these cells outwards from the middle of each face of a cube, no larger than it.
 
     Where cells are no cubes, cubes are what has fewer of them than the first by as many along every axis.
     """

@@ -53,7 +53,7 @@ NO_LEAVES: Leaves = (math.inf, ())
 
 
 class _Form(ABC):
-    """What the two forms do differently."""
+    """Steps in which the published and the mended form differ."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -62,11 +62,11 @@ class _Form(ABC):
 
     @abstractmethod
     def part(self, piece: Piece) -> _Part:
-        """A piece with its price."""
+        """Part of a piece, with its price."""
 
     @abstractmethod
     def cuts(self, part: _Part) -> Iterator[list[_Part]]:
-        """What is left of a part by each of its planes, the best first."""
+        """Parts that each plane of a part leaves, the best plane first."""
 
     @abstractmethod
     def cut_on(self, parts: list[_Part]) -> list[_Part]:
@@ -77,7 +77,7 @@ class _Form(ABC):
 
 
 def cut_by_symmetry(problem: Problem) -> Partition:
-    """The parts of SBD.
+    """Cut a problem's model by SBD.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
 
 
 def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Leaves]:
-    """For 0, 1, ... printers the leaves of the tree of cuts below a part whose greatest price is least."""
+    """Leaves of the tree of cuts whose greatest price is least, for 0, 1, ... printers."""
     best = [NO_LEAVES if k < part.needs else (part.price, (part,)) for k in range(printers + 1)]
     if depth == 0 or printers < 2:
         return best
@@ -119,14 +119,14 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
 
 
 def _shared(some: list[Leaves], others: list[Leaves], printers: int) -> Leaves:
-    """The best leaves of two sides for so many printers together."""
+    """Best leaves of two sides for so many printers together."""
     shares = [(some[k], others[printers - k]) for k in range(printers + 1)]
     a, b = min(shares, key=lambda both: (max(both[0][0], both[1][0]), len(both[0][1]) + len(both[1][1])))
     return (max(a[0], b[0]), a[1] + b[1]) if max(a[0], b[0]) < math.inf else NO_LEAVES
 
 
 def _halves(piece: Piece, normal: Floats, at_mm: float) -> list[Piece]:
-    """What lies on the two sides of a plane, where there is something on both."""
+    """Pieces on the two sides of a plane, where both have any."""
     planes = np.vstack([piece.planes, [*normal, at_mm]])
     sides = piece.solid.split_by_plane(normal, at_mm)
     return [Piece(side, planes, piece.boxes_mm) for side in sides if not side.is_empty]
@@ -137,7 +137,7 @@ def _needs(parts: list[_Part]) -> int:
 
 
 class _Faithful(_Form):
-    """As the authors' program is, with its mistakes."""
+    """The authors' program, with its mistakes."""
 
     def part(self, piece: Piece) -> _Part:
         return _Part(piece, piece.solid.volume_mm3)
@@ -152,7 +152,7 @@ class _Faithful(_Form):
                 yield halves
 
     def halves(self, part: _Part, mirror: Mirror) -> list[_Part]:
-        """The two halves, connected or not; none where one of them is too small."""
+        """Both halves, connected or not; none where one of them is too small."""
         found = [self.part(piece) for piece in _halves(part.piece, mirror.normal, mirror.offset_mm)]
         whole = len(found) == 2 and all(half.price >= MIN_SHARE * self.mean_mm3 for half in found)
         return found if whole else []
@@ -173,10 +173,10 @@ class _Faithful(_Form):
 
 
 class _Mended(_Form):
-    """With what the authors' program means to do, and with parts that fit."""
+    """The method that the authors' program means, with parts that fit."""
 
     def part(self, piece: Piece) -> _Part:
-        """A part that does not fit is taken for so many of equal price as its box asks for."""
+        """Part of a piece, with its price."""
         needs = count_parts(piece.solid, self.problem.rooms)
         seconds = float(axis_prices_s(*piece.solid.arrays(), self.problem.cost).min())
         return _Part(piece, seconds / needs, needs)
@@ -198,7 +198,7 @@ class _Mended(_Form):
             yield fewest
 
     def pieces(self, piece: Piece, normal: Floats, at_mm: float) -> Iterator[list[_Part]]:
-        """The connected pieces on both sides of a plane next to this one, unless one of them is a crumb."""
+        """Connected pieces on both sides of a plane next to this one, unless one of them is a crumb."""
         at_mm = place_clear_of_faces(piece.solid, normal, at_mm)
         found = [p for half in _halves(piece, normal, at_mm) for p in connected_pieces(half)]
         least_mm3 = CRUMB_SHARE * min(self.mean_mm3, piece.solid.volume_mm3)
@@ -206,7 +206,7 @@ class _Mended(_Form):
             yield [self.part(each) for each in found]
 
     def across(self, solid: Solid) -> tuple[Floats, list[float]]:
-        """The normal and places of planes across the longest side, or the one that is too long by most.
+        """Normal and places of planes across the longest side, or the one that exceeds the room most.
 
         The first divides it by a whole number of rooms, the others lie about it.
         """

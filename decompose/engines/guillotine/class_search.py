@@ -1,7 +1,7 @@
-"""The engine `guillotine` for printers of unequal rooms and speeds.
+"""The engine `guillotine`: for uniform printers, and for printers of unequal rooms and speeds.
 
 The model is cut as for equal printers first: each part fits the room that all of them share, and the quickest
-printer takes the longest part. Then it is cut for classes of printers (`decompose.classes`): exact over all
+printer takes the longest part. Then it is cut for classes of printers (`printer_classes`): exact over all
 guillotine partitions and all ways to share their parts out. The better one of the two is the answer, so that
 nothing is lost where the classes, which are coarser than the printers, miss something.
 """
@@ -30,15 +30,15 @@ from decompose.problem import GridFigures, Partition, Problem, Work
 Cut = Mapping[Box, Sequence[Piece]]
 
 MAX_SUMS = 4e8  # of the search for classes, over all boxes: some seconds for each limit
-MAX_ROUNDS, MAX_MENDS = 4, 20  # of pricing truly what was chosen; of choices that were given up
+MAX_ROUNDS, MAX_REJECTIONS = 4, 20  # of pricing truly what was chosen; of choices that were given up
 GAIN = 0.995  # of the makespan so far, which a partition has to reach to be worth its search
 CLOSE = 0.003  # share of it to which the least makespan is found
 MAX_MORE = 32  # printers of a class that are thought of where there are too few
-WORTH = 1.01  # as in `decompose.exact`
+WORTH = 1.01  # as in `exact_search`
 
 
 def cut_by_guillotine(problem: Problem) -> Partition:
-    """The pieces of the partition that ends soonest on these printers; see `cut_for_uniform_printers`.
+    """Cut a problem's model by the partition that ends soonest on its printers.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     cuts: list[Cut] = []
     failure: NoFit | None = None
     try:
-        cuts.append(_for_printers(problem, ExactSearch(problem, grid, boxes, least_s).run()))
+        cuts.append(_assign_cut(problem, ExactSearch(problem, grid, boxes, least_s).run()))
     except NoFit as error:
         failure = error
     problem.on_stage("search")
@@ -66,7 +66,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     cuts += by_class.run(min((_ends_s(problem, cut) for cut in cuts), default=math.inf))
     if not cuts:
         assert failure is not None
-        raise _too_few(problem, grid, boxes) or failure
+        raise _too_few_error(problem, grid, boxes) or failure
     problem.on_stage("classes")
     best = min(cuts, key=lambda cut: _ends_s(problem, cut))
     pieces = tuple(shift_planes(problem, grid, best))
@@ -80,14 +80,14 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     return Partition(pieces, model, np.eye(3), figures)
 
 
-def _for_printers(problem: Problem, cut: Cut) -> Cut:
-    """The pieces of boxes, each with its printer: the last one ends soonest then."""
+def _assign_cut(problem: Problem, cut: Cut) -> Cut:
+    """Assign printers to the pieces of boxes so that the last one ends soonest."""
     takers = problem.assign_printers(_pieces(cut))
-    return cut if takers is None else _taken(cut, takers)
+    return cut if takers is None else _set_printers(cut, takers)
 
 
-def _taken(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
-    """The same pieces, each with its printer."""
+def _set_printers(cut: Cut, takers: Sequence[PrinterRoom]) -> Cut:
+    """Same pieces, each with its printer."""
     each = iter(takers)
     return {box: [replace(piece, printer=next(each)) for piece in found] for box, found in cut.items()}
 
@@ -101,7 +101,7 @@ def _ends_s(problem: Problem, cut: Cut) -> float:
 
 
 class _ClassSearch(ExactSearch):
-    """The search for classes of printers, told the truth about what it chooses as `ExactSearch` is.
+    """The exact search for classes of printers, with true prices as in `ExactSearch`.
 
     What was learned there of boxes on all printers is known here, too.
     """
@@ -117,21 +117,21 @@ class _ClassSearch(ExactSearch):
         """Partitions that truly end sooner than that, the last one soonest; none where there is one class."""
         found: list[Cut] = []
         close_s = CLOSE * (below_s if math.isfinite(below_s) else self.least_s)
-        if len(self.classes) == 1 or not self._promising(GAIN * below_s, close_s):
+        if len(self.classes) == 1 or not self._may_succeed(GAIN * below_s, close_s):
             return found
         rounds = 0
-        while rounds < MAX_ROUNDS and len(self.mends) < MAX_MENDS:
+        while rounds < MAX_ROUNDS and len(self.rejections) < MAX_REJECTIONS:
             if math.isfinite(below_s) and self.problem.effort.is_spent():
                 break
-            limit_s = self._solved(self.classes[0].count, close_s, GAIN * below_s)
+            limit_s = self._solve(self.classes[0].count, close_s, GAIN * below_s)
             if limit_s is None:
                 break
             self.least_s = max(self.least_s, limit_s - close_s)
             chosen = self.solver.chosen_boxes()
-            if self._more_pieces(chosen) or self._mended(chosen):
+            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
                 continue
             rounds += 1
-            cut = self._shared_out(chosen)
+            cut = self._assign_by_tables(chosen)
             ends_s = _ends_s(self.problem, cut)
             if ends_s < below_s:
                 found, below_s = [cut], ends_s
@@ -140,8 +140,8 @@ class _ClassSearch(ExactSearch):
             self._learn(cut)
         return found
 
-    def _promising(self, at_most_s: float, close_s: float) -> bool:
-        """Whether there might be such a partition, were every printer as good as the best for each box."""
+    def _may_succeed(self, at_most_s: float, close_s: float) -> bool:
+        """Tell whether there might be such a partition, were every printer the best for each box."""
         best = replace(self.boxes, seconds=np.min([table.seconds for table in self.tables], axis=0))
         count = sum(own.count for own in self.classes)
         solver = Partitioner(best)
@@ -155,16 +155,16 @@ class _ClassSearch(ExactSearch):
         for table in self.tables:
             table.seconds[at] = math.inf
 
-    def _shared_out(self, chosen: Sequence[Box]) -> Cut:
-        """The pieces of boxes, each with the printer that the tables say is best."""
+    def _assign_by_tables(self, chosen: Sequence[Box]) -> Cut:
+        """Pieces of boxes, each with the printer that is best by the tables."""
         cut = {box: self.cut[box] for box in chosen}
         takers = assign_bottleneck(self._seconds(chosen))
         assert takers is not None  # the search found a way
         printers = [printer for own in self.classes for printer in own.printers]
-        return _taken(cut, [printers[i] for i in takers])
+        return _set_printers(cut, [printers[i] for i in takers])
 
     def _seconds(self, chosen: Sequence[Box]) -> Floats:
-        """(pieces, printers) What each piece takes by the tables; printers in the order of the classes."""
+        """(pieces, printers) Time of each piece by the tables; printers in the order of the classes."""
         at = [box_index(box, self.boxes.shape) for box in chosen]
         rows = np.repeat(at, self.boxes.pieces[at])
         columns = [
@@ -175,7 +175,7 @@ class _ClassSearch(ExactSearch):
         return np.array(columns).T
 
     def _learn(self, cut: Cut) -> None:
-        """Put into the tables what pieces truly cost, on all printers with that room."""
+        """Put the true prices of pieces into the tables of all printers with that room."""
         for box, pieces in cut.items():
             at = box_index(box, self.boxes.shape)
             for piece, pose in zip(pieces, self.problem.find_poses(list(pieces)), strict=True):
@@ -186,7 +186,7 @@ class _ClassSearch(ExactSearch):
                         table.seconds[at] = max(float(table.seconds[at]), seconds * own.time_factor)
 
     def grid_figures(self, grid: Grid, cut: Cut, least_s: float, pieces: Sequence[Piece]) -> GridFigures:
-        """How good these boxes are by the tables, and what no partition can undercut on any printer.
+        """Makespan of these boxes by the tables, and a bound that no partition undercuts on any printer.
 
         Proven as if all printers had the speed of the quickest, and the room of whichever is best.
         """
@@ -211,8 +211,8 @@ class _ClassSearch(ExactSearch):
         return GridFigures(makespan_s, least_s, grid.shape)
 
 
-def _too_few(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
-    """How many printers would do, were there more of the kinds that there are; None where that is not why.
+def _too_few_error(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
+    """Error with the number of printers that would do, had the fleet more of its kinds; None if unknown.
 
     More of the first class, of one other, or of both.
     """
@@ -224,7 +224,7 @@ def _too_few(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
     own = [each.count for each in classes]
     found: list[tuple[int, list[int]]] = []
     for grown in range(1, len(classes)):
-        counts = _grown(own, grown, most_sums)
+        counts = _grow_counts(own, grown, most_sums)
         others = [OtherClass(table, count) for table, count in zip(tables[1:], counts, strict=True)]
         solver = Partitioner(tables[0], others)
         solver.solve(float(np.finfo(np.float32).max))  # below inf, which stands for no fit
@@ -243,8 +243,8 @@ def _too_few(problem: Problem, grid: Grid, shared: BoxTables) -> NoFit | None:
     return NoFit.of_too_few(problem.model.extents_mm, printers + total, printers, " and ".join(wanted))
 
 
-def _grown(own: Sequence[int], which: int, most_sums: float) -> list[int]:
-    """The counts of all classes but the first, one of them by so many larger as the search allows."""
+def _grow_counts(own: Sequence[int], which: int, most_sums: float) -> list[int]:
+    """Counts of all classes but the first, one of them raised as far as the search allows."""
     counts = list(own[1:])
     for _ in range(MAX_MORE):
         larger = list(counts)
@@ -258,7 +258,7 @@ def _grown(own: Sequence[int], which: int, most_sums: float) -> list[int]:
 def class_tables(
     problem: Problem, grid: Grid, shared: BoxTables, classes: Sequence[PrinterClass]
 ) -> list[BoxTables]:
-    """The tables of each class, its speed in the times; all have the same `trimmed` and `pieces`.
+    """Tables of each class, times multiplied by its speed; `trimmed` and `pieces` are the same in all.
 
     Parameters
     ----------

@@ -28,14 +28,14 @@ ASSEMBLE_S = 216.0
 
 @dataclass(frozen=True, slots=True)
 class CurvePoint:
-    """The least makespan in seconds that a search found for a number of printers."""
+    """Least makespan in seconds that a search found for a number of printers."""
 
     printers: int
     makespan_s: float
 
 
 class _Narrowing:
-    """What is known of each number of printers; `fleets` as of `curve`."""
+    """Bounds on the makespan of each number of printers; `fleets` as of `makespan_curve`."""
 
     def __init__(self, tables: Sequence[BoxTables], fleets: Ints) -> None:
         most = fleets.max(axis=0)
@@ -46,7 +46,7 @@ class _Narrowing:
         self.refuted_s = np.zeros(len(fleets))
 
     def solve(self, limit_s: float) -> tuple[float, Bools, float]:
-        """A limit, which fleets reach it, and when the last part of the fewest ends then."""
+        """Solve for a limit: the limit, the fleets that reach it, and when the last part ends then."""
         solver = Partitioner(self._boxes, self._others)
         solver.solve(limit_s)
         states, fewest = solver.class_shares()
@@ -56,12 +56,12 @@ class _Narrowing:
         return limit_s, enough, ends_s
 
     def learn(self, limit_s: float, enough: Bools, ends_s: float) -> None:
-        """What a solve says of every number."""
+        """Narrow the bounds of every number by a solve."""
         self.reached_s[enough] = np.minimum(self.reached_s[enough], ends_s)
         self.refuted_s[~enough] = np.maximum(self.refuted_s[~enough], limit_s)
 
     def next_limits(self) -> list[float]:
-        """Limits that are worth a solve: in the widest gaps; none where all are narrow."""
+        """Next limits to solve for: in the widest gaps; none where all are narrow."""
         known = np.isfinite(self.reached_s)
         gaps: dict[tuple[float, float], float] = {}
         for low, high in zip(self.refuted_s[known].tolist(), self.reached_s[known].tolist(), strict=True):
@@ -74,7 +74,7 @@ class _Narrowing:
 def makespan_curve(
     tables: Sequence[BoxTables], fleets: Ints, executor: Executor | None = None
 ) -> tuple[CurvePoint, ...]:
-    """The least makespan of guillotine partitions for some fleets.
+    """Least makespan of guillotine partitions for some fleets.
 
     Each is known to `CLOSE`; those that are too few for any partition are left out.
 
@@ -102,12 +102,12 @@ def makespan_curve(
 def find_knee(
     points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
 ) -> CurvePoint:
-    """The point where printing and what a person does after it, part by part, take least together."""
+    """Point where printing plus a person's handling of every part takes least."""
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurvePoint:
-    """The fewest printers that are done within so many seconds; where none are, the soonest."""
+    """Fewest printers that are done within so many seconds; where none are, the fastest."""
     enough = [point for point in points if point.makespan_s <= within_s]
     if enough:
         return min(enough, key=lambda point: point.printers)

@@ -23,7 +23,7 @@ from decompose.pieces import Piece, cut_cells, find_faults
 from decompose.problem import Partition, Problem, Work
 
 MAX_ROUNDS = 8  # of pricing truly what was chosen, and choosing again
-MAX_MENDS = 40  # choices that are given up for a sliver or a weak joint
+MAX_REJECTIONS = 40  # choices that are given up for a sliver or a weak joint
 WORTH = 1.01  # a true makespan of more than this share of the tables' is worth another round
 LOOSER = (0.1, 0.25, 0.4)  # of the way to the least makespan of one printer less
 LOOSEST = 1.06  # where there is none for one less: of the least makespan
@@ -31,7 +31,7 @@ NEAR = 1.03  # of the makespan to beat: what ends later than that is not worth l
 
 
 def cut_for_uniform_printers(problem: Problem) -> Partition:
-    """The pieces of the partition that ends soonest, of all that axis cuts along the grid can make.
+    """Cut a problem's model by the axis cuts along its grid that end soonest on uniform printers.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
 
 
 class ExactSearch:
-    """The exact search, told the truth about the boxes that it chooses.
+    """The exact search, with true prices for the boxes that it chooses.
 
     The tables take the solid in a cell as one piece, and price a box in the axis poses with no idea whether
     it stands. What a chosen box really has in pieces, and really costs, is put into the tables where it is
@@ -76,35 +76,35 @@ class ExactSearch:
         self.solver = Partitioner(boxes)
         self.cut: dict[Box, list[Piece]] = {}
         self.posed_s: dict[Box, float] = {}
-        self.mends: list[str] = []  # what was wrong with each choice that was given up
+        self.rejections: list[str] = []  # what was wrong with each choice that was given up
 
     def run(self) -> dict[Box, list[Piece]]:
-        """The boxes of the solution that truly ends soonest, and their pieces."""
+        """Boxes of the solution that truly ends soonest, and their pieces."""
         best: list[Box] = []
         best_s = math.inf
         rounds, effort = 0, self.problem.effort
         while True:
-            makespan_s = self._solved(len(self.problem.printers))
-            if makespan_s is None or len(self.mends) > MAX_MENDS:
+            makespan_s = self._solve(len(self.problem.printers))
+            if makespan_s is None or len(self.rejections) > MAX_REJECTIONS:
                 if best:
                     break  # prices only ever grow: nothing is left that fits
-                raise self._no_fit()
+                raise self._no_fit_error()
             self.least_s = max(self.least_s, makespan_s - 1.0)
             if makespan_s >= best_s:
                 break
             chosen = self.solver.chosen_boxes()
-            if self._more_pieces(chosen) or self._mended(chosen):
+            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
                 continue
             rounds += 1
-            longest_s = self._truly_s(chosen)
+            longest_s = self._true_makespan_s(chosen)
             if longest_s < best_s:
                 best, best_s = chosen, longest_s
             if longest_s <= WORTH * makespan_s or rounds == MAX_ROUNDS or effort.is_spent():
                 break
-        return {box: self.cut[box] for box in self._neighbour(best)}
+        return {box: self.cut[box] for box in self._improve(best)}
 
     def looser_partitions(self, best: Sequence[Box]) -> Iterator[dict[Box, list[Piece]]]:
-        """Other partitions than the best, of less work, with boxes that are a little longer than need be.
+        """Other partitions than the best: less work, with boxes that are a little longer than need be.
 
         What ends soonest on the grid need not once its planes move: they level what is long, and it is the
         work in all that is left. Each has the fewest boxes, and of those the least work, within a limit.
@@ -117,58 +117,58 @@ class ExactSearch:
         )
         own.cut, own.posed_s = self.cut, self.posed_s
         printers = len(self.problem.printers)
-        least_s, fewer_s = own._solved(printers), own._solved(printers - 1)
+        least_s, fewer_s = own._solve(printers), own._solve(printers - 1)
         if least_s is None:
             return
         seen = {frozenset(best)}
         for share in LOOSER:
-            chosen = own._within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
+            chosen = own._solve_within(least_s + share * ((fewer_s or LOOSEST * least_s) - least_s))
             if chosen and frozenset(chosen) not in seen:
                 seen.add(frozenset(chosen))
                 yield {box: self.cut[box] for box in chosen}
 
-    def _within(self, limit_s: float) -> list[Box]:
-        """The partition of least work whose boxes truly take at most about that; none where there is none."""
+    def _solve_within(self, limit_s: float) -> list[Box]:
+        """Partition of least work whose boxes truly take about that at most; empty where there is none."""
         found: list[Box] = []
         for _ in range(MAX_ROUNDS):
             before = self.solver.sums
             parts = self.solver.solve(limit_s, ties=self.solver.can_break_ties)
             self.problem.effort.book(Work.SUM, self.solver.sums - before)
-            if parts > len(self.problem.printers) or len(self.mends) > MAX_MENDS:
+            if parts > len(self.problem.printers) or len(self.rejections) > MAX_REJECTIONS:
                 break
             chosen = self.solver.chosen_boxes()
-            if self._more_pieces(chosen) or self._mended(chosen):
+            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
                 continue
-            longest_s = self._truly_s(chosen)
+            longest_s = self._true_makespan_s(chosen)
             found = chosen if math.isfinite(longest_s) else found
             if longest_s <= WORTH * limit_s or self.problem.effort.is_spent():
                 break
         return found
 
-    def _solved(self, printers: int, *limits_s: float) -> float | None:
-        """The least makespan by the tables, see `Partitioner.find_least_makespan`; the work is booked."""
+    def _solve(self, printers: int, *limits_s: float) -> float | None:
+        """Least makespan by the tables (`Partitioner.find_least_makespan`); books the work."""
         before = self.solver.sums
         found = self.solver.find_least_makespan(printers, self.least_s, *limits_s)
         self.problem.effort.book(Work.SUM, self.solver.sums - before)
         return found
 
-    def _neighbour(self, best: list[Box]) -> list[Box]:
-        """The best partition near this one, truly priced; no longer bound to guillotine cuts."""
+    def _improve(self, best: list[Box]) -> list[Box]:
+        """Best partition near this one, truly priced, not bound to guillotine cuts."""
         for _ in range(MAX_ROUNDS):
-            if len(self.mends) == MAX_MENDS or self.problem.effort.is_spent():
+            if len(self.rejections) == MAX_REJECTIONS or self.problem.effort.is_spent():
                 break
             chosen = improve_locally(self.boxes, best, len(self.problem.printers), effort=self.problem.effort)
             if chosen == best:
                 break
-            if self._more_pieces(chosen) or self._mended(chosen):
+            if self._correct_piece_counts(chosen) or self._forbid_faulty(chosen):
                 continue
-            self._truly_s(chosen)
+            self._true_makespan_s(chosen)
             if sorted_times_s(self.boxes, chosen) < sorted_times_s(self.boxes, best):
                 best = chosen
         return best
 
-    def _more_pieces(self, chosen: list[Box]) -> bool:
-        """Whether a box has more pieces than the table says; the table is mended."""
+    def _correct_piece_counts(self, chosen: list[Box]) -> bool:
+        """Put true counts of pieces into the table; tell whether a box has more than the table said."""
         more = False
         for box in chosen:
             if box not in self.cut:
@@ -179,21 +179,21 @@ class ExactSearch:
             self.boxes.pieces[at] = len(self.cut[box])
         return more
 
-    def _mended(self, chosen: list[Box]) -> bool:
-        """Whether a box has a piece that is bad to glue; it is priced out of the table."""
+    def _forbid_faulty(self, chosen: list[Box]) -> bool:
+        """Price boxes with a piece that is bad to glue out of the table; tell whether there was one."""
         owners = [box for box in chosen for _ in self.cut[box]]
         pieces = [piece for box in chosen for piece in self.cut[box]]
         found = find_faults(pieces, self.problem.options.min_glue_mm2)
         for fault in found:
             self._forbid(box_index(owners[fault.piece], self.boxes.shape))
-        self.mends += [found[0].reason] if found else []
+        self.rejections += [found[0].reason] if found else []
         return bool(found)
 
     def _forbid(self, at: int) -> None:
         self.boxes.seconds[at] = math.inf
 
-    def _truly_s(self, chosen: list[Box]) -> float:
-        """The true makespan of these boxes in seconds; what costs more than in the table is put there."""
+    def _true_makespan_s(self, chosen: list[Box]) -> float:
+        """True makespan of these boxes in seconds; prices above the table's are put into it."""
         new = [(box, piece) for box in chosen if box not in self.posed_s for piece in self.cut[box]]
         poses = self.problem.find_poses([piece for _, piece in new])
         for (box, _), pose in zip(new, poses, strict=True):
@@ -204,13 +204,13 @@ class ExactSearch:
             self.boxes.seconds[at] = max(float(self.boxes.seconds[at]), self.posed_s[box])
         return max(self.posed_s[box] for box in chosen)
 
-    def _no_fit(self) -> NoFit:
-        """Why there is no partition for these printers."""
+    def _no_fit_error(self) -> NoFit:
+        """Error that says why there is no partition for these printers."""
         problem, model = self.problem, self.problem.model
-        if self.mends:
+        if self.rejections:
             return NoFit(
-                f"no way to cut it holds together; of {len(self.mends)} the last was given up since a part "
-                f"{self.mends[-1]}: take more printers, a greater --longest-side, or (farm decompose) a "
+                f"no way to cut it holds together; of {len(self.rejections)} the last was given up since a "
+                f"part {self.rejections[-1]}: take more printers, a greater --longest-side, or (farm decompose) a "
                 "lower --min-glue"
             )
         needed = self.solver.solve(sys.float_info.max)  # below inf, which stands for no fit

@@ -1,6 +1,6 @@
 """Neighbourhood search: a partition made better where it is slowest, not bound to guillotine cuts.
 
-The slowest box and a few about it are cut anew between all the others (`decompose.window`), with no more
+The slowest box and a few about it are cut anew between all the others (`window`), with no more
 parts, so that the slowest of them ends sooner. Their union need not be a box. A move of one face, a slab that
 goes from one box to the next, two boxes merged and split elsewhere: all are such windows.
 """
@@ -31,7 +31,7 @@ def improve_locally(
     most_windows: int = MAX_WINDOWS,
     effort: Effort | None = None,
 ) -> list[Box]:
-    """A partition whose times, the longest first, are less in the order of words, or the same partition.
+    """Partition whose times, the longest first, are lexicographically less, or the same partition.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def improve_locally(
 
 
 def sorted_times_s(boxes: BoxTables, chosen: Sequence[Box]) -> list[float]:
-    """The times of a partition, the longest first: the less in the order of words, the better."""
+    """Times of a partition, the longest first; lexicographically less is better."""
     return sorted((_seconds(boxes, box) for box in chosen), reverse=True)
 
 

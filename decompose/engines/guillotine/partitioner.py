@@ -38,7 +38,7 @@ MAX_TIED = 120_000_000  # values of all states, beyond which what is least is le
 
 @dataclass(frozen=True, slots=True)
 class OtherClass:
-    """Printers of another class, beside those that a partition is first of all for.
+    """Printers of another class than the one that a partition is counted for.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class OtherClass:
 
 
 class Partitioner:
-    """Solves for one table of boxes, and keeps the last solution while the table is as it was.
+    """Exact solver over one table of boxes; keeps its last solution.
 
     Where there are `others`, a part may be theirs too. There is a state for each number of printers of every
     other class that may be used; of each box and state the fewest of the first class are known, so that the
@@ -70,7 +70,7 @@ class Partitioner:
         self.sums = 0  # that all solves have made
 
     def solve(self, limit_s: float, ties: bool = False) -> int:
-        """The fewest printers of the first class with which each part costs at most limit_s.
+        """Fewest printers of the first class with which each part costs at most limit_s.
 
         Without others that is the number of parts. `UNREACHABLE` where there is no such partition.
         With `ties`, of the solutions with so few the one of least work, then of the least area of cuts.
@@ -87,11 +87,11 @@ class Partitioner:
 
     @property
     def can_break_ties(self) -> bool:
-        """Whether there is memory to choose among partitions of as few parts."""
+        """Tell whether there is memory to choose among partitions of as few parts."""
         return len(self._states) * len(self.boxes.seconds) <= MAX_TIED
 
     def _fill(self, state: int, at: slice, value: npt.NDArray[Any]) -> None:
-        """What the boxes at these indices are worth in a state where they are not cut."""
+        """Fill in the values of the boxes at these indices, uncut, in a state."""
         seconds, pieces = self.boxes.seconds[at], self.boxes.pieces[at]
         for other, free in zip(self.others, self._states[state].tolist(), strict=True):
             if free:
@@ -109,7 +109,7 @@ class Partitioner:
 
     @property
     def counts(self) -> npt.NDArray[np.int16]:
-        """(boxes,) The fewest parts of each box in the last solution, by the index of the box.
+        """(boxes,) Fewest parts of each box in the last solution, by the index of the box.
 
         Beside the parts of all others, where there are any.
         """
@@ -119,7 +119,7 @@ class Partitioner:
         return value.astype(np.int16, copy=False)
 
     def class_shares(self) -> tuple[Ints, Ints]:
-        """(m, classes) How many printers of the others may be used, and (m,) the fewest of the first then.
+        """(m, classes) Usable numbers of printers of the others, and (m,) the fewest of the first then.
 
         Of the last solution; `UNREACHABLE` or more where there is none.
         """
@@ -129,7 +129,7 @@ class Partitioner:
         return self._states, fewest.astype(np.int64)
 
     def chosen_boxes(self, within: Box | None = None) -> list[Box]:
-        """The boxes of the last solution, all or those of one box, in the order of the cuts."""
+        """Boxes of the last solution, all or those of one box, in the order of the cuts."""
         found: list[Box] = []
         stack = [(within or self._root, len(self._states) - 1)]
         while stack:
@@ -147,14 +147,14 @@ class Partitioner:
         return int(self._value[state * len(self.boxes.seconds) + box_index(box, self.boxes.shape)])
 
     def _uncut(self, box: Box, state: int) -> int:
-        """What a box is worth as one part."""
+        """Value of a box as one part."""
         at = box_index(box, self.boxes.shape)
         value = np.empty(1, self._value.dtype)
         self._fill(state, slice(at, at + 1), value)
         return int(value[0])
 
     def _cut(self, box: Box, state: int) -> tuple[tuple[Box, int], tuple[Box, int]]:
-        """The far and the near side, with their states, of the first cut that reaches the value of a box."""
+        """Far and near side, with their states, of the first cut that reaches the value of a box."""
         value = self._worth(box, state)
         shares = self._sums[self._sums[:, 0] == state, 1:].tolist()
         for axis in range(3):
@@ -174,7 +174,7 @@ class Partitioner:
     def find_least_makespan(
         self, printers: int, at_least_s: float, tolerance_s: float = 1.0, at_most_s: float = math.inf
     ) -> float | None:
-        """The least limit (to tolerance_s) at which so many printers of the first class are enough.
+        """Least limit (to tolerance_s) at which so many printers of the first class are enough.
 
         Leaves its solution. None where there is no limit, or none up to at_most_s.
         """
@@ -194,12 +194,12 @@ class Partitioner:
         return high
 
     def longest_s(self) -> float:
-        """The time of the costliest box of the last solution on a printer of the first class."""
+        """Time of the costliest box of the last solution on a printer of the first class."""
         return self.boxes.longest_s(self.chosen_boxes())
 
 
 def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
-    """How many of each of some classes may be used, and which two states are a third together.
+    """Numbers of printers of some classes that may be used, and pairs of them that sum to a third.
 
     Returns
     -------
@@ -217,7 +217,7 @@ def class_states(counts: Sequence[int]) -> tuple[Ints, Ints]:
 
 
 def count_cuts(shape: tuple[int, int, int]) -> int:
-    """The cuts of all boxes of a grid, each of which is a sum."""
+    """Number of cuts of all boxes of a grid; each is a sum."""
     spans = [n * (n + 1) // 2 for n in shape]
     cuts = [n * (n * n - 1) // 6 for n in shape]
     return sum(math.prod([*spans[:axis], cuts[axis], *spans[axis + 1 :]]) for axis in range(3))

@@ -1,4 +1,4 @@
-"""How far cut planes move so that the slowest part is quickest, as a linear programme."""
+"""Linear programme of the shifts of cut planes with the least makespan."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def solve_plane_shifts(
     low_mm: Floats,
     high_mm: Floats,
 ) -> tuple[Floats, float]:
-    """The move of each group for the least makespan, were every part's time linear; and that makespan.
+    """Solve for the shift of each group with the least makespan, were every part's time linear.
 
     Parameters
     ----------

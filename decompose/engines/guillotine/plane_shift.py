@@ -1,7 +1,7 @@
 """Cut planes moved off the grid, so that the slowest parts end sooner.
 
 A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
-that can move (`decompose.interfaces`) moves at once, by a linear programme: the least makespan were every
+that can move (`grid.interfaces`) moves at once, by a linear programme: the least makespan were every
 part's time linear in the places of its faces, within steps that are short enough for that. What the parts
 really cost at the new places is then measured, and teaches the programme better slopes. Every `ROUNDS_EACH`
 rounds all parts that moved are posed anew; until then each stays in its pose, which is much quicker to price.
@@ -58,7 +58,7 @@ MAX_KEPT = 4  # times that a step is found anew around planes that flat faces ke
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """The content of a box, posed; `seconds` of its slowest piece on its printer, inf where none fits."""
+    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf where none fits."""
 
     box_mm: Floats
     pieces: tuple[Piece, ...]
@@ -67,26 +67,26 @@ class _Part:
 
     @property
     def size_mm(self) -> Floats:
-        """(3,) The longest sides of its pieces along the axes."""
+        """(3,) Longest sides of its pieces along the axes."""
         return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
 
     @property
     def least_mm(self) -> float:
-        """The shortest side of any of its pieces."""
+        """Shortest side of any of its pieces."""
         return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
 
-    def lying(self, poses: Sequence[Pose | None]) -> _Part:
-        """The same with its pieces in these poses; None where one fits in none."""
+    def with_poses(self, poses: Sequence[Pose | None]) -> _Part:
+        """Same part with its pieces in these poses, inf seconds where one fits in none."""
         found = tuple(pose for pose in poses if pose is not None)
         return replace(self, poses=found, seconds=_slowest_s(self.pieces, poses))
 
     def is_like(self, other: _Part) -> bool:
-        """Whether it has as many pieces as another, and none that is a sliver by comparison."""
+        """Tell whether it has as many pieces as another, and none that is a sliver by comparison."""
         return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
 
 
 def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
-    """The pieces of a partition, cut where the slowest of them, truly posed, ends soonest.
+    """Move the cut planes of a partition so that its slowest piece, truly posed, ends soonest.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]
     -------
     list[Piece]
         As many pieces, and none slower than the slowest was; the same ones where nothing was gained. What
-        was in one box is in one box or, where it need not be printed (`decompose.walls`), in none.
+        was in one box is in one box or, where it need not be printed (`grid.needed_cells`), in none.
     """
     filled = fill_out_boxes(list(cut), grid.cells == Cell.EXTERNAL)
     return shift_box_planes(
@@ -108,7 +108,7 @@ def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]
 def shift_box_planes(
     problem: Problem, grid: Grid, boxes_mm: Floats, pieces: Sequence[Sequence[Piece]]
 ) -> list[Piece]:
-    """The same from boxes (n, 2, 3) in mm wherever their planes are, with the pieces in each.
+    """Move the planes of boxes (n, 2, 3) in mm, on a grid or not, with the pieces in each.
 
     What barred a face at one start, or was out of its reach, may not from where that has led to: as long as
     it is worth it, planes are moved again from there.
@@ -134,7 +134,7 @@ def shift_box_planes(
 
 
 class _PlaneShift:
-    """The search from one partition: what may move, by how much, and what the parts are cut from."""
+    """Search from one partition: groups of faces that may move, how far, and the parts so far."""
 
     def __init__(
         self,
@@ -163,11 +163,11 @@ class _PlaneShift:
         ]
 
     def posed(self) -> list[_Part]:
-        """The parts as they are at first, in their best poses."""
-        return self._posed(self.start)
+        """Parts as they are at first, in their best poses."""
+        return self._pose(self.start)
 
     def run(self, best: list[_Part]) -> list[_Part]:
-        """The parts of the best partition that was found, from these on."""
+        """Parts of the best partition found, starting from these."""
         if not (self.free.any() and math.isfinite(_longest_s(best))):
             return best
         self._book([i for i in range(len(best)) for _ in range(6)])
@@ -175,14 +175,14 @@ class _PlaneShift:
         for rounds in range(ROUNDS):
             if rounds and self.problem.effort.is_spent():
                 break
-            rough = self._moved(best, slopes)
+            rough = self._take_steps(best, slopes)
             if rough is best:
                 break
-            new = self._posed(rough, best)
+            new = self._pose(rough, best)
             if _times_s(new) >= _times_s(best):
-                if not self._barred(best, new, _longest_s(best)):
+                if not self._bar_faces(best, new, _longest_s(best)):
                     break
-            elif self._faulty(new):
+            elif self._has_faults(new):
                 self.reach_mm = self.reach_mm / 2.0
             else:
                 gain = 1.0 - _longest_s(new) / _longest_s(best)
@@ -192,17 +192,17 @@ class _PlaneShift:
         return best
 
     def _book(self, parts: Sequence[int]) -> None:
-        """Book that these parts, by their places, are cut anew and priced in the poses that they have."""
+        """Book the work of cutting these parts, by number, and pricing them in the poses that they have."""
         self.problem.effort.book(Work.PIECE_MEASURED, len(parts))
         self.problem.effort.book(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
 
-    def _faulty(self, parts: Sequence[_Part]) -> bool:
+    def _has_faults(self, parts: Sequence[_Part]) -> bool:
         return bool(
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
         )
 
-    def _moved(self, parts: list[_Part], slopes: Floats) -> list[_Part]:
-        """Some steps, every part in its pose; the parts themselves where no step is worth it."""
+    def _take_steps(self, parts: list[_Part], slopes: Floats) -> list[_Part]:
+        """Parts after some steps, each in its pose; the same parts where no step is worth it."""
         step_mm = FIRST_STEP * self.reach_mm
         for _ in range(ROUNDS_EACH):
             boxes, promised_s = self._step(parts, slopes, step_mm)
@@ -211,17 +211,17 @@ class _PlaneShift:
             if not self.cells.is_partition(boxes):
                 step_mm *= SHORTER
                 continue
-            new = self._again(parts, boxes)
+            new = self._cut_moved(parts, boxes)
             for i, (old, part) in enumerate(zip(parts, new, strict=True)):
-                _learn(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
+                _update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
             if _times_s(new) < _times_s(parts):
                 parts = new
-            elif not self._barred(parts, new):
+            elif not self._bar_faces(parts, new):
                 step_mm *= SHORTER
         return parts
 
-    def _barred(self, parts: Sequence[_Part], new: Sequence[_Part], limit_s: float = math.inf) -> bool:
-        """Bar faces by which parts come to pieces, fit no longer, or take as long as this, from moving on.
+    def _bar_faces(self, parts: Sequence[_Part], new: Sequence[_Part], limit_s: float = math.inf) -> bool:
+        """Bar faces from moving on by which parts break, fit no longer, or take as long as this.
 
         Where a support comes to touch a cut face, or the brim to be too narrow, another pose is the best, and
         may be much slower.
@@ -237,13 +237,13 @@ class _PlaneShift:
                 continue
             by_mm = part.box_mm - old.box_mm
             faces = [face for face in np.ndindex(2, 3) if by_mm[face] != 0.0]
-            alone = [] if part.is_like(old) else self._breaking(i, old, faces, by_mm)
+            alone = [] if part.is_like(old) else self._breaking_faces(i, old, faces, by_mm)
             for face in alone or faces:
                 self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
         return bool((self.free != before).any())
 
-    def _breaking(self, i: int, part: _Part, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
-        """Those of the faces with which a part comes to pieces, or gets too thin, as they alone move."""
+    def _breaking_faces(self, i: int, part: _Part, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
+        """Faces whose move alone breaks a part into pieces, or makes it too thin."""
         self.problem.effort.book(Work.FACE_CUT, len(faces) * self.near[i].faces)
         found = []
         for face in faces:
@@ -254,7 +254,7 @@ class _PlaneShift:
         return found
 
     def _step(self, parts: list[_Part], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
-        """Where the boxes would be best, were the slopes true; and the makespan that this promises.
+        """Best places of the boxes, were the slopes true, and the makespan that this promises.
 
         A plane that a flat face keeps from where it would be best stays where that leaves it, and the others
         make the best of it.
@@ -275,7 +275,7 @@ class _PlaneShift:
             if not math.isfinite(least_s):  # not with all of these kept: what was found before has to do
                 break
             promised_s = least_s
-            boxes_mm = self._clear(now, move_groups(now, self.groups, by_mm))
+            boxes_mm = self._keep_clear(now, move_groups(now, self.groups, by_mm))
             really_mm = self._places(boxes_mm) - places
             kept = np.abs(really_mm - by_mm) > UNMOVED_MM
             if not kept.any():
@@ -284,13 +284,13 @@ class _PlaneShift:
         return boxes_mm, promised_s
 
     def _places(self, boxes_mm: Floats) -> Floats:
-        """(groups,) The coordinate of each group."""
+        """(groups,) Coordinate of each group."""
         places = np.zeros(len(self.free))
         places[self.groups[self.groups >= 0]] = boxes_mm[self.groups >= 0]
         return places
 
-    def _clear(self, now: Floats, boxes_mm: Floats) -> Floats:
-        """The same with every plane short of flat faces, and where it was if it hardly moved."""
+    def _keep_clear(self, now: Floats, boxes_mm: Floats) -> Floats:
+        """Boxes with every plane short of flat faces, and unmoved where it hardly moved."""
         old, new = self._places(now), self._places(boxes_mm)
         for group in range(len(old)):
             if abs(new[group] - old[group]) < UNMOVED_MM:
@@ -313,21 +313,21 @@ class _PlaneShift:
             ]
         return _Part(box_mm, tuple(pieces), (), math.inf)
 
-    def _posed(self, parts: list[_Part], before: Sequence[_Part] = ()) -> list[_Part]:
-        """Parts in their best poses; those that have not moved since `before` are as they were."""
+    def _pose(self, parts: list[_Part], before: Sequence[_Part] = ()) -> list[_Part]:
+        """Parts in their best poses; parts that have not moved since `before` keep theirs."""
         done = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
         new = [i for i in range(len(parts)) if i not in done]
         poses = iter(self.problem.find_poses([piece for i in new for piece in parts[i].pieces]))
         for i in new:
-            done[i] = parts[i].lying([next(poses) for _ in parts[i].pieces])
+            done[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
         return [done[i] for i in range(len(parts))]
 
-    def _again(self, parts: list[_Part], boxes_mm: Floats) -> list[_Part]:
-        """Parts cut anew where their boxes moved; pieces are posed anew where their old poses will not do."""
+    def _cut_moved(self, parts: list[_Part], boxes_mm: Floats) -> list[_Part]:
+        """Cut parts anew where their boxes moved, and pose pieces anew where their old poses do not do."""
         moved = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._book(moved)
         run = map if self.problem.executor is None else self.problem.executor.map
-        again = list(run(self._as_it_lay, moved, [parts[i] for i in moved], boxes_mm[moved]))
+        again = list(run(self._cut_in_old_poses, moved, [parts[i] for i in moved], boxes_mm[moved]))
         unposed = [
             piece
             for part, poses in again
@@ -337,12 +337,12 @@ class _PlaneShift:
         best = iter(self.problem.find_poses(unposed))
         new = list(parts)
         for i, (part, poses) in zip(moved, again, strict=True):
-            lying = [next(best) if pose is None else pose for pose in poses]
-            new[i] = part.lying(lying) if lying else part
+            with_poses = [next(best) if pose is None else pose for pose in poses]
+            new[i] = part.with_poses(with_poses) if with_poses else part
         return new
 
-    def _as_it_lay(self, i: int, part: _Part, box_mm: Floats) -> tuple[_Part, list[Pose | None]]:
-        """A part cut anew, and its pieces in the poses that they had; None for one that will not do.
+    def _cut_in_old_poses(self, i: int, part: _Part, box_mm: Floats) -> tuple[_Part, list[Pose | None]]:
+        """Cut a part anew, with its pieces in their old poses; None for a pose that does not do.
 
         No poses where it came to pieces.
         """
@@ -351,20 +351,20 @@ class _PlaneShift:
             return new, []
         poses: list[Pose | None] = []
         for piece, old in zip(new.pieces, part.poses, strict=True):
-            pose = self._measured(piece, old)
+            pose = self._measure(piece, old)
             fits = all(room.fits(*pose.size_mm) for room in self.problem.rooms_for(piece))
             dirtier = pose.rank[2] > 0.0 and old.rank[2] == 0.0
             poses.append(pose if fits and not dirtier and pose.rank[:2] <= old.rank[:2] else None)
         return new, poses
 
-    def _measured(self, piece: Piece, pose: Pose) -> Pose:
+    def _measure(self, piece: Piece, pose: Pose) -> Pose:
         vertices, faces = piece.solid.arrays()
         cut = find_cut_faces(vertices, faces, piece.planes)
         rotation, options = pose.to_model[:3, :3].T, self.problem.options
         return measure_pose(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
 
     def _slopes(self, i: int, part: _Part) -> Floats:
-        """(2, 3) Seconds a mm by which a part's time changes as each of its faces moves up its axis."""
+        """(2, 3) Change of a part's time in s/mm as each of its faces moves up its axis."""
         slopes = np.zeros((2, 3))
         for side, axis in np.ndindex(2, 3):
             if self.groups[i, side, axis] < 0 or part.box_mm[1, axis] - part.box_mm[0, axis] < 2.0 * PROBE_MM:
@@ -373,14 +373,14 @@ class _PlaneShift:
             box[side, axis] += PROBE_MM * (1.0 - 2.0 * side)
             less = self._cut(i, box)
             if len(less.pieces) == len(part.pieces):
-                now = [self._measured(*each) for each in zip(less.pieces, part.poses, strict=True)]
+                now = [self._measure(*each) for each in zip(less.pieces, part.poses, strict=True)]
                 now_s = _slowest_s(less.pieces, now)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
 
 
-def _learn(slopes: Floats, by_mm: Floats, seconds: float) -> None:
-    """Mend slopes (2, 3) so that they say what a move really changed (Broyden's update)."""
+def _update_slopes(slopes: Floats, by_mm: Floats, seconds: float) -> None:
+    """Correct slopes (2, 3) by the measured effect of a move (Broyden's update)."""
     length = float((by_mm * by_mm).sum()) + NOISE_MM * NOISE_MM
     if math.isfinite(seconds):
         slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm
@@ -393,7 +393,7 @@ def _slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
 
 
 def _times_s(parts: Sequence[_Part]) -> list[float]:
-    """The longest first: the less in the order of words, the better."""
+    """Times, the longest first; lexicographically less is better."""
     return sorted((part.seconds for part in parts), reverse=True)
 
 
@@ -402,7 +402,7 @@ def _longest_s(parts: Sequence[_Part]) -> float:
 
 
 def _longer_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
-    """(3,) How much longer a part of this size may be along each axis, the others as they are, in all rooms.
+    """(3,) Length that a part of this size may gain along each axis, the others as they are, in all rooms.
 
     inf where it fits one of them only turned out of the axes: then nothing is known.
     """

@@ -21,7 +21,7 @@ ROOM_WORTH = 0.05  # what a printer's larger room is worth, as a share of what t
 
 @dataclass(frozen=True, slots=True)
 class PrinterClass:
-    """Printers that are taken to be equal.
+    """Printers that are treated as equal.
 
     Attributes
     ----------
@@ -40,22 +40,22 @@ class PrinterClass:
 
     @property
     def count(self) -> int:
-        """How many they are."""
+        """Number of printers."""
         return len(self.printers)
 
     @property
     def throughput(self) -> float:
-        """What all of them can do."""
+        """Work that all of them do per second, in seconds of a printer of time factor 1."""
         return self.count / self.time_factor
 
 
 def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list[PrinterClass]:
-    """The classes of some printers, the largest first; one where they are about equal.
+    """Classes of some printers, the largest first; one where they are about equal.
 
     Parameters
     ----------
     most_sums
-        How many `sums` the search may make for each cut; at least 1.
+        How many sums (`count_sums`) the search may make for each cut; at least 1.
     """
     alike: dict[tuple[Room, float], list[PrinterRoom]] = {}
     for printer in printers:
@@ -63,33 +63,35 @@ def classify_printers(printers: Sequence[PrinterRoom], most_sums: float) -> list
     found = [PrinterClass(*key, tuple(alike[key])) for key in sorted(alike)]
     limit = LITTLE * sum(each.throughput for each in found)
     while len(found) > 1:
-        lost, a, b = min((_lost(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(found), 2))
+        lost, a, b = min(
+            (_lost_throughput(a, b), i, k) for (i, a), (k, b) in combinations(enumerate(found), 2)
+        )
         if lost > limit and count_sums([each.count for each in found]) <= most_sums:
             break
-        one = _merged(found[a], found[b])
+        one = _merge(found[a], found[b])
         found = [*(each for i, each in enumerate(found) if i not in (a, b)), one]
     return sorted(found, key=lambda each: (-each.count, each.boxes, each.time_factor))
 
 
 def count_sums(counts: Sequence[int]) -> int:
-    """In how many ways printers of all classes but the largest are shared out between the sides of a cut."""
+    """Number of ways to share printers of all classes but the largest between the sides of a cut."""
     return prod((count + 1) * (count + 2) // 2 for count in sorted(counts)[:-1])
 
 
-def _lost(a: PrinterClass, b: PrinterClass) -> float:
-    """What two classes can do less as one."""
-    one = _merged(a, b)
+def _lost_throughput(a: PrinterClass, b: PrinterClass) -> float:
+    """Throughput that two classes lose when they become one."""
+    one = _merge(a, b)
     rooms = sum(each.throughput for each in (a, b) if each.boxes != one.boxes)
     return a.throughput + b.throughput - one.throughput + ROOM_WORTH * rooms
 
 
-def _merged(a: PrinterClass, b: PrinterClass) -> PrinterClass:
+def _merge(a: PrinterClass, b: PrinterClass) -> PrinterClass:
     factor = max(a.time_factor, b.time_factor)
-    return PrinterClass(_shared(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
+    return PrinterClass(_shared_room(a.boxes, b.boxes), factor, (*a.printers, *b.printers))
 
 
-def _shared(a: Room, b: Room) -> Room:
-    """The boxes that fit two rooms, without those that lie in others."""
+def _shared_room(a: Room, b: Room) -> Room:
+    """Boxes that fit two rooms, without those that lie in others."""
     if a == b:
         return a
     both = {(min(p[0], q[0]), min(p[1], q[1]), min(p[2], q[2])) for p, q in product(a, b)}

@@ -29,7 +29,7 @@ Table = npt.NDArray[np.int16] | Ints
 
 @jit
 def _least(value: Table, size: int, out_at: int, near_at: int, far_at: int, count: int, sums: Ints) -> None:
-    """What `count` boxes one after the other cost at least where they are cut into a near and a far side.
+    """Lower the values of `count` consecutive boxes to those of a cut into a near and a far side.
 
     value (states * size,); sums (m, 3): which state is one of the near and one of the far side together.
     """
@@ -48,7 +48,7 @@ def _least(value: Table, size: int, out_at: int, near_at: int, far_at: int, coun
 
 @jit
 def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None:
-    """The least sum over all guillotine partitions of every box, in place; `value` is that of one part.
+    """Lower every box, in place, to its least sum over all guillotine partitions.
 
     Boxes of one length along an axis stand side by side: those of the same sides are added at once, whatever
     their places; along z after they were turned, so that z comes before y.
@@ -102,7 +102,7 @@ def fill_counts(
     pieces: npt.NDArray[np.int16],
     value: npt.NDArray[np.int16],
 ) -> None:
-    """The parts of each box where it is not cut."""
+    """Fill in the parts of each box where it is not cut."""
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0
@@ -112,7 +112,7 @@ def fill_counts(
 
 @jit
 def _key(seconds: float, pieces: int, cut_mm2: float) -> int:
-    """Of a box that is not cut: parts, seconds and area of cuts as digits of one number."""
+    """Key of a box that is not cut: parts, seconds and area of cuts as digits of one number."""
     key: int = pieces * PART + round(min(seconds, MAX_S)) * SECOND + round(cut_mm2 / AREA_MM2)
     return key
 
@@ -126,7 +126,7 @@ def fill_keys(
     cut_mm2: npt.NDArray[np.float32],
     value: Ints,
 ) -> None:
-    """The key of each box where it is not cut."""
+    """Fill in the key of each box where it is not cut."""
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0

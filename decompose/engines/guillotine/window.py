@@ -39,7 +39,7 @@ def _tables(
     trimmed: npt.NDArray[np.int32],
     pieces: npt.NDArray[np.int16],
 ) -> None:
-    """The tables of a window at cell x, y, z of a grid (nx, ny, nz).
+    """Fill in the tables of a window at cell x, y, z of a grid (nx, ny, nz).
 
     mine: cells to be covered. others: summed-area table of the cells of other parts.
     """
@@ -104,7 +104,7 @@ def _tables(
 def _fewest_in_pinwheel(
     counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
 ) -> tuple[int, int, int, int, int, int, int]:
-    """The fewest parts of a pinwheel of the whole window, and which it is; see `pinwheel`."""
+    """Fewest parts of a pinwheel of the whole window, and the pinwheel; see `pinwheel_boxes`."""
     sizes = (wx, wy, wz)
     strides = (wy * (wy + 1) // 2 * (wz * (wz + 1) // 2), wz * (wz + 1) // 2, 1)
     best = (UNREACHABLE, 0, 0, 0, 0, 0, 0)
@@ -137,7 +137,7 @@ def _fewest_in_pinwheel(
 
 
 def pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
-    """The five boxes of a pinwheel that fills a grid of this shape; the last one is in the middle."""
+    """Five boxes of a pinwheel that fills a grid of this shape; the last one is in the middle."""
     axis, mirrored, p1, p2, q1, q2 = wheel
     p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
     if mirrored:
@@ -189,16 +189,16 @@ class Window:
 
     @property
     def boxes(self) -> int:
-        """How many boxes its tables are about."""
+        """Number of boxes in its tables."""
         return len(self._solver.boxes.seconds)
 
     @property
     def sums(self) -> int:
-        """That all its solves have made."""
+        """Number of sums of all its solves."""
         return self._solver.sums
 
     def _covered(self, boxes: Ints) -> Bools:
-        """(nx, ny, nz) Which cells of the window lie in some of these boxes (n, 6)."""
+        """(nx, ny, nz) Cells of the window that lie in some of these boxes (n, 6)."""
         inside = np.zeros(self.shape, dtype=np.bool_)
         for box in boxes:
             lo, hi = np.maximum(box[:3] - self._lo, 0), box[3:] - self._lo
@@ -206,7 +206,7 @@ class Window:
         return inside
 
     def fewest_parts(self, limit_s: float) -> int:
-        """The fewest parts that each take at most limit_s; `UNREACHABLE` or more where there are none."""
+        """Fewest parts that each take at most limit_s; `UNREACHABLE` or more where there are none."""
         by_cuts = self._solver.solve(limit_s, ties=True)
         count, *wheel = _fewest_in_pinwheel(self._solver.counts, *self.shape)
         axis, mirrored, p1, p2, q1, q2 = wheel
@@ -214,7 +214,7 @@ class Window:
         return min(by_cuts, int(count))
 
     def chosen_boxes(self) -> list[Box]:
-        """The boxes of the last solution, in the cells of the grid."""
+        """Boxes of the last solution, in the cells of the grid."""
         if self._wheel is None:
             found = self._solver.chosen_boxes()
         else:
@@ -224,7 +224,7 @@ class Window:
         return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in found]
 
     def solve(self, parts: int, below_s: float, least_s: float) -> list[Box] | None:
-        """At most so many parts that all take less than below_s, about as soon as it goes; None: not so.
+        """Cut it into at most so many parts, all faster than below_s, about as fast as possible.
 
         Nobody looks below least_s.
         """

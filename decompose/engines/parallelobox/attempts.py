@@ -30,7 +30,7 @@ R = TypeVar("R")
 
 
 class Run(Protocol):
-    """As the builtin `map`: calls a function with each, in any order, and returns the answers in theirs."""
+    """The builtin `map`, or an executor's: calls a function with each, and returns the answers in order."""
 
     def __call__(self, function: Callable[[T], R], each: Iterable[T], /) -> Iterable[R]: ...
 
@@ -55,7 +55,7 @@ class BlockPartition:
 def draw_seed_sets(
     points: Floats, grid: Grid, barred: Bools, printers: int, tries: int, seed: int, run: Run = map
 ) -> list[Seeds]:
-    """The seeds to grow blocks from: `tries` draws of each number from `printers` down to 1.
+    """Draw the seeds to grow blocks from: `tries` draws of each number from `printers` down to 1.
 
     Parameters
     ----------
@@ -76,12 +76,12 @@ def draw_seed_sets(
 def run_attempts(
     drawn: Sequence[Seeds], terrain: Terrain, printers: int, score: Score, run: Run = map
 ) -> list[BlockPartition]:
-    """All attempts that cover the model, the best first: least parallel score, then fewest parts.
+    """Attempts that cover the model, the best first: least parallel score, then fewest parts.
 
     Parameters
     ----------
     drawn
-        From `draws`.
+        From `draw_seed_sets`.
     score
         A reading of it, low or high.
     """
@@ -111,7 +111,7 @@ def _parts(blocks: Ints, terrain: Terrain) -> int:
 
 
 def draw_seeds(points: Floats, grid: Grid, barred: Bools, count: int, rng: np.random.Generator) -> list[Box]:
-    """Cells to grow blocks from, all of them boundary cells and no two the same.
+    """Draw cells to grow blocks from, all of them boundary cells and no two the same.
 
     Parameters
     ----------

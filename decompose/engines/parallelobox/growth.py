@@ -35,7 +35,7 @@ def grown_box_index(
     seconds: npt.NDArray[np.float32],
     pieces: npt.NDArray[np.int16],
 ) -> int:
-    """The index of the box that a block grows to, -1 where a hard constraint forbids it.
+    """Index of the box that a block grows to, -1 where a hard constraint forbids it.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def _fill(
 
 
 def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints | None:
-    """Cover what is needed and has no owner.
+    """Cover the needed cells that have no owner by blocks of their own.
 
     The first such cell becomes a block, which grows in every direction in turn as far as it may; then the
     next. As in growth, no block may be too large for a printer, which the paper's program does not see to.
@@ -200,7 +200,7 @@ def fill_voids(blocks: Ints, owner: Ints, terrain: Terrain, most: int) -> Ints |
     Parameters
     ----------
     blocks, owner
-        From `growth.grow`; owner is changed.
+        From `grow_blocks`; owner is changed.
     most
         Parts that may be added.
 

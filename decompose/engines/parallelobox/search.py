@@ -1,7 +1,7 @@
 """The engine `parallelobox`: blocks grown from seeds on a grid, as in the paper, section by section.
 
-Orientation (`alignment`) and symmetry cut (`symmetry`), then for each half seeds (`seeds`), growth (`growth`)
-and void fill (`voids`), over many attempts (`metaheuristic`).
+Orientation and symmetry cut (`alignment`), then for each half seeds, growth and void fill (`growth`), over
+many attempts (`attempts`).
 
 `--faithful` takes the best attempt by the paper's score. Otherwise blocks grow from the same seeds by prices
 in seconds too, by both readings of the score, on a finer grid too, and uncut too. Of all attempts, and the
@@ -37,7 +37,7 @@ MAX_OF_A_HALF = 100  # attempts that are combined with those of the other half
 
 
 def paper_settings(options: Options) -> Options:
-    """The paper's table of settings; its speeds and its overhang tolerance are in `growth`.
+    """Settings of the paper's table; its speeds and its overhang tolerance are in `terrain`.
 
     The table has no reading of the score: that of the paper's text, where nobody has asked for another.
     """
@@ -46,7 +46,7 @@ def paper_settings(options: Options) -> Options:
 
 
 def cut_by_parallelobox(problem: Problem) -> Partition:
-    """The pieces of the best attempt that has no more of them than there are printers.
+    """Cut a problem's model by the best attempt that has no more pieces than there are printers.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ground:
-    """A frame, the grid in it, and the terrains on it: the paper's, and not faithful one in seconds too.
+    """A frame, the grid in it, and the terrains on it: the paper's, and one in seconds unless faithful.
 
     `cut` are the pieces of each box that was cut already.
     """
@@ -97,7 +97,7 @@ class _Ground:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
-    """A partition that was cut, when its last piece ends, and why one of them is bad to glue, if one is."""
+    """A partition that was cut, when its last piece ends, and why a piece is bad to glue, if one is."""
 
     ground: _Ground
     cut: dict[Box, list[Piece]]
@@ -105,7 +105,7 @@ class _Tried:
     fault: str
 
     def rank(self) -> tuple[bool, float]:
-        """Less is better."""
+        """Sort key, less is better."""
         return bool(self.fault), self.ends_s
 
     @property
@@ -114,7 +114,7 @@ class _Tried:
 
 
 def _grounds(problem: Problem) -> list[_Ground]:
-    """The paper's, and not faithful the problem's own; that alone where a person named its granularity."""
+    """Grid of the paper, and unless faithful the problem's own; only that where its granularity is given."""
     options = problem.options
     steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
     found = []
@@ -142,7 +142,7 @@ def _same(aligned: AlignedModel, grid: Grid, ground: _Ground) -> bool:
 
 
 def _search(ground: _Ground, problem: Problem) -> list[_Tried]:
-    """The best partitions on one ground: the paper's choice, and not faithful those that end soonest."""
+    """Best partitions on one ground: the paper's choice, and unless faithful those that end soonest."""
     points = np.unique(ground.aligned.model.solid.arrays()[0], axis=0)
     tried: list[_Tried] = []
     for halves in _halves(ground, points, len(problem.printers)):
@@ -167,7 +167,7 @@ Ranked = list[tuple[float, list[Box]]]  # what partitions promise, the least fir
 
 
 def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Half]]:
-    """First the two halves of a symmetric model, the larger with the odd printer; then the model uncut."""
+    """Halves of a symmetric model, the larger with the odd printer; then the model uncut."""
     if ground.aligned.mirror is not None and printers > 1:
         axis, at_mm = ground.aligned.mirror
         for plane in np.flatnonzero(ground.grid.planes[axis][1:-1] == at_mm)[:1] + 1:
@@ -183,7 +183,7 @@ def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Hal
 
 
 def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
-    """All attempts on one half, from the same seeds; none where the budget is too small to draw these."""
+    """Attempts on one half, from the same seeds; none where the budget is too small to draw these."""
     terrains, points, printers = half
     options = problem.options
     clustered = len(points) * options.parallelobox.tries * printers * (printers + 1) // 2
@@ -204,7 +204,7 @@ def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
 
 
 def _ranked(found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]) -> Ranked:
-    """The partitions that attempts on the halves make together, the best first."""
+    """Partitions that attempts on the halves make together, the best first."""
     best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in found]
     together = [
         (max(longest for longest, _, _ in picks), sum(parts for _, parts, _ in picks), picks)
@@ -215,13 +215,13 @@ def _ranked(found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockParti
 
 
 def _first(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
-    """The first of these that has no more pieces than there are printers, if any."""
+    """First of these that has no more pieces than there are printers, if any."""
     tried = (_tried(boxes, ground, problem) for _, boxes in ranked[:MAX_CUT])
     return list(islice((each for each in tried if each is not None), 1))
 
 
 def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
-    """The one of these that ends soonest; it is looked for until no other promises more."""
+    """Partition of these that ends soonest; the search stops when no other promises more."""
     best: list[_Tried] = []
     for promised_s, boxes in ranked[:MAX_CUT]:
         enough = best and not best[0].fault and promised_s >= best[0].ends_s
@@ -234,7 +234,7 @@ def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
 
 
 def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None:
-    """A partition cut and posed; None where it has more pieces than there are printers."""
+    """Cut and pose a partition; None where it has more pieces than there are printers."""
     new = sum(box not in ground.cut for box in boxes)
     problem.effort.book(Work.FACE_CUT, new * ground.aligned.model.solid.faces)
     cut = {box: ground.pieces(box) for box in boxes}

@@ -1,4 +1,4 @@
-"""What blocks grow on: the cells, and two prices of every box."""
+"""Terrain that blocks grow on: the cells, and two prices of every box."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OVERHANG_TOLERANCE_DEG = 1.0  # likewise
 
 @dataclass(frozen=True, slots=True)
 class Terrain:
-    """What blocks grow on.
+    """Cells and prices that blocks grow by.
 
     Attributes
     ----------
@@ -46,12 +46,12 @@ class Terrain:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Of the grid, in cells."""
+        """Shape of the grid, in cells."""
         nx, ny, nz = self.needed.shape
         return nx, ny, nz
 
     def half(self, axis: int, plane: int, upper: bool) -> Terrain:
-        """Only what lies on one side of a plane of the grid."""
+        """Terrain on one side of a plane of the grid alone."""
         other = np.zeros(self.needed.shape, dtype=np.bool_)
         side = slice(None, plane) if upper else slice(plane, None)
         other[tuple(side if a == axis else slice(None) for a in range(3))] = True
@@ -59,13 +59,13 @@ class Terrain:
 
 
 def time_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """P is the print time in the best pose that fits, with its supports, so that O is nothing."""
+    """Terrain where P is the print time in the best pose that fits, with supports, so that O is nothing."""
     none = np.zeros(len(boxes.seconds), np.float32)
     return Terrain(grid.needed, np.zeros_like(grid.needed), boxes.seconds, boxes.pieces, boxes.seconds, none)
 
 
 def paper_terrain(grid: Grid, boxes: BoxTables) -> Terrain:
-    """P is speed times volume plus speed times area, O the least overhanging area.
+    """Terrain where P is speed times volume plus area, and O the least overhanging area.
 
     Parameters
     ----------

@@ -94,13 +94,13 @@ class Rounds:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.begun = 0
-        moved = _PlaneShift._moved
+        moved = _PlaneShift._take_steps
 
         def counted(evening: _PlaneShift, parts: list[_Part], slopes: np.ndarray) -> list[_Part]:
             self.begun += 1
             return moved(evening, parts, slopes)
 
-        monkeypatch.setattr(_PlaneShift, "_moved", counted)
+        monkeypatch.setattr(_PlaneShift, "_take_steps", counted)
 
 
 def halves(asked: Problem) -> list[Box]:
@@ -156,7 +156,7 @@ def test_a_round_in_vain_is_not_made_again_once_the_budget_is_spent(
     cut = {box: cut_cells(cone, grid, box) for box in halves(asked)}
     asked.find_poses([piece for pieces in cut.values() for piece in pieces])
     if faulty:
-        monkeypatch.setattr(_PlaneShift, "_faulty", lambda *_: True)
+        monkeypatch.setattr(_PlaneShift, "_has_faults", lambda *_: True)
     else:
         monkeypatch.setattr(Problem, "find_pose", worse)
     rounds = Rounds(monkeypatch)
@@ -170,7 +170,9 @@ def test_a_longest_part_that_stays_where_it_is_bars_nothing(
 ) -> None:
     """No round is made again that would be the same."""
     begun = []
-    monkeypatch.setattr(_PlaneShift, "_moved", lambda _, parts, slopes: begun.append(len(parts)) or [*parts])
+    monkeypatch.setattr(
+        _PlaneShift, "_take_steps", lambda _, parts, slopes: begun.append(len(parts)) or [*parts]
+    )
     asked = problem(cone, cost, 2, cells=2)
     run(asked, halves(asked))
     assert begun == [2]
@@ -181,20 +183,20 @@ def test_only_what_came_to_pieces_is_cut_to_see_by_which_face(cone: Solid, cost:
     search, parts = evening(asked)
     box = parts[0].box_mm + np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     slower = replace(parts[0], box_mm=box, seconds=2.0 * parts[0].seconds)
-    assert search._barred(parts, [slower, parts[1]], parts[0].seconds)
+    assert search._bar_faces(parts, [slower, parts[1]], parts[0].seconds)
     assert asked.effort.done[Work.FACE_CUT] == 0
     search.free[:] = True
     broken = replace(slower, pieces=slower.pieces * 2, seconds=np.inf)
-    assert search._barred(parts, [broken, parts[1]])
+    assert search._bar_faces(parts, [broken, parts[1]])
     assert asked.effort.done[Work.FACE_CUT] == search.near[0].faces
-    assert not search._barred(parts, [broken, parts[1]])  # it is barred already
+    assert not search._bar_faces(parts, [broken, parts[1]])  # it is barred already
 
 
 def test_what_is_posed_anew_is_posed_once_and_booked(
     cone: Solid, cost: CostModel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No part may stay in its pose: each is posed as soon as it has moved."""
-    measured, pose, posed = _PlaneShift._measured, Problem.find_pose, []
+    measured, pose, posed = _PlaneShift._measure, Problem.find_pose, []
 
     def tall(self: _PlaneShift, piece: Piece, old: Pose) -> Pose:
         return replace(measured(self, piece, old), size_mm=(1e4, 1e4, 1e4))
@@ -203,7 +205,7 @@ def test_what_is_posed_anew_is_posed_once_and_booked(
         posed.append(piece.solid)
         return pose(self, piece)
 
-    monkeypatch.setattr(_PlaneShift, "_measured", tall)
+    monkeypatch.setattr(_PlaneShift, "_measure", tall)
     monkeypatch.setattr(Problem, "find_pose", counted)
     asked = problem(cone, cost, 2, cells=2)
     before, after = run(asked, halves(asked))
