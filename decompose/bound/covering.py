@@ -14,8 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.grid import BoxTables, box_index, interval
+from decompose.grid import Box, BoxTables, Shape, box_index, index_of
 from decompose.jit import jit
+
+Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]
 
 RESTARTS, STEPS = 60, 100  # so many times, so many steps
 SURE = 1e-4  # share by which the fewest boxes are more than the printers, so that nobody looks further
@@ -42,47 +44,49 @@ class Covering:
 
 
 @jit
-def _largest(
-    seconds: npt.NDArray[np.float32],
-    trimmed: npt.NDArray[np.int32],
-    pieces: npt.NDArray[np.int16],
-    limit_s: float,
-    nx: int,
-    ny: int,
-    nz: int,
-    found: npt.NDArray[np.int16],
-) -> int:
-    """Fill in the boxes within the limit that no box one layer larger replaces; return how many they are."""
-    ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
-    size = (nx, ny, nz)
-    ends = np.zeros(6, np.int64)
+def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
+    """Tell whether a box within the limit one layer larger, of no more pieces, can stand for a box."""
+    seconds, trimmed, pieces = tables
+    at = index_of(box, shape)
+    replaced = False
+    for face in range(6):
+        x0, y0, z0, x1, y1, z1 = box
+        larger = at
+        while larger == at:  # a layer without needed cells changes nothing
+            x0, y0, z0 = x0 - (face == 0), y0 - (face == 1), z0 - (face == 2)
+            x1, y1, z1 = x1 + (face == 3), y1 + (face == 4), z1 + (face == 5)
+            if min(x0, y0, z0) < 0 or x1 > shape[0] or y1 > shape[1] or z1 > shape[2]:
+                break
+            larger = trimmed[index_of((x0, y0, z0, x1, y1, z1), shape)]
+        if larger != at and seconds[larger] <= limit_s:
+            replaced = replaced or pieces[larger] <= pieces[at]
+    return replaced
+
+
+@jit
+def _largest(tables: Tables, limit_s: float, shape: Shape, found: npt.NDArray[np.int16]) -> int:
+    """Fill in the boxes within the limit that no box one layer larger replaces; return how many they are.
+
+    Parameters
+    ----------
+    tables
+        `seconds` float32, `trimmed` int32 and `pieces` int16 of `BoxTables`, (boxes,) each.
+    found
+        (k, 6) int16, with room for all boxes within the limit.
+    """
+    seconds, trimmed, _ = tables
+    nx, ny, nz = shape
     count = 0
     for x0 in range(nx):
         for x1 in range(x0 + 1, nx + 1):
-            ix = interval(x0, x1, nx)
             for y0 in range(ny):
                 for y1 in range(y0 + 1, ny + 1):
-                    row = (ix * ty + interval(y0, y1, ny)) * tz
                     for z0 in range(nz):
                         for z1 in range(z0 + 1, nz + 1):
-                            box = row + interval(z0, z1, nz)
+                            box = index_of((x0, y0, z0, x1, y1, z1), shape)
                             if not seconds[box] <= limit_s or trimmed[box] != box:
                                 continue
-                            replaced = False
-                            for face in range(6):
-                                ends[0], ends[1], ends[2] = x0, y0, z0
-                                ends[3], ends[4], ends[5] = x1, y1, z1
-                                larger = box
-                                while larger == box:  # a layer without needed cells changes nothing
-                                    ends[face] += 1 if face >= 3 else -1
-                                    if ends[face] < 0 or ends[face] > size[face % 3]:
-                                        break
-                                    ix1 = interval(ends[0], ends[3], nx) * ty
-                                    iy1 = (ix1 + interval(ends[1], ends[4], ny)) * tz
-                                    larger = trimmed[iy1 + interval(ends[2], ends[5], nz)]
-                                if larger != box and seconds[larger] <= limit_s:
-                                    replaced = replaced or pieces[larger] <= pieces[box]
-                            if not replaced:
+                            if not _is_replaced(tables, limit_s, (x0, y0, z0, x1, y1, z1), shape):
                                 found[count, 0], found[count, 1], found[count, 2] = x0, y0, z0
                                 found[count, 3], found[count, 4], found[count, 5] = x1, y1, z1
                                 count += 1
@@ -91,7 +95,19 @@ def _largest(
 
 @jit
 def _held(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
-    """Sum the values of cells (nx, ny, nz) in each box (k, 8 corners), by a summed-area table."""
+    """Sum the values of cells in each box, by a summed-area table.
+
+    Parameters
+    ----------
+    cells
+        (nx, ny, nz) values.
+    corners
+        (k, 8) of `_corners`.
+    sums
+        (nx + 1, ny + 1, nz + 1) workspace, its first layers 0: the summed-area table.
+    held
+        (k,) filled in.
+    """
     nx, ny, nz = cells.shape
     for x in range(nx):
         for y in range(ny):
@@ -110,7 +126,19 @@ def _held(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
 
 @jit
 def _covered(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
-    """Sum, for each cell (nx, ny, nz), the shares (k,) of the boxes that cover it."""
+    """Sum, for each cell, the shares of the boxes that cover it.
+
+    Parameters
+    ----------
+    shares
+        (k,) of the boxes.
+    corners
+        (k, 8) of `_corners`.
+    steps
+        (nx + 1, ny + 1, nz + 1) workspace: what changes where boxes begin and end.
+    covered
+        (nx, ny, nz) filled in.
+    """
     s = steps.ravel()
     s[:] = 0.0
     for k in range(len(corners)):
@@ -139,7 +167,26 @@ def _covered(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> N
 def _solve(
     needed: Bools, corners: Ints, pieces: Floats, printers: int, weights: Floats
 ) -> tuple[Floats, Floats]:
-    """Best weights and shares found, scaled so that both keep their rules."""
+    """Best weights and shares found, scaled so that both keep their rules.
+
+    Primal-dual hybrid gradients with averages and restarts, see the head of this file.
+
+    Parameters
+    ----------
+    needed
+        (nx, ny, nz) cells to be covered.
+    corners, pieces
+        (k, 8) of `_corners` and (k,) pieces of the boxes.
+    printers
+        The search ends when it is known whether more pieces than these are needed.
+    weights
+        (nx, ny, nz) to begin with; changed.
+
+    Returns
+    -------
+    tuple
+        Weights (nx, ny, nz) and shares (k,).
+    """
     shape = (needed.shape[0] + 1, needed.shape[1] + 1, needed.shape[2] + 1)
     sums, steps, covered = np.zeros(shape), np.zeros(shape), np.zeros(needed.shape)
     held, content, crowd = np.zeros(len(pieces)), np.zeros(len(pieces)), np.zeros(needed.shape)
@@ -219,7 +266,7 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     """
     found = np.zeros((int((boxes.seconds <= limit_s).sum()), 6), np.int16)
     tables = (boxes.seconds, boxes.trimmed, boxes.pieces)
-    found = found[: _largest(*tables, limit_s, *boxes.shape, found)].copy()
+    found = found[: _largest(tables, limit_s, boxes.shape, found)].copy()
     corners = _corners(found.astype(np.int64), boxes.shape)
     crowd = np.zeros(needed.shape)
     _covered(np.ones(len(found)), corners, np.zeros([n + 1 for n in boxes.shape]), crowd)

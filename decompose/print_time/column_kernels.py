@@ -8,20 +8,10 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
 
 MIN_STEP_MM = 0.4
-
-
 LEVELS = 8  # heights at which the growing part is looked at
-
-
 ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
-
-
 LEVEL_MM = 0.01  # heights that are the same
-
-
 STEEPEST = 20.0  # the tangent that counts as upright
-
-
 MIN_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no support
 
 
@@ -29,22 +19,45 @@ MIN_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no su
 def sweep_columns(
     triangles: Floats,
     marked: Floats,
-    origin: Floats,
-    step: float,
-    nx: int,
-    ny: int,
+    rays: tuple[Floats, float, tuple[int, int]],
     height: float,
     overhang_cos: float,
 ) -> tuple[float, Floats, Bools, Floats, float, float, float]:
-    """Touched columns; (LEVELS, 4) moments and mass; which are propped, what of each is support; towers,
-    sides of strips, islands.
+    """Send upright rays through a closed mesh and add up what they meet, column by column.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm, outward, standing on z = 0.
+    marked
+        (m,) float64: 1 for a face to which no support should stick, else 0.
+    rays
+        Place (2,) of the first ray in mm, their distance in mm, and how many there are along x and y.
+    height
+        Of the mesh, in mm.
+    overhang_cos
+        Faces whose normal points down by more than this get support.
+
+    Returns
+    -------
+    tuple
+        touched
+            Number of marked faces that support hangs under or stands on, by columns.
+        levels
+            (LEVELS, 4) moments in x, y, z and mass of what is below each level, per area of a column.
+        propped
+            (nx, ny) whether support carries the part from the bed.
+        supports
+            (nx, ny) height of support in each column, in mm.
+        towers_mm, edges_mm2, islands_mm
+            See `_towers` and `_islands_mm`.
     """
+    origin, step, (nx, ny) = rays
     normals = _normals(triangles)
     start, where, which = _crossings(triangles, normals, origin, step, nx, ny)
     touched = 0.0
-    runs = np.zeros(
-        (len(where), 5)
-    )  # of solid in a column: its ends, the open air and support below, its lean
+    # Runs of solid in a column: their ends, the open air and the support below, their lean.
+    runs = np.zeros((len(where), 5))
     counts = np.zeros(nx * ny, np.int64)
     supports = np.zeros((nx, ny))
     propped = np.zeros((nx, ny), np.bool_)

@@ -76,9 +76,7 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     touched, levels, propped, supports, towers_mm, edges_mm2, islands_mm = sweep_columns(
         triangles,
         marked.astype(np.float64),
-        origin,
-        step,
-        *shape,
+        (origin, step, shape),
         height,
         overhang_cos,
     )

@@ -33,15 +33,23 @@ POSE_ROTATIONS: Floats = np.array([_pose_rotation(pose) for pose in range(POSES)
 
 @jit
 def _surface_sums(
-    normals: Floats,
-    areas: Floats,
-    centres: Floats,
-    up: Floats,
-    bed_mm: float,
-    skin_cos: float,
-    overhang_cos: float,
+    faces: tuple[Floats, Floats, Floats], up: Floats, bed_mm: float, cosines: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Sum the `ADDITIVE` features of faces, without the volume; the bed lies at `bed_mm` along `up`."""
+    """Sum the `ADDITIVE` features of faces, without the volume.
+
+    Parameters
+    ----------
+    faces
+        Unit normals (m, 3), areas (m,) in mm2 and centres (m, 3) in mm.
+    up
+        (3,) unit vector.
+    bed_mm
+        Place of the bed along `up`.
+    cosines
+        `skin_cos` and `overhang_cos` of `CostModel`.
+    """
+    normals, areas, centres = faces
+    skin_cos, overhang_cos = cosines
     lateral, skin, slope, column = 0.0, 0.0, 0.0, 0.0
     for i in range(len(areas)):
         n = normals[i, 0] * up[0] + normals[i, 1] * up[1] + normals[i, 2] * up[2]
@@ -82,14 +90,13 @@ def pose_features(
     normals, areas, centres = cross / doubled[:, None], doubled / 2.0, corners.mean(axis=1)
     features, extents = np.zeros((len(rotations), len(ADDITIVE))), np.zeros((len(rotations), 3))
     features[:, 0] = np.einsum("ij,ij->i", corners[:, 0], cross).sum() / 6.0
+    cosines = (cost.skin_cos, cost.overhang_cos)
     for i, rotation in enumerate(np.ascontiguousarray(rotations, dtype=np.float64)):
         placed = (vertices if hull is None else hull) @ rotation.T
         bottom = placed.min(axis=0)
         extents[i] = placed.max(axis=0) - bottom
         up = rotation[2]
-        features[i, 1:] = _surface_sums(
-            normals, areas, centres, up, float(bottom[2]), cost.skin_cos, cost.overhang_cos
-        )
+        features[i, 1:] = _surface_sums((normals, areas, centres), up, float(bottom[2]), cosines)
     return features, extents
 
 

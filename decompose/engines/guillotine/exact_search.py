@@ -210,8 +210,8 @@ class ExactSearch:
         if self.rejections:
             return NoFit(
                 f"no way to cut it holds together; of {len(self.rejections)} the last was given up since a "
-                f"part {self.rejections[-1]}: take more printers, a greater --longest-side, or (farm decompose) a "
-                "lower --min-glue"
+                f"part {self.rejections[-1]}: take more printers, a greater --longest-side, or (farm "
+                "decompose) a lower --min-glue"
             )
         needed = self.solver.solve(sys.float_info.max)  # below inf, which stands for no fit
         if needed >= UNREACHABLE:

@@ -10,36 +10,35 @@ from decompose.grid import interval
 from decompose.jit import jit
 
 UNREACHABLE = 16_000  # more parts than anybody has printers; twice as many are an int16
-
-
 PART = 1 << 46  # of a key: the digit of the parts
-
-
 SECOND = 1 << 20  # of the seconds, rounded; what is left counts the area of the cuts
-
-
 AREA_MM2 = 64.0  # in units of this
-
-
 MAX_S = 1e6  # so many seconds of a box count, so that the digits keep apart
-
 
 Table = npt.NDArray[np.int16] | Ints
 
 
 @jit
-def _least(value: Table, size: int, out_at: int, near_at: int, far_at: int, count: int, sums: Ints) -> None:
+def _least(value: Table, size: int, at: tuple[int, int, int], count: int, sums: Ints) -> None:
     """Lower the values of `count` consecutive boxes to those of a cut into a near and a far side.
 
-    value (states * size,); sums (m, 3): which state is one of the near and one of the far side together.
+    Parameters
+    ----------
+    value
+        (states * size,) int16 counts or int64 keys, lowered in place.
+    at
+        First index of the boxes, of their near sides and of their far sides, in each state.
+    sums
+        (m, 3) int64: a state, and the states of the near and of the far side that make it up.
     """
+    out_at, near_at, far_at = at
     for k in range(len(sums)):
-        at = sums[k, 0] * size + out_at
-        out = value[at : at + count]
-        at = sums[k, 1] * size + near_at
-        near = value[at : at + count]
-        at = sums[k, 2] * size + far_at
-        far = value[at : at + count]
+        begin = sums[k, 0] * size + out_at
+        out = value[begin : begin + count]
+        begin = sums[k, 1] * size + near_at
+        near = value[begin : begin + count]
+        begin = sums[k, 2] * size + far_at
+        far = value[begin : begin + count]
         for i in range(len(out)):
             both = near[i] + far[i]
             if both < out[i]:
@@ -53,6 +52,15 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
     Boxes of one length along an axis stand side by side: those of the same sides are added at once, whatever
     their places; along z after they were turned, so that z comes before y.
     A box that is larger than its needed cells needs no care: what a cut takes off there is worth 0.
+
+    Parameters
+    ----------
+    value
+        (states * boxes,) int16 counts or int64 keys of the uncut boxes, state after state; lowered in place.
+    sums
+        (m, 3) int64 of `partitioner.class_states`.
+    nx, ny, nz
+        Cells of the grid.
     """
     ty, tz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
     layer = ty * tz
@@ -64,13 +72,13 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
             first = interval(x0, x0 + dx, nx) * layer
             for x in range(x0 + 1, x0 + dx):
                 a, b = interval(x0, x, nx) * layer, interval(x, x0 + dx, nx) * layer
-                _least(value, size, first, a, b, layer, sums)
+                _least(value, size, (first, a, b), layer, sums)
             for dy in range(1, ny + 1):
                 rows = ny - dy + 1
                 at = first + interval(0, dy, ny) * tz
                 for cut in range(1, dy):
                     a, b = first + interval(0, cut, ny) * tz, first + interval(cut, dy, ny) * tz
-                    _least(value, size, at, a, b, rows * tz, sums)
+                    _least(value, size, (at, a, b), rows * tz, sums)
                 block = rows * tz
                 for state in range(states):
                     here = state * size + at
@@ -80,7 +88,7 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
                     up = interval(0, dz, nz) * rows
                     for cut in range(1, dz):
                         a, b = interval(0, cut, nz) * rows, interval(cut, dz, nz) * rows
-                        _least(turned, block, up, a, b, places, sums)
+                        _least(turned, block, (up, a, b), places, sums)
                 for state in range(states):
                     here = state * size + at
                     _turn(turned[state * block : (state + 1) * block], value[here : here + block], tz, rows)
@@ -88,7 +96,7 @@ def solve_recursion(value: Table, sums: Ints, nx: int, ny: int, nz: int) -> None
 
 @jit
 def _turn(rows: Table, columns: Table, m: int, n: int) -> None:
-    """Transpose (m, n) into (n, m)."""
+    """Transpose an (m, n) table into an (n, m) one, both flat."""
     for i in range(m):
         for k in range(n):
             columns[k * m + i] = rows[i * n + k]
@@ -102,7 +110,7 @@ def fill_counts(
     pieces: npt.NDArray[np.int16],
     value: npt.NDArray[np.int16],
 ) -> None:
-    """Fill in the parts of each box where it is not cut."""
+    """Fill in the parts of each box where it is not cut: (boxes,) each, as in `BoxTables`."""
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0
@@ -126,7 +134,7 @@ def fill_keys(
     cut_mm2: npt.NDArray[np.float32],
     value: Ints,
 ) -> None:
-    """Fill in the key of each box where it is not cut."""
+    """Fill in the key of each box where it is not cut: (boxes,) each, `cut_mm2` maybe empty."""
     for box in range(len(value)):
         if trimmed[box] < 0:
             value[box] = 0

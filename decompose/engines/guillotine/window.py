@@ -15,7 +15,7 @@ import numpy.typing as npt
 from decompose.arrays import Bools, Ints
 from decompose.engines.guillotine.partitioner import Partitioner
 from decompose.engines.guillotine.recursion import UNREACHABLE
-from decompose.grid import Box, BoxTables, box_index, interval
+from decompose.grid import Box, BoxTables, Shape, box_index, index_of, interval
 from decompose.jit import jit
 
 CLOSE = 0.002  # share of the time to which the least makespan is found
@@ -24,80 +24,78 @@ Pinwheel = tuple[int, int, int, int, int, int]  # axis that it is extruded along
 
 
 @jit
-def _tables(
-    mine: Bools,
-    others: Ints,
-    x: int,
-    y: int,
-    z: int,
-    nx: int,
-    ny: int,
-    nz: int,
-    grid_seconds: npt.NDArray[np.float32],
-    grid_pieces: npt.NDArray[np.int16],
-    seconds: npt.NDArray[np.float32],
-    trimmed: npt.NDArray[np.int32],
-    pieces: npt.NDArray[np.int16],
-) -> None:
-    """Fill in the tables of a window at cell x, y, z of a grid (nx, ny, nz).
+def _two_parts(box: Box, shape: Shape) -> tuple[int, int]:
+    """Indices of the two boxes that make up a box of two cells or more: all but its last layer, and it."""
+    x0, y0, z0, x1, y1, z1 = box
+    if z1 - z0 > 1:
+        return index_of((x0, y0, z0, x1, y1, z1 - 1), shape), index_of((x0, y0, z1 - 1, x1, y1, z1), shape)
+    if y1 - y0 > 1:
+        return index_of((x0, y0, z0, x1, y1 - 1, z1), shape), index_of((x0, y1 - 1, z0, x1, y1, z1), shape)
+    return index_of((x0, y0, z0, x1 - 1, y1, z1), shape), index_of((x1 - 1, y0, z0, x1, y1, z1), shape)
 
-    mine: cells to be covered. others: summed-area table of the cells of other parts.
+
+@jit
+def _count_cells(sums: Ints, box: Box) -> int:
+    """Number of cells in a box, by their summed-area table (nx + 1, ny + 1, nz + 1)."""
+    x0, y0, z0, x1, y1, z1 = box
+    count = sums[x1, y1, z1] - sums[x0, y1, z1] - sums[x1, y0, z1] + sums[x0, y0, z1]
+    return int(count - sums[x1, y1, z0] + sums[x0, y1, z0] + sums[x1, y0, z0] - sums[x0, y0, z0])
+
+
+@jit
+def _fill_tables(
+    own: Bools,
+    others: Ints,
+    place: tuple[Shape, Shape],
+    grid_tables: tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]],
+    tables: tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]],
+) -> None:
+    """Fill in the tables of a window, smaller boxes first.
+
+    Parameters
+    ----------
+    own
+        (wx, wy, wz) cells of the window to be covered.
+    others
+        (wx + 1, wy + 1, wz + 1) int64 summed-area table of the cells of other parts.
+    place
+        First cell x, y, z of the window on the grid, and the grid's shape.
+    grid_tables
+        `seconds` and `pieces` of the grid, (boxes of the grid,).
+    tables
+        `seconds`, `trimmed` and `pieces` of the window, (boxes of the window,): as +inf, -1 and 1 at first.
     """
-    wx, wy, wz = mine.shape
-    ty, tz = wy * (wy + 1) // 2, wz * (wz + 1) // 2
-    gy, gz = ny * (ny + 1) // 2, nz * (nz + 1) // 2
+    (x, y, z), grid_shape = place
+    grid_seconds, grid_pieces = grid_tables
+    seconds, trimmed, pieces = tables
+    wx, wy, wz = shape = own.shape
     ends = np.zeros((len(seconds), 6), np.int16)  # of the box about the cells to be covered
-    for dx in range(1, wx + 1):
-        for dy in range(1, wy + 1):
-            for dz in range(1, wz + 1):
-                for x0 in range(wx - dx + 1):
-                    ix = interval(x0, x0 + dx, wx) * ty
-                    for y0 in range(wy - dy + 1):
-                        iy = (ix + interval(y0, y0 + dy, wy)) * tz
-                        for z0 in range(wz - dz + 1):
-                            box = iy + interval(z0, z0 + dz, wz)
-                            x1, y1, z1 = x0 + dx, y0 + dy, z0 + dz
-                            if dx == 1 and dy == 1 and dz == 1:
-                                if not mine[x0, y0, z0]:
-                                    continue
-                                ends[box, 0], ends[box, 1], ends[box, 2] = x0, y0, z0
-                                ends[box, 3], ends[box, 4], ends[box, 5] = x1, y1, z1
-                            else:  # one layer, and the rest
-                                if dz > 1:
-                                    near = iy + interval(z0, z1 - 1, wz)
-                                    far = iy + interval(z1 - 1, z1, wz)
-                                elif dy > 1:
-                                    near = (ix + interval(y0, y1 - 1, wy)) * tz + interval(z0, z1, wz)
-                                    far = (ix + interval(y1 - 1, y1, wy)) * tz + interval(z0, z1, wz)
-                                else:
-                                    at = interval(y0, y1, wy) * tz + interval(z0, z1, wz)
-                                    near = interval(x0, x1 - 1, wx) * ty * tz + at
-                                    far = interval(x1 - 1, x1, wx) * ty * tz + at
-                                if trimmed[near] < 0 and trimmed[far] < 0:
-                                    continue
-                                if trimmed[near] < 0:
-                                    ends[box] = ends[far]
-                                elif trimmed[far] < 0:
-                                    ends[box] = ends[near]
-                                else:
-                                    for k in range(3):
-                                        ends[box, k] = min(ends[near, k], ends[far, k])
-                                        ends[box, k + 3] = max(ends[near, k + 3], ends[far, k + 3])
-                            e = ends[box]
-                            tight = (interval(e[0], e[3], wx) * ty + interval(e[1], e[4], wy)) * tz
-                            tight += interval(e[2], e[5], wz)
-                            trimmed[box] = tight
-                            if tight != box:
-                                continue
-                            strange = others[x1, y1, z1] - others[x0, y1, z1] - others[x1, y0, z1]
-                            strange += others[x0, y0, z1] - others[x1, y1, z0] + others[x0, y1, z0]
-                            strange += others[x1, y0, z0] - others[x0, y0, z0]
-                            if strange > 0:
-                                continue
-                            on_grid = interval(x + x0, x + x1, nx) * gy + interval(y + y0, y + y1, ny)
-                            on_grid = on_grid * gz + interval(z + z0, z + z1, nz)
-                            seconds[box] = grid_seconds[on_grid]
-                            pieces[box] = grid_pieces[on_grid]
+    for dx, dy, dz in np.ndindex(wx, wy, wz):
+        for x0, y0, z0 in np.ndindex(wx - dx, wy - dy, wz - dz):
+            x1, y1, z1 = x0 + dx + 1, y0 + dy + 1, z0 + dz + 1
+            box = index_of((x0, y0, z0, x1, y1, z1), shape)
+            e = ends[box]
+            if dx == 0 and dy == 0 and dz == 0:
+                if not own[x0, y0, z0]:
+                    continue
+                e[0], e[1], e[2], e[3], e[4], e[5] = x0, y0, z0, x1, y1, z1
+            else:
+                near, far = _two_parts((x0, y0, z0, x1, y1, z1), shape)
+                if trimmed[near] < 0 and trimmed[far] < 0:
+                    continue
+                if trimmed[near] < 0:
+                    e[:] = ends[far]
+                elif trimmed[far] < 0:
+                    e[:] = ends[near]
+                else:
+                    for k in range(3):
+                        e[k] = min(ends[near, k], ends[far, k])
+                        e[k + 3] = max(ends[near, k + 3], ends[far, k + 3])
+            trimmed[box] = index_of((e[0], e[1], e[2], e[3], e[4], e[5]), shape)
+            if trimmed[box] == box and _count_cells(others, (x0, y0, z0, x1, y1, z1)) == 0:
+                on_grid = index_of((x + x0, y + y0, z + z0, x + x1, y + y1, z + z1), grid_shape)
+                seconds[box] = grid_seconds[on_grid]
+                pieces[box] = grid_pieces[on_grid]
 
 
 @jit
@@ -183,7 +181,8 @@ class Window:
         trimmed = np.full(total, -1, np.int32)
         pieces = np.ones(total, np.int16)
         on_grid = (boxes.seconds, boxes.pieces)
-        _tables(covered, sums, left, front, bottom, *boxes.shape, *on_grid, seconds, trimmed, pieces)
+        place = ((left, front, bottom), boxes.shape)
+        _fill_tables(covered, sums, place, on_grid, (seconds, trimmed, pieces))
         self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
         self._wheel: Pinwheel | None = None
 

@@ -17,6 +17,8 @@ from decompose.grid import Box, index_of
 from decompose.jit import jit
 from decompose.options import Score
 
+Singles = npt.NDArray[np.float32]
+
 NOBODY, BARRED = -1, -2
 
 
@@ -107,12 +109,25 @@ def _grow(
     blocks: Ints,
     owner: Ints,
     needed: Bools,
-    seconds: npt.NDArray[np.float32],
-    pieces: npt.NDArray[np.int16],
-    printing: npt.NDArray[np.float32],
-    overhang: npt.NDArray[np.float32],
+    tables: tuple[Singles, npt.NDArray[np.int16], Singles, Singles],
     high: bool,
 ) -> None:
+    """Grow blocks, in place, until none can grow.
+
+    Parameters
+    ----------
+    blocks
+        (k, 6) int64, in cells, half-open.
+    owner
+        (nx, ny, nz) int64: the block that has a cell, `NOBODY` or `BARRED`.
+    needed
+        (nx, ny, nz) cells that must be covered.
+    tables
+        `seconds`, `pieces`, `printing` and `overhang` of `Terrain`, (boxes,) each.
+    high
+        Take the highest score for the best; else the lowest.
+    """
+    seconds, pieces, printing, overhang = tables
     nx, ny, nz = owner.shape
     cost = np.zeros(len(blocks))
     for i in range(len(blocks)):
@@ -152,7 +167,7 @@ def grow_blocks(seeds: list[Box], terrain: Terrain, score: Score) -> tuple[Ints,
     blocks = np.array(seeds, dtype=np.int64).reshape(-1, 6)
     owner = np.where(terrain.barred, BARRED, NOBODY).astype(np.int64)
     tables = (terrain.seconds, terrain.pieces, terrain.printing, terrain.overhang)
-    _grow(blocks, owner, terrain.needed, *tables, score is Score.HIGH)
+    _grow(blocks, owner, terrain.needed, tables, score is Score.HIGH)
     return blocks, owner
 
 
@@ -165,6 +180,20 @@ def _fill(
     number: int,
     most: int,
 ) -> tuple[bool, Ints]:
+    """Cover needed cells without an owner by blocks, numbered from `number`, of at most `most` parts.
+
+    Parameters
+    ----------
+    owner, needed
+        As `_grow` takes them; owner is changed.
+    seconds, pieces
+        (boxes,) of `Terrain`.
+
+    Returns
+    -------
+    tuple
+        Whether all is covered, and the new blocks (n, 6).
+    """
     nx, ny, nz = owner.shape
     blocks = np.zeros((max(most, 0), 6), np.int64)
     found = parts = 0
