@@ -5,7 +5,7 @@ Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines 
 
 Engines other than `best` run at the first number of printers alone; where one that knows of no number answers
 k parts, `best` is run for k printers too, so that they can be compared part for part. What the guillotine
-engine cut is levelled again by what its slices take (`decompose.again`) wherever that gains. Each run is a
+engine cut is levelled again by what its slices take (`decompose.relevel`) wherever that gains. Each run is a
 file in --results and is not made again; slices are kept by content. A model as it stands is sliced whole,
 once, on a bed without limits (--no-whole: its time is the cost's estimate).
 """
@@ -103,7 +103,7 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
     return _written(result, folder, wall_s)
 
 
-def cut_again(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
+def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
     """What was written to a folder, levelled by what its parts take; None: as it was."""
     was = pickle.loads((folder / CUTTING).read_bytes())
     start = perf_counter()
@@ -119,7 +119,7 @@ def cut_again(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | N
 
 
 def _written(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
-    """The report, with the parts in a folder, and what `cut_again` needs of them."""
+    """The report, with the parts in a folder, and what `relevel` needs of them."""
     report = write_decomposition(result, folder).as_dict()
     (folder / CUTTING).write_bytes(pickle.dumps(result.without_parts()))
     report["wall_s"] = wall_s
@@ -233,7 +233,7 @@ def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         sliced = slice_parts(report, run, folder, cache, args.jobs)
     row = figures(run, report, sliced)
     while row.get("sliced") and row.get("levelled", 0) < LEVELLED and (folder / CUTTING).is_file():
-        report = _apart(cut_again, run, folder, sliced)
+        report = _apart(relevel, run, folder, sliced)
         if report is None:
             break
         folder = folder / "levelled"

@@ -4,7 +4,7 @@ Usage: python -m bench.effort MODEL... [--printers 8,20] [--engines guillotine,p
        [--json]
 
 Every search runs without a budget in one thread. `fit_ns` are the prices that would fit these runs best, none
-below nothing: least squares of the relative errors. `decompose.effort.NANOSECONDS` is taken from them.
+below nothing: least squares of the relative errors. `problem.effort.WORK_NS` is taken from them.
 """
 
 from __future__ import annotations

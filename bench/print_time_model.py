@@ -107,7 +107,7 @@ def _fit(matrix: Floats, wanted: Floats) -> Floats:
 
 
 def _features(row: Row, brim_mm: float) -> Floats:
-    """In the order of `decompose.cost.FEATURES`."""
+    """In the order of `print_time.recipe.FEATURES`."""
     ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE]
     rim = math.sqrt(row.skin_mm2)

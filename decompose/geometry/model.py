@@ -155,8 +155,9 @@ def _read(path: Path, where: str, name: str, suffix: str) -> Floats:
         raise ModelUnreadable(f"{name}: breaks off before its end; copy or export it again")
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its errors come back as ours
     try:
-        loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
-        triangles = np.array(loaded.triangles, dtype=np.float64)
+        with np.errstate(all="ignore"):  # normals of hostile files; coordinates are checked by the caller
+            loaded: Any = trimesh.load(io.BytesIO(data), file_type=suffix[1:], process=False, force="mesh")
+            triangles = np.array(loaded.triangles, dtype=np.float64)
     except Exception as error:  # readers of hostile bytes raise anything
         why = _one_line(str(error).strip().splitlines()[0][:80]) if str(error).strip() else "no reason given"
         if isinstance(error, ImportError):  # the reader looks for a package that guesses encodings

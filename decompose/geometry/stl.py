@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import trimesh
 
 from decompose.arrays import Floats, Ints
 
-RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-HEADER = 80
+HEADER_BYTES, COUNT_BYTES, FACE_BYTES = 80, 4, 50
 
 
 def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | None:
@@ -29,16 +30,10 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
 
 
 def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
-    """Write triangles (m, 3, 3), in mm."""
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    length = np.linalg.norm(normal, axis=1, keepdims=True)
-    records = np.zeros(len(corners), dtype=RECORD)
-    records["normal"] = np.divide(normal, length, out=np.zeros_like(normal), where=length > 0.0)
-    records["corners"] = corners
-    with path.open("wb") as file:
-        file.write(b"part in printing pose, mm".ljust(HEADER))
-        file.write(np.array([len(corners)], dtype="<u4").tobytes())
-        file.write(records.tobytes())
+    """Write triangles (m, 3, 3) in mm, unchanged, to a binary STL."""
+    faces = np.arange(3 * len(corners)).reshape(-1, 3)
+    mesh: Any = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
+    path.write_bytes(mesh.export(file_type="stl"))
 
 
 def is_binary_stl(data: bytes) -> bool:
@@ -48,9 +43,9 @@ def is_binary_stl(data: bytes) -> bool:
 
 def header_face_count(data: bytes) -> int:
     """Number of faces that a binary STL's header gives."""
-    return int(np.frombuffer(data[HEADER : HEADER + 4], dtype="<u4")[0])
+    return int(np.frombuffer(data[HEADER_BYTES : HEADER_BYTES + COUNT_BYTES], dtype="<u4")[0])
 
 
 def stored_face_count(data: bytes) -> float:
     """Number of faces that the bytes of a binary STL hold."""
-    return max(0, len(data) - HEADER - 4) / RECORD.itemsize
+    return max(0, len(data) - HEADER_BYTES - COUNT_BYTES) / FACE_BYTES
