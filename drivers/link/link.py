@@ -53,7 +53,6 @@ SILENT = "the board does not answer"
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
 HAIL_S = 0.3  # to the first question, where a board may not start at all
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
-LINE_S = 10.0  # a line is given up after so long, TRIES + 1 times
 ASK_S = 0.3  # of silence; doubled with each question
 ASKS = 4  # more may not fit into the board's ring behind a line
 HINT_S = 0.05  # after something that could not be read and may have been an ok
@@ -405,7 +404,7 @@ class Link:
         self._out += replies.QUESTION
         wait_s = self._ask_s * 2**self._asks
         if self._asks == ASKS:
-            wait_s = (TRIES + 1) * self._patience_s() - (wait_s - self._ask_s)
+            wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._ask_s)
         self._due_s = now_s + wait_s
 
     def _hurry(self, now_s: float) -> None:
@@ -436,9 +435,6 @@ class Link:
         self._asks = self._confirmations = 0
         self._out += line
         self._due_s = now_s + self._ask_s
-
-    def _patience_s(self) -> float:
-        return max(self._outbox.patience_s(LINE_S), LINE_S, self._floor_s)
 
     def _repeat(self, number: int, now_s: float, events: list[Event]) -> None:
         self.repeated += 1

@@ -6,20 +6,28 @@ put in front of it.
 
 from __future__ import annotations
 
+import math
+import re
 from collections import deque
 from collections.abc import Callable
 
 from drivers.link.replies import frame
 
 HISTORY_LINES = 32
-POLL_S = 30.0  # an M105 waits its turn behind up to 8 slow moves
+LINE_S = 50.0  # a line is given up after so long,
+POLL_S = 150.0  # an M105, which waits its turn behind up to 8 moves,
+_WAITING_S = {  # and those that wait for all moves before them
+    b"G28": 1500.0, b"G4": 3000.0, b"M400": 3000.0, b"M401": 300.0, b"M84": 3000.0, b"M18": 3000.0,
+}  # fmt: skip
+REACH_MM = 460.0  # no straight move over the largest bed is longer,
+ARC_REACH_MM = 1450.0  # and no arc
+QUEUED_LINES = 32  # a slow move holds up the answers to so many lines behind it: 16 planned, 8 waiting
 _BLOCK_LINES = 256
 
-_PATIENCE_S = {  # those that wait for all moves before them
-    b"G28": 300.0, b"G4": 600.0, b"M400": 600.0, b"M401": 60.0, b"M84": 600.0, b"M18": 600.0,
-}  # fmt: skip
-
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
+_ARCS = (b"G2 ", b"G3 ")
+_FEEDRATE = re.compile(rb"F(\d+\.?\d*)")
+_TRAVELS = re.compile(rb".*[XYZ]").match  # not the feeder alone
 
 Source = Callable[[int, int], list[bytes]]
 """Lines `start` to `stop` of a program."""
@@ -36,6 +44,9 @@ class Outbox:
         self._cursor = -1
         self._top = -1  # the highest number that was sent before the cursor went back
         self._patience: dict[int, float] = {}  # of lines that may take long
+        self._feedrate_mm_min = math.inf  # of the last line that was encoded
+        self._slow_s = 0.0  # how long a move among the last `QUEUED_LINES` may take,
+        self._slow_until = -1  # up to this line
         self._polls: set[int] = set()  # lines that are M105
         self._careful = 0  # up to this number lines may be special, or were sent before
         self._queue: deque[bytes] = deque()
@@ -86,9 +97,10 @@ class Outbox:
         """Whether the line that was sent last is an M105."""
         return self.number in self._polls
 
-    def patience_s(self, usual_s: float) -> float:
-        """How long the line that was sent last may take."""
-        return POLL_S if self.polls else self._patience.get(self.number, usual_s)
+    @property
+    def patience_s(self) -> float:
+        """Seconds after which the line that was sent last is given up."""
+        return max(POLL_S if self.polls else LINE_S, self._patience.get(self.number, 0.0))
 
     def holds(self, number: int) -> bool:
         """Whether it is recent enough to be sent again."""
@@ -122,6 +134,9 @@ class Outbox:
         self._queue.clear()
         del self._frames[sent:]
         self._patience = {n: s for n, s in self._patience.items() if n < self._base + sent}
+        feedrates = (_FEEDRATE.search(line) for line in reversed(self._frames))
+        if (last := next(filter(None, feedrates), None)) is not None:
+            self._feedrate_mm_min = float(last[1]) or self._feedrate_mm_min
 
     def insert_poll(self) -> None:
         """Put an M105 before all that is encoded ahead, which gets new numbers."""
@@ -183,10 +198,26 @@ class Outbox:
             commands = self._source(self._source_at, stop)
             self._source_at = stop
         for command in commands:
-            if not command.startswith((b"G1 ", b"G0 ")):
-                patience_s = _PATIENCE_S.get(command.split(b" ", 1)[0])
-                if patience_s is not None:
-                    self._patience[number] = patience_s
-                    self._careful = number
+            if command.startswith(_MOVES):
+                self._expect_slow(number, command)
+            elif (waiting_s := _WAITING_S.get(command.split(b" ", 1)[0])) is not None:
+                self._patience[number] = waiting_s
+                self._careful = number
+            if number <= self._slow_until:
+                self._patience[number] = max(self._slow_s, self._patience.get(number, 0.0))
             self._frames.append(frame(number, command))
             number += 1
+
+    def _expect_slow(self, number: int, move: bytes) -> None:
+        """Note a move that may take longer than `LINE_S`, by its feedrate: its length is not known here."""
+        if (found := _FEEDRATE.search(move)) is not None and float(found[1]) > 0.0:
+            self._feedrate_mm_min = float(found[1])
+        if move.startswith(_ARCS):
+            takes_s = 60.0 * ARC_REACH_MM / self._feedrate_mm_min
+        elif self._feedrate_mm_min * LINE_S >= 60.0 * REACH_MM or not _TRAVELS(move):
+            return
+        else:
+            takes_s = 60.0 * REACH_MM / self._feedrate_mm_min
+        if takes_s > LINE_S:
+            self._slow_s = max(takes_s, self._slow_s if number <= self._slow_until else 0.0)
+            self._slow_until = number + QUEUED_LINES

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bench.stalls import KINDS, run
@@ -41,6 +41,7 @@ def test_whatever_is_hit_the_print_is_exact_and_goes_on_within_3_s(name: str, se
     feed_mm_min=st.sampled_from([120, 600, 3000]),
     hits=st.sets(st.integers(0, 39), max_size=2),
 )
+@example(moves=[0.5, 180.0] + [0.5] * 18, feed_mm_min=120, hits=set())
 @settings(max_examples=60, deadline=None)
 def test_behind_slow_moves_nothing_is_sent_twice_and_a_lost_ok_costs_nothing(
     moves: list[float], feed_mm_min: int, hits: set[int]
