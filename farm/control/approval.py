@@ -102,11 +102,11 @@ class Ahead:
     def _view(
         self, job: Job, plates: list[Plate], slots: list[Slot], left: tuple[str, ...], bound_s: float
     ) -> api.Night:
-        scene = self._core.scene(self._state)
+        context = self._core.build_view_context(self._state)
         by_id = {plate.id: plate for plate in plates}
         prices = [plate.price for plate in plates if plate.price is not None]
-        begin_s = min((slot.starts_s for slot in slots), default=scene.now_s)
-        end_s = max((slot.ends_s for slot in slots), default=scene.now_s)
+        begin_s = min((slot.starts_s for slot in slots), default=context.now_s)
+        end_s = max((slot.ends_s for slot in slots), default=context.now_s)
         return api.Night(
             job=job.id,
             plan=job.plan or "",
@@ -115,8 +115,8 @@ class Ahead:
                     plate=slot.plate,
                     parts=list(by_id[slot.plate].parts),
                     printer=slot.printer,
-                    starts=scene.moment(slot.starts_s) or "",
-                    ends=scene.moment(slot.ends_s) or "",
+                    starts=context.format_time(slot.starts_s) or "",
+                    ends=context.format_time(slot.ends_s) or "",
                     grams=by_id[slot.plate].grams,
                     price=by_id[slot.plate].price,
                 )

@@ -59,7 +59,7 @@ from farm.state.recovery.journal_import import recount
 from farm.state.reels import with_reels
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
-from farm.views.context import Scene
+from farm.views.context import ViewContext
 
 log = logging.getLogger(__name__)
 
@@ -397,20 +397,20 @@ class Core:
     def fleet_printers(self) -> list[FleetPrinter]:
         return describe_printers(self.fleet.printers, self.books, self.snapshots, self._room)
 
-    def scene(self, state: StateFolder) -> Scene:
+    def build_view_context(self, state: StateFolder) -> ViewContext:
         """All that a view is drawn from."""
         now_s = self.clock.now()
         unbooked = next(iter(self._unbooked.values()), None)
         if unbooked is not None:
             unbooked += f"; nothing is booked until there is room in {state.root}"
-        return Scene(
+        return ViewContext(
             self.fleet,
             self.books,
             self.snapshots,
             state,
             now_s,
             ends_s=self._forecast_cache.ends_s(self.books, self.fleet_printers, now_s),
-            settled=not self.arriving(),
+            startup_over=not self.arriving(),
             progress=self.progress,
             warning=unbooked or self._warning,
         )

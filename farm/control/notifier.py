@@ -14,7 +14,7 @@ from pydantic import SecretStr
 
 from farm.errors import FleetFileError
 from farm.state.books import Books
-from farm.views.notices import due
+from farm.views.notices import list_due_notices
 
 log = logging.getLogger(__name__)
 
@@ -52,7 +52,7 @@ class Notifier:
 
     def tell(self, books: Books, now_s: float) -> None:
         """Have told what is news in these books, which are committed. Returns at once."""
-        news = due(books, now_s, self._since_s, self._told)
+        news = list_due_notices(books, now_s, self._since_s, self._told)
         if not news:
             return
         self._since_s = max(self._since_s, now_s - _KEPT_S)

@@ -30,10 +30,11 @@ from farm.paths import StateFolder
 from farm.planning.tasks import inspect_submission
 from farm.scheduling.time_expressions import start_and_deadline_s
 from farm.text import first_of, one_line
-from farm.views.context import Scene
-from farm.views.history import history, night_view, shown_jobs
-from farm.views.jobs import job_view, printer_view
-from farm.views.tasks import todo
+from farm.views.context import ViewContext
+from farm.views.history import describe_night, list_history, select_shown_jobs
+from farm.views.jobs import describe_job
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 _LARGEST_MODEL = 2 * 1024**3  # bytes
@@ -72,8 +73,10 @@ def make_app(
     app.state.dry_runs = DryRuns(core)
     desk = Desk(core)
 
-    def daemon(scene: Scene) -> api.DaemonView:
-        return api.DaemonView(pid=os.getpid(), version=farm.__version__, since=scene.moment(since_s) or "")
+    def daemon(context: ViewContext) -> api.DaemonView:
+        return api.DaemonView(
+            pid=os.getpid(), version=farm.__version__, since=context.format_time(since_s) or ""
+        )
 
     @app.exception_handler(FarmError)
     async def refused(_: Request, error: FarmError) -> Response:
@@ -88,21 +91,21 @@ def make_app(
 
     @app.get("/status")
     async def status() -> api.Status:
-        scene = core.scene(state)
+        context = core.build_view_context(state)
         obstacles = {view.name: view.obstacle() for view in core.fleet_printers()}
         return api.Status(
-            daemon=daemon(scene),
-            todo=todo(scene),
-            night=night_view(scene),
+            daemon=daemon(context),
+            todo=list_tasks(context),
+            night=describe_night(context),
             fleet=api.FleetView(
                 name=core.fleet.fleet.name,
                 timezone=core.fleet.fleet.timezone,
                 time_scale=core.fleet.fleet.time_scale,
-                now=scene.moment(scene.now_s) or "",
+                now=context.format_time(context.now_s) or "",
                 file=str(fleet_file),
             ),
-            printers=[printer_view(scene, p, obstacles.get(p.name)) for p in core.fleet.printers],
-            jobs=[job_view(scene, job) for job in shown_jobs(core.books)],
+            printers=[describe_printer(context, p, obstacles.get(p.name)) for p in core.fleet.printers],
+            jobs=[describe_job(context, job) for job in select_shown_jobs(core.books)],
         )
 
     @app.get("/names")
@@ -111,7 +114,7 @@ def make_app(
             printers=list(core.fleet.names),
             jobs=[
                 api.JobName(id=job.id, name=job.name, state=job.state, parts=list(job.parts))
-                for job in shown_jobs(core.books)
+                for job in select_shown_jobs(core.books)
             ],
         )
 
@@ -125,13 +128,13 @@ def make_app(
             core.books.job(job)
         if printer is not None:
             core.books.printer(printer)
-        return api.History(prints=history(core.scene(state), job, printer, last))
+        return api.History(prints=list_history(core.build_view_context(state), job, printer, last))
 
     @app.get("/jobs/{number}")
     async def job(number: int) -> api.JobStatus:
         app.state.dry_runs.asked(number, time.monotonic())
-        scene = core.scene(state)
-        return api.JobStatus(daemon=daemon(scene), job=job_view(scene, core.books.job(number)))
+        context = core.build_view_context(state)
+        return api.JobStatus(daemon=daemon(context), job=describe_job(context, core.books.job(number)))
 
     @app.post("/jobs")
     async def submit(

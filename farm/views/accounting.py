@@ -14,7 +14,7 @@ NIGHT_S = 16 * 3600.0
 
 
 @dataclass(frozen=True, slots=True)
-class Account:
+class JobSummary:
     """Time and plastic of the prints of a job."""
 
     printed: int = 0  # plates, a person's verdict or not
@@ -24,7 +24,7 @@ class Account:
 
 
 @dataclass(frozen=True, slots=True)
-class Night:
+class NightSummary:
     """What was printed since a moment."""
 
     since_s: float
@@ -40,23 +40,25 @@ class Night:
         return self.printed + self.failed + self.printing + self.waiting
 
 
-def took_s(attempt: Print) -> float:
+def duration_s(attempt: Print) -> float:
     """How long a print that has ended kept its printer; 0 where it never began."""
     if attempt.started_s is None or attempt.ended_s is None:
         return 0.0
     return max(0.0, attempt.ended_s - attempt.started_s)
 
 
-def wasted(attempt: Print) -> bool:
+def is_wasted(attempt: Print) -> bool:
     """Whether a print that has ended made nothing that anybody wants."""
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
-def job_account(books: Books, job: Job) -> Account:
+def summarise_job(books: Books, job: Job) -> JobSummary:
     """What became of a job's plates so far."""
     stand = [books.standing(plate) for plate in books.plates_of(job)]
-    waste = [(took_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if wasted(attempt)]
-    return Account(
+    waste = [
+        (duration_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if is_wasted(attempt)
+    ]
+    return JobSummary(
         printed=stand.count(Standing.PRINTED) + stand.count(Standing.GOOD),
         good=stand.count(Standing.GOOD),
         wasted_s=sum(s for s, _ in waste),
@@ -64,7 +66,7 @@ def job_account(books: Books, job: Job) -> Account:
     )
 
 
-def night(books: Books, recent: Iterable[Print], now_s: float) -> Night | None:
+def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> NightSummary | None:
     """What was printed since the afternoon before; None where nothing ended since.
 
     Parameters
@@ -76,13 +78,13 @@ def night(books: Books, recent: Iterable[Print], now_s: float) -> Night | None:
     ended = [p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None]
     if not ended:
         return None
-    done = {p.plate for p in ended if not wasted(p)}
+    done = {p.plate for p in ended if not is_wasted(p)}
     failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
     failed = {name for name in failed if not books.plates[name].replaced_by}  # those are what waits now
     printing = {p.plate for p in books.open_prints()} - done
     waiting = {plate.id for plate in books.waiting_plates()} - done - failed
-    grams = [(wasted(p), p.grams) for p in ended]
-    return Night(
+    grams = [(is_wasted(p), p.grams) for p in ended]
+    return NightSummary(
         since_s=since_s,
         printed=len(done),
         failed=len(failed - printing),

@@ -13,7 +13,7 @@ from farm.state.books import Books
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class ViewContext:
     """All that a view is drawn from."""
 
     fleet: Fleet
@@ -22,11 +22,11 @@ class Scene:
     state: StateFolder
     now_s: float
     ends_s: Mapping[str, float] = field(default_factory=dict)  # of waiting plates, as far as it is foreseen
-    settled: bool = True  # the farm has been up long enough for every printer to have connected
+    startup_over: bool = True  # the farm has been up long enough for every printer to have connected
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warning: str | None = None  # what is wrong with the farm itself
 
-    def moment(self, at_s: float | None) -> str | None:
+    def format_time(self, at_s: float | None) -> str | None:
         """ISO 8601 in the fleet's zone."""
         return (
             None if at_s is None else datetime.fromtimestamp(at_s, self.fleet.zone).isoformat("T", "seconds")
@@ -36,7 +36,7 @@ class Scene:
         """What its agent said last."""
         return self.snapshots.get(printer) or AgentSnapshot(printer=printer, link=Link.STARTING)
 
-    def said(self, attempt: Print) -> AgentPrint | None:
+    def reported_print(self, attempt: Print) -> AgentPrint | None:
         """What the printer's agent says of a print."""
         said = self.snapshot(attempt.printer).print
         return said if said is not None and said.print_id == attempt.id else None
@@ -45,7 +45,7 @@ class Scene:
         """Of an open print: by the timeline once it prints (heat-up is over then), by the estimate before."""
         plate = self.books.plates[attempt.plate]
         factor = self.books.printer(attempt.printer).time_factor
-        said = self.said(attempt)
+        said = self.reported_print(attempt)
         if said is not None and said.progress_s > 0:
             return max(0.0, plate.print_time_s - said.progress_s) * factor
         return max(0.0, plate.seconds(factor) - (self.now_s - (attempt.started_s or self.now_s)))

@@ -9,7 +9,7 @@ from farm import api
 from farm.model import AgentPrint, Print, PrintState
 
 
-def deadlines(
+def list_deadlines(
     attempt: Print, said: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
     """That a pause has to be ended, and by when; that a print would go on when nobody is there any more.

@@ -1,27 +1,14 @@
-"""What jobs and printers look like to a person. Pure."""
+"""Jobs, their parts, plates and prints as people see them. Pure."""
 
 from __future__ import annotations
 
 from farm import api
-from farm.config import PrinterSection
 from farm.errors import EXIT_CODES, ExitCode
-from farm.model import (
-    AgentSnapshot,
-    Hold,
-    HoldCode,
-    Job,
-    JobState,
-    Link,
-    Plate,
-    Print,
-    Printer,
-    PrintState,
-    Verdict,
-)
+from farm.model import HoldCode, Job, JobState, Plate, Print, PrintState, Verdict
 from farm.state.books import Books
 from farm.state.plate_state import Standing
-from farm.views.accounting import job_account, took_s
-from farm.views.context import Scene
+from farm.views.accounting import duration_s, summarise_job
+from farm.views.context import ViewContext
 
 _PASSING_HOLDS = {
     HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
@@ -30,21 +17,21 @@ _PASSING_HOLDS = {
 }  # fmt: skip
 
 
-def job_view(scene: Scene, job: Job) -> api.JobView:
+def describe_job(context: ViewContext, job: Job) -> api.JobView:
     """Everything about a job."""
-    books = scene.books
+    books = context.books
     plates = list(books.plates_of(job))
     prints = books.prints_of_job(job)
-    account = job_account(books, job)
-    elapsed_s = _elapsed_s(job, prints, scene.now_s)
-    remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(scene, plates)
+    account = summarise_job(books, job)
+    elapsed_s = _elapsed_s(job, prints, context.now_s)
+    remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(context, plates)
     ended = job.state in (JobState.PRINTED, JobState.DONE)
     makespan_s = None
     if ended or not job.state.ended:  # a job that failed or was cancelled was no quicker for it
         makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
         makespan_s = makespan_s or job.estimated_s
-    busy_s = sum(_busy_s(scene, plate) for plate in plates)
-    reached_s = sum(map(took_s, prints))
+    busy_s = sum(_busy_s(context, plate) for plate in plates)
+    reached_s = sum(map(duration_s, prints))
     used = {attempt.printer for attempt in prints} | {p.printer for p in plates if not p.prints}
     exit_code = EXIT_CODES[job.error] if job.error else ExitCode.DONE
     if job.state is JobState.FAILED and job.planned_s is not None:
@@ -58,19 +45,19 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         paused=job.paused,
         exit_code=int(exit_code),
         hold=job.hold,
-        progress=scene.progress.get(job.id) if job.state is JobState.PLANNING else None,
-        submitted=scene.moment(job.submitted_s) or "",
+        progress=context.progress.get(job.id) if job.state is JobState.PLANNING else None,
+        submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
         options=job.options,
-        parts=[_part_view(scene, name) for name in job.parts],
-        plates=[_plate_view(scene, plate) for plate in plates],
+        parts=[_part_view(context, name) for name in job.parts],
+        plates=[_plate_view(context, plate) for plate in plates],
         repairs=list(job.repairs),
         scale=job.scale,
         plan=job.plan,
-        starts=scene.moment(job.not_before_s),
+        starts=context.format_time(job.not_before_s),
         estimated_s=job.estimated_s,
         lower_bound_s=job.lower_bound_s,
-        eta=scene.moment(job.ended_s if ended else _eta_s(scene, job, remaining_s)),
+        eta=context.format_time(job.ended_s if ended else _eta_s(context, job, remaining_s)),
         elapsed_s=elapsed_s,
         serial_s=job.serial_s,
         speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
@@ -83,62 +70,10 @@ def job_view(scene: Scene, job: Job) -> api.JobView:
         grams=sum(plate.grams for plate in plates) if plates else None,
         filament_mm=sum(plate.filament_mm for plate in plates) if plates else None,
         price=_price(plates),
-        currency=scene.fleet.fleet.currency,
+        currency=context.fleet.fleet.currency,
         starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
-        folder=str(scene.state.job(job.id)) if job.plates else None,
+        folder=str(context.state.job(job.id)) if job.plates else None,
         waits_for_person=_waits_for_person(books, job, plates),
-    )
-
-
-def printer_view(scene: Scene, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
-    """Everything about a printer; `hold` is what keeps it from a plate, if anything."""
-    entry = scene.books.printer(section.name)
-    snapshot = scene.snapshot(section.name)
-    attempt = scene.books.open_print_on(section.name)
-    return api.PrinterView(
-        name=section.name,
-        model=section.model,
-        state=_printer_state(entry, snapshot, attempt, section.enabled),
-        bed=entry.bed,
-        filament=entry.filament,
-        reel=_reel(section, entry),
-        agent_pid=snapshot.agent_pid,
-        nozzle_c=snapshot.nozzle_c,
-        bed_c=snapshot.bed_c,
-        targets=api.Targets(nozzle_c=snapshot.nozzle_target_c, bed_c=snapshot.bed_target_c),
-        heaters_off=snapshot.heaters_off,
-        time_factor=entry.time_factor,
-        print=_progress(scene, attempt) if attempt else None,
-        last=_last_print(scene, section.name),
-        look=entry.look or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
-        maintenance=entry.maintenance,
-        hold=hold,
-    )
-
-
-def _last_print(scene: Scene, printer: str) -> api.LastPrint | None:
-    attempt = scene.books.last_on(printer)
-    if attempt is None:
-        return None
-    off = None
-    if attempt.state is PrintState.DONE and not attempt.paused:
-        off = took_s(attempt) / scene.books.plates[attempt.plate].estimated_s - 1
-    return api.LastPrint(
-        plate=attempt.plate,
-        state=attempt.state,
-        ended=scene.moment(attempt.ended_s),
-        off=off,
-        verdict=attempt.verdict,
-    )
-
-
-def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
-    """What is on it; how much of it, where somebody said so."""
-    return api.Reel(
-        material=section.material,
-        colour=section.colour,
-        grams=entry.reel.grams if entry.reel is not None else None,
-        nozzle_mm=section.nozzle_mm,
     )
 
 
@@ -150,29 +85,29 @@ def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
     return (job.ended_s if job.ended_s is not None else now_s) - min(started)
 
 
-def _remaining_s(scene: Scene, plates: list[Plate]) -> float:
+def _remaining_s(context: ViewContext, plates: list[Plate]) -> float:
     """Until the last plate ends; of what waits as it is foreseen, else as if it started now. At least 0."""
-    return max((_plate_remaining_s(scene, plate) for plate in plates), default=0.0)
+    return max((_plate_remaining_s(context, plate) for plate in plates), default=0.0)
 
 
-def _plate_remaining_s(scene: Scene, plate: Plate) -> float:
-    stands = scene.books.standing(plate)
+def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
+    stands = context.books.standing(plate)
     if stands is Standing.WAITING:
-        return max(0.0, scene.ends_s.get(plate.id, scene.now_s + plate.estimated_s) - scene.now_s)
+        return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.estimated_s) - context.now_s)
     if stands is not Standing.PRINTING:
         return 0.0
-    attempt = _last(scene.books, plate)
-    return plate.estimated_s if attempt.started_s is None else scene.remaining_s(attempt)
+    attempt = _last(context.books, plate)
+    return plate.estimated_s if attempt.started_s is None else context.remaining_s(attempt)
 
 
-def _eta_s(scene: Scene, job: Job, remaining_s: float | None) -> float | None:
-    return None if remaining_s is None or job.state is not JobState.PRINTING else scene.now_s + remaining_s
+def _eta_s(context: ViewContext, job: Job, remaining_s: float | None) -> float | None:
+    return None if remaining_s is None or job.state is not JobState.PRINTING else context.now_s + remaining_s
 
 
-def _busy_s(scene: Scene, plate: Plate) -> float:
+def _busy_s(context: ViewContext, plate: Plate) -> float:
     """Printing time of a plate: reached where it is done, as estimated otherwise."""
     if plate.prints:
-        attempt = _last(scene.books, plate)
+        attempt = _last(context.books, plate)
         if attempt.state is PrintState.DONE and attempt.started_s is not None and attempt.ended_s is not None:
             return attempt.ended_s - attempt.started_s
     return plate.estimated_s
@@ -203,31 +138,31 @@ def _waits_for_person(books: Books, job: Job, plates: list[Plate]) -> bool:
     return not printing and any(hold is not None and hold.code not in _PASSING_HOLDS for hold in waiting)
 
 
-def _part_view(scene: Scene, name: str) -> api.PartView:
-    part = scene.books.parts[name]
-    plate = scene.books.plates[part.plate]
+def _part_view(context: ViewContext, name: str) -> api.PartView:
+    part = context.books.parts[name]
+    plate = context.books.plates[part.plate]
     return api.PartView(
         id=part.id,
         cut_from=part.cut_from,
-        verdict=_verdict(scene.books, plate),
+        verdict=_verdict(context.books, plate),
         plate=part.plate,
-        file=str(scene.state.files / part.file),
-        prints=[print_view(scene, attempt) for attempt in scene.books.prints_of(plate)],
+        file=str(context.state.files / part.file),
+        prints=[describe_print(context, attempt) for attempt in context.books.prints_of(plate)],
     )
 
 
-def print_view(scene: Scene, attempt: Print) -> api.PrintView:
+def describe_print(context: ViewContext, attempt: Print) -> api.PrintView:
     """One attempt, its moments in the fleet's zone."""
     return api.PrintView(
-        part=scene.books.plates[attempt.plate].parts[0],
+        part=context.books.plates[attempt.plate].parts[0],
         printer=attempt.printer,
         state=attempt.state,
         fault=attempt.fault,
         reason=attempt.reason,
         verdict=attempt.verdict,
         why=attempt.verdict_why,
-        started=scene.moment(attempt.started_s),
-        ended=scene.moment(attempt.ended_s),
+        started=context.format_time(attempt.started_s),
+        ended=context.format_time(attempt.ended_s),
     )
 
 
@@ -237,51 +172,19 @@ def _verdict(books: Books, plate: Plate) -> Verdict | None:
     return done[-1].verdict if done else None
 
 
-def _plate_view(scene: Scene, plate: Plate) -> api.PlateStatus:
-    own = [p for p in scene.books.prints_of(plate) if p.plate == plate.id]  # not of what it was made of
+def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
+    own = [p for p in context.books.prints_of(plate) if p.plate == plate.id]  # not of what it was made of
     return api.PlateStatus(
         id=plate.id,
         parts=list(plate.parts),
         printer=own[-1].printer if own else plate.printer,
-        gcode=str(scene.state.files / plate.gcode),
+        gcode=str(context.state.files / plate.gcode),
         estimated_s=plate.estimated_s,
         grams=plate.grams,
         filament_mm=plate.filament_mm,
         price=plate.price,
         cached=plate.cached,
         warnings=list(plate.warnings),
-        printing=any(not attempt.state.ended for attempt in scene.books.prints_of(plate)),
+        printing=any(not attempt.state.ended for attempt in context.books.prints_of(plate)),
         hold=plate.hold,
     )
-
-
-def _progress(scene: Scene, attempt: Print) -> api.PrintProgress:
-    plate = scene.books.plates[attempt.plate]
-    remaining_s = scene.remaining_s(attempt)
-    said = scene.said(attempt)
-    return api.PrintProgress(
-        job=attempt.job,
-        plate=attempt.plate,
-        state=attempt.state,
-        progress=min(1.0, max(0.0, 1 - remaining_s / plate.estimated_s)),
-        remaining_s=remaining_s,
-        layer=said.layer if said else None,
-        layers=plate.layers,
-        z_mm=said.z_mm if said else None,
-        feature=said.feature if said else None,
-        pause_ends=scene.moment(said.pause_ends_s if said else None),
-    )
-
-
-def _printer_state(entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool) -> str:
-    if not enabled:
-        return "disabled"
-    if snapshot.alarm is not None:
-        return "look"
-    if attempt is not None:
-        return str(attempt.state)
-    if entry.maintenance is not None:
-        return "maintenance"
-    if entry.look is not None and snapshot.link is not Link.ABSENT:
-        return "look"
-    return "idle" if snapshot.link is Link.READY else str(snapshot.link)

@@ -26,7 +26,7 @@ class Notice:
     urgent: bool = False  # told at once
 
 
-def due(books: Books, now_s: float, since_s: float, told: Collection[str]) -> list[Notice]:
+def list_due_notices(books: Books, now_s: float, since_s: float, told: Collection[str]) -> list[Notice]:
     """What is to be told now, oldest first: what has happened since and was not told.
 
     What is lost is told a moment later: what went with it may make it an outage, which is told once.

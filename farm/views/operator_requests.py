@@ -9,7 +9,7 @@ from farm.state.plate_state import stopped
 from farm.text import count, mass
 
 
-def asks(books: Books) -> list[api.Todo]:
+def list_requests(books: Books) -> list[api.Todo]:
     """Plans to be approved, reels that are too short for what waits, and reels to be weighed; each once."""
     found = []
     restored = [job.id for job in books.jobs.values() if job.state is JobState.HELD and job.restored]

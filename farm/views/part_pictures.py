@@ -16,7 +16,7 @@ from decompose.results import Part
 LONGEST_PX = 220
 
 
-def part_picture(stl: Path) -> bytes | None:
+def draw_part(stl: Path) -> bytes | None:
     """A PNG of a part in its printing pose; None where the file is no STL that can be read."""
     if stl.suffix != ".stl" or not os.access(stl, os.R_OK):
         return None

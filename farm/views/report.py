@@ -61,14 +61,14 @@ class Bar:
     text: str  # shown when a mouse is over it
 
 
-def bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
+def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
     """Every print of a job, and those of other jobs on its printers meanwhile."""
     own = []
     for attempt in job.prints:
         if attempt.started is None:
             continue
         end = datetime.fromisoformat(attempt.ended) if attempt.ended else now
-        kind = kind_of(attempt.state, attempt.verdict)
+        kind = outcome_of(attempt.state, attempt.verdict)
         why = attempt.reason or attempt.why
         text = f"{attempt.part} on {attempt.printer}: {kind}" + (f", {why}" if why else "")
         number = attempt.part.rpartition("/")[2].removeprefix("p")
@@ -86,14 +86,14 @@ def bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> l
     ]
 
 
-def kind_of(state: PrintState, verdict: Verdict | None) -> str:
+def outcome_of(state: PrintState, verdict: Verdict | None) -> str:
     """What became of a print, as the Gantt colours it."""
     if state is PrintState.DONE:
         return str(verdict) if verdict else "printed"
     return str(state) if state.ended else "printing"
 
 
-def gantt(rows: Sequence[Bar]) -> str:
+def draw_gantt(rows: Sequence[Bar]) -> str:
     """The fleet over time as SVG: a row for each printer, a bar for each print."""
     if not rows:
         return "<p>Nothing of it has been printed.</p>"
@@ -143,7 +143,7 @@ def _key(rows: Sequence[Bar]) -> str:
     return f"<p>{''.join(keys)}</p>"
 
 
-def page(
+def render_page(
     job: api.JobView,
     others: Sequence[api.HistoryRow],
     now: datetime,
@@ -172,7 +172,7 @@ def page(
         sections.append(f'<p class="bad">{escape(job.reason)}</p>')
     rows = "".join(f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>" for name, text in facts)
     sections.append(f'<table class="facts">{rows}</table>')
-    sections.append(f"<h2>The fleet</h2>{gantt(bars(job, others, now))}")
+    sections.append(f"<h2>The fleet</h2>{draw_gantt(list_bars(job, others, now))}")
     sections.append(f"<h2>What went wrong</h2>{_wrong(job)}")
     if job.repairs:
         items = "".join(f"<li>{escape(line)}</li>" for line in job.repairs)
@@ -197,7 +197,7 @@ def _wrong(job: api.JobView) -> str:
             attempt.reason or attempt.why or attempt.fault or "",
         )
         for attempt in job.prints
-        if (kind := kind_of(attempt.state, attempt.verdict)) in ("failed", "bad", "cancelled")
+        if (kind := outcome_of(attempt.state, attempt.verdict)) in ("failed", "bad", "cancelled")
     ]
     if not rows:
         return "<p>Nothing.</p>"
@@ -211,7 +211,7 @@ def _wrong(job: api.JobView) -> str:
 def _figure(part: api.PartView, job: api.JobView, picture: bytes | None) -> str:
     plate = next(plate for plate in job.plates if plate.id == part.plate)
     prints = part.own_prints
-    state = kind_of(prints[-1].state, prints[-1].verdict) if prints else "waits"
+    state = outcome_of(prints[-1].state, prints[-1].verdict) if prints else "waits"
     tries = f", {len(prints)} prints" if len(prints) > 1 else ""
     image = f'<img alt="{escape(part.id)}" src="{_data(picture)}">' if picture else ""
     caption = f"<b>{escape(part.id)}</b> {state}{tries}<br>{escape(plate.printer)}, {plate.grams:.0f} g"

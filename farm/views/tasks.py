@@ -7,25 +7,25 @@ from datetime import datetime
 from farm import api
 from farm.model import AgentSnapshot, Bed, Link, PlanStep, Printer
 from farm.state.salvaged_parts import may_be_whole, part_of
-from farm.views.context import Scene
-from farm.views.deadlines import deadlines
-from farm.views.operator_requests import asks
+from farm.views.context import ViewContext
+from farm.views.deadlines import list_deadlines
+from farm.views.operator_requests import list_requests
 
 
-def todo(scene: Scene) -> list[api.Todo]:
+def list_tasks(context: ViewContext) -> list[api.Todo]:
     """What a person has to do now: go there, look, connect, clear; each printer once."""
     alarms, looks, absent, full, ending = [], [], [], [], []
-    outage = scene.books.outage
+    outage = context.books.outage
     if outage is not None:
         names = " ".join(outage.printers)
         text = f"{names} were lost at once (power, a hub, the host?): look at them, then `farm resume`"
-        text += "".join(_ask_whole(scene, name) for name in outage.printers)
+        text += "".join(_ask_whole(context, name) for name in outage.printers)
         looks.append(api.Todo(code="outage", printers=list(outage.printers), text=text))
-    for section in scene.fleet.printers:
-        entry, snapshot = scene.books.printer(section.name), scene.snapshot(section.name)
-        attempt = scene.books.open_print_on(section.name)
+    for section in context.fleet.printers:
+        entry, snapshot = context.books.printer(section.name), context.snapshot(section.name)
+        attempt = context.books.open_print_on(section.name)
         away = snapshot.link is Link.ABSENT or (
-            snapshot.link in (Link.STARTING, Link.CONNECTING) and scene.settled
+            snapshot.link in (Link.STARTING, Link.CONNECTING) and context.startup_over
         )
         if snapshot.alarm is not None:
             state = attempt.state if attempt is not None else snapshot.link
@@ -48,13 +48,13 @@ def todo(scene: Scene) -> list[api.Todo]:
             what = f"{section.name} {snapshot.reason}"
             looks.append(api.Todo(code="replace", printers=[section.name], text=what, brief=what))
         elif why:
-            ask = _ask_whole(scene, section.name)
-            what = f"{section.name} {why}{_when(scene, entry)}{ask}"
+            ask = _ask_whole(context, section.name)
+            what = f"{section.name} {why}{_when(context, entry)}{ask}"
             text = f"look at {section.name}: {why}; then `farm cleared {section.name}`{ask}"
             looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
         elif attempt is not None:
-            left_s, zone = scene.remaining_s(attempt), scene.fleet.zone
-            ending += deadlines(attempt, scene.said(attempt), left_s, scene.now_s, zone)
+            left_s, zone = context.remaining_s(attempt), context.fleet.zone
+            ending += list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)
         elif entry.bed is not Bed.CLEAR:
             full.append(section.name)
     clear = []
@@ -62,16 +62,16 @@ def todo(scene: Scene) -> list[api.Todo]:
         beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
         text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
         clear = [api.Todo(code="clear", printers=full, text=text)]
-    own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(scene)]
-    return [*alarms, *own, *looks, *absent, *ending, *clear, *asks(scene.books)]
+    own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(context)]
+    return [*alarms, *own, *looks, *absent, *ending, *clear, *list_requests(context.books)]
 
 
-def _ask_whole(scene: Scene, printer: str) -> str:
+def _ask_whole(context: ViewContext, printer: str) -> str:
     """The question whether a failed print is whole after all, and how to say so; empty where it cannot be."""
-    attempt = may_be_whole(scene.books, printer)
+    attempt = may_be_whole(context.books, printer)
     if attempt is None:
         return ""
-    part = part_of(scene.books, attempt)
+    part = part_of(context.books, attempt)
     return f"; if part {part} is whole and good: `farm cleared {printer} --good {part}`"
 
 
@@ -88,19 +88,19 @@ def _heat(snapshot: AgentSnapshot) -> str:
     )
 
 
-def _troubles(scene: Scene) -> list[str]:
+def _troubles(context: ViewContext) -> list[str]:
     """What is wrong with the farm itself."""
-    found = [scene.warning] if scene.warning else []
-    for number, progress in scene.progress.items():
+    found = [context.warning] if context.warning else []
+    for number, progress in context.progress.items():
         if progress.step is PlanStep.NO_ROOM:
             found.append(
-                f"make room on the disk of {scene.state.root}: job {number} cannot be planned before"
+                f"make room on the disk of {context.state.root}: job {number} cannot be planned before"
             )
     return found
 
 
-def _when(scene: Scene, printer: Printer) -> str:
+def _when(context: ViewContext, printer: Printer) -> str:
     """Since when a printer has to be looked at."""
     if printer.look is None or printer.look_s is None:
         return ""
-    return datetime.fromtimestamp(printer.look_s, scene.fleet.zone).strftime(" %H:%M")
+    return datetime.fromtimestamp(printer.look_s, context.fleet.zone).strftime(" %H:%M")

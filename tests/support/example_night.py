@@ -8,10 +8,11 @@ from farm.model import AgentSnapshot, Bed, FilamentState, Hold, HoldCode, Link, 
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.views.context import Scene
-from farm.views.history import night_view, shown_jobs
-from farm.views.jobs import job_view, printer_view
-from farm.views.tasks import todo
+from farm.views.context import ViewContext
+from farm.views.history import describe_night, select_shown_jobs
+from farm.views.jobs import describe_job
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
 from make_books import ended, job, plan, run
 
 PRINTERS = [f"um2-{i:02d}" for i in range(1, 6)]
@@ -49,19 +50,21 @@ def night_books():
     return books
 
 
-def scene_of(books):
+def view_context_of(books):
     idle = {"link": Link.READY, "filament": FilamentState.PARKED, "nozzle_c": 24.2, "bed_c": 22.0}
     snapshots = {name: AgentSnapshot(printer=name, **idle) for name in PRINTERS}
-    return Scene(FLEET, books, snapshots, StateFolder(Path("/state")), NOW_S)
+    return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), NOW_S)
 
 
 def status_of(books):
-    scene = scene_of(books)
+    context = view_context_of(books)
     return api.Status(
         daemon=api.DaemonView(pid=1, version="0", since=""),
-        todo=todo(scene),
-        fleet=api.FleetView(name="farm", timezone="UTC", time_scale=1, now=scene.moment(NOW_S), file="f"),
-        printers=[printer_view(scene, FLEET.printer(name), HOLD) for name in PRINTERS],
-        jobs=[job_view(scene, one) for one in shown_jobs(books)],
-        night=night_view(scene),
+        todo=list_tasks(context),
+        fleet=api.FleetView(
+            name="farm", timezone="UTC", time_scale=1, now=context.format_time(NOW_S), file="f"
+        ),
+        printers=[describe_printer(context, FLEET.printer(name), HOLD) for name in PRINTERS],
+        jobs=[describe_job(context, one) for one in select_shown_jobs(books)],
+        night=describe_night(context),
     )

@@ -63,18 +63,18 @@ def report(
     out: Annotated[Path | None, typer.Option("-o", "--out", help="The file; else job-N.html here.")] = None,
 ) -> None:
     """Write one HTML page on a job: its figures, the Gantt of the fleet, what failed and why, its parts."""
-    from farm.views.part_pictures import part_picture
-    from farm.views.report import page
+    from farm.views.part_pictures import draw_part
+    from farm.views.report import render_page
 
     client = Client(places.socket)
     view = client.job(job).job
     now = datetime.fromisoformat(client.status().fleet.now)
-    pictures = {part.id: png for part in view.parts if (png := part_picture(Path(part.file))) is not None}
+    pictures = {part.id: png for part in view.parts if (png := draw_part(Path(part.file))) is not None}
     whole = Path(view.folder) / "assembly.png" if view.folder else None
     seen = whole is not None and os.access(whole, os.R_OK)
     assembly = whole.read_bytes() if whole is not None and seen and len(view.parts) > 1 else None
     target = out or Path(f"job-{job}.html")
-    text = page(view, client.history(None, None, _ALL).prints, now, facts(view), pictures, assembly)
+    text = render_page(view, client.history(None, None, _ALL).prints, now, facts(view), pictures, assembly)
     try:
         target.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -14,9 +14,10 @@ from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.storage.store import Store
-from farm.views.history import history, night_view
-from farm.views.jobs import job_view, printer_view
-from farm.views.tasks import todo
+from farm.views.history import describe_night, list_history
+from farm.views.jobs import describe_job
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 
@@ -89,11 +90,11 @@ def lines(said):
 
 def look(core, folder):
     """All that is shown to people, and sent to them."""
-    scene = core.scene(StateFolder(folder))
-    shown = [job_view(scene, job) for job in core.books.jobs.values()]
-    shown += [printer_view(scene, section, None) for section in core.fleet.printers]
-    shown += [*todo(scene), *history(scene)]
-    night = night_view(scene)
+    context = core.build_view_context(StateFolder(folder))
+    shown = [describe_job(context, job) for job in core.books.jobs.values()]
+    shown += [describe_printer(context, section, None) for section in core.fleet.printers]
+    shown += [*list_tasks(context), *list_history(context)]
+    night = describe_night(context)
     for view in [*shown, *([night] if night else [])]:
         assert "\\u001b" not in view.model_dump_json()
 

@@ -17,8 +17,8 @@ from farm.planning.plan import Inspected, Plan
 from farm.state import events as ev
 from farm.state.books import put
 from farm.state.storage.file_store import sha256_of
-from farm.views.jobs import job_view
-from farm.views.tasks import todo
+from farm.views.jobs import describe_job
+from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 
@@ -290,9 +290,11 @@ def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, stat
         asyncio.run(Ahead(farm.core, state).load(name, LoadRequest(grams=4.0), "ann"))
     second = submit(farm, "s")
     farm.core.planned(second, plan_for(second, state, plates=1))
-    scene = farm.core.scene(state)
-    assert [(item.code, item.text) for item in todo(scene)] == [
+    context = farm.core.build_view_context(state)
+    assert [(item.code, item.text) for item in list_tasks(context)] == [
         ("approve", f"approve job {first} (2 parts, 6 g): `farm approve {first}`"),
         ("reel", f"a has 4 g, {second}/01 needs 8 g: load a reel, then `farm load a`"),
     ]
-    assert [job_view(scene, farm.core.books.job(n)).waits_for_person for n in (first, second)] == [True] * 2
+    assert [describe_job(context, farm.core.books.job(n)).waits_for_person for n in (first, second)] == [
+        True
+    ] * 2

@@ -19,8 +19,9 @@ from farm.model import (
 from farm.paths import StateFolder
 from farm.planning.plan import Inspected, Plan, TooFewPrinters
 from farm.state import events as ev
-from farm.views.jobs import job_view, printer_view
-from farm.views.tasks import todo
+from farm.views.jobs import describe_job
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, PLUS, Farm
 
@@ -111,7 +112,7 @@ def test_a_plan_that_fails_fails_its_job_and_the_next_one_goes_on(farm):
     job = farm.core.books.jobs[1]
     assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
     assert farm.hands.plans[-1][0] == 2
-    assert job_view(farm.core.scene(STATE), job).exit_code == 5
+    assert describe_job(farm.core.build_view_context(STATE), job).exit_code == 5
 
 
 def test_a_plan_made_for_a_job_that_was_cancelled_is_thrown_away(farm, plan):
@@ -165,17 +166,17 @@ def test_a_full_bed_is_shown_with_what_to_do(farm, plan):
     farm.ready("a", "b", bed_clear=False)
     assert {p.bed for p in farm.core.books.printers.values()} == {Bed.NOT_CLEAR}
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    view = job_view(farm.core.scene(STATE), farm.core.books.jobs[1])
+    view = describe_job(farm.core.build_view_context(STATE), farm.core.books.jobs[1])
     assert view.waits_for_person
     assert view.hold.code is HoldCode.BED_NOT_CLEAR
-    assert todo(farm.core.scene(STATE))[0].printers == ["a", "b"]
+    assert list_tasks(farm.core.build_view_context(STATE))[0].printers == ["a", "b"]
     farm.desk.cleared("a", "ann", None)
     assert farm.hands.plans == [(1, ["a"], 1)]
 
 
 def test_a_printer_in_fault_is_not_used_and_says_why(farm):
     farm.ready("a", link=Link.FAULT, reason="it does not get warm")
-    view = printer_view(farm.core.scene(STATE), farm.core.fleet.printer("a"), None)
+    view = describe_printer(farm.core.build_view_context(STATE), farm.core.fleet.printer("a"), None)
     assert (view.state, view.look) == ("fault", "it does not get warm")
     farm.ready("b")
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
@@ -204,9 +205,9 @@ def test_a_person_pauses_what_a_printer_prints_and_is_told_by_when_to_resume_it(
         facts |= {"started_s": 2.0, "ended_s": None, **changes}
         said = AgentPrint(print_id=attempt.id, state=state, **facts)
         farm.core.heard(AgentSnapshot(printer="a", link=Link.BUSY, print=said))
-        scene = farm.core.scene(STATE)
-        view = printer_view(scene, farm.core.fleet.printer("a"), None)
-        return view, [item for item in todo(scene) if item.code == "resume"]
+        context = farm.core.build_view_context(STATE)
+        view = describe_printer(context, farm.core.fleet.printer("a"), None)
+        return view, [item for item in list_tasks(context) if item.code == "resume"]
 
     word(PrintState.PRINTING)  # it was heating when it was told
     assert told_last() == paused

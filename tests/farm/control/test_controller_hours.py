@@ -10,7 +10,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, JobOptions, JobState, Lin
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
-from farm.views.tasks import todo
+from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 
@@ -59,7 +59,9 @@ def word(farm, state=PrintState.PRINTING, **changes):
 
 
 def asked(farm):
-    return [item for item in todo(farm.core.scene(STATE)) if item.code in ("hours", "resume")]
+    return [
+        item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code in ("hours", "resume")
+    ]
 
 
 def test_a_print_is_told_until_when_it_may_begin_and_when_it_ends(farm):

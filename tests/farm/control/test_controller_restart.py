@@ -12,7 +12,7 @@ from farm.model import JobOptions, JobState, PrintState, Verdict
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state.storage.store import Store, StoreError
-from farm.views.tasks import todo
+from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, PLUS, Farm
 from simulated_fleet import World
@@ -133,11 +133,11 @@ def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
         with pytest.raises(StoreError):
             farm.ready("a", nozzle_c=205.0, doubt="its board was reset, and not by the farm")
     farm.ready("b")  # nothing new: nothing to be booked
-    (first, *_) = todo(farm.core.scene(state))
+    (first, *_) = list_tasks(farm.core.build_view_context(state))
     assert first.code == "farm"
     assert "nothing is booked until there is room" in first.text
     assert farm.core.snapshots["a"].nozzle_c == 205.0
     assert farm.core.books.printers["a"].look is None
     farm.store._db.execute("PRAGMA query_only = 0")
     farm.ready("a", doubt="its board was reset, and not by the farm")
-    assert [item.code for item in todo(farm.core.scene(state))] == ["look"]
+    assert [item.code for item in list_tasks(farm.core.build_view_context(state))] == ["look"]

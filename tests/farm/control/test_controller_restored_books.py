@@ -21,7 +21,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.recovery.journal_import import recount
 from farm.state.storage.store import copy_books
-from farm.views.tasks import todo
+from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 from simulated_fleet import World
@@ -114,7 +114,7 @@ def approved(farm):
 
 def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_clears_the_bed(tmp_path):
     farm = copied(tmp_path, 3)
-    items = {item.code: item.text for item in todo(farm.core.scene(StateFolder(tmp_path)))}
+    items = {item.code: item.text for item in list_tasks(farm.core.build_view_context(StateFolder(tmp_path)))}
     assert items["restored"].startswith("the books are a copy: look what of job 1 is printed")
     assert "`farm approve 1`" in items["approve"]
     farm.tell("a", said("x"), said("y", PLANNED_S + 300.0))
@@ -163,11 +163,11 @@ def test_what_no_plate_waits_for_is_held_for_a_person(stranger, tmp_path):
     farm.tell("a", stranger)
     approved(farm)
     state = StateFolder(tmp_path)
-    (look,) = (item for item in todo(farm.core.scene(state)) if item.code == "look")
+    (look,) = (item for item in list_tasks(farm.core.build_view_context(state)) if item.code == "look")
     assert look.printers == ["a"]
     assert "it made a print after the books were copied that no plate waits for" in look.text
     farm.core.heard(AgentSnapshot(printer="a", link=Link.READY, print=stranger))
-    assert look in todo(farm.core.scene(state))
+    assert look in list_tasks(farm.core.build_view_context(state))
     assert not farm.core.books.prints
     farm.desk.cleared("b", "ann", FilamentState.PARKED)
     assert [p.printer for p in farm.core.books.prints.values()] == ["b"]

@@ -3,7 +3,7 @@
 from farm.control.dry_runs import PATIENCE_S, DryRuns
 from farm.model import JobOptions, JobState
 from farm.state.books import Books
-from farm.views.operator_requests import asks
+from farm.views.operator_requests import list_requests
 from make_books import job as make_job
 from recording_controller import MODEL, Farm
 
@@ -33,5 +33,5 @@ def test_one_that_nobody_asks_for_is_cancelled_and_others_are_let_be(tmp_path):
 def test_nobody_is_asked_to_approve_a_dry_run():
     options = JobOptions(dry_run=True, hold=True)
     held = make_job().model_copy(update={"options": options, "state": JobState.HELD})
-    assert asks(Books.of([held])) == []
-    assert len(asks(Books.of([held.model_copy(update={"options": JobOptions(hold=True)})]))) == 1
+    assert list_requests(Books.of([held])) == []
+    assert len(list_requests(Books.of([held.model_copy(update={"options": JobOptions(hold=True)})]))) == 1

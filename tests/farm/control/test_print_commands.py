@@ -23,8 +23,8 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
-from farm.views.jobs import job_view
-from farm.views.tasks import todo
+from farm.views.jobs import describe_job
+from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 
@@ -120,12 +120,12 @@ def test_what_waits_for_a_bed_is_counted_in(farm):
     begun = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
     for attempt in list(farm.core.books.open_prints()):
         farm.core.happened(ev.PrintProgressed(print_id=attempt.id, **begun))
-    view = job_view(farm.core.scene(STATE), farm.core.books.job(1))
+    view = describe_job(farm.core.build_view_context(STATE), farm.core.books.job(1))
     assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
     assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # ends are foreseen in whole minutes
     assert view.utilisation < 1.0
     farm.desk.cancel_part(1, "p03", "ann")  # what is never printed takes no time
-    assert job_view(farm.core.scene(STATE), farm.core.books.job(1)).current_s < 110.0
+    assert describe_job(farm.core.build_view_context(STATE), farm.core.books.job(1)).current_s < 110.0
 
 
 def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path):
@@ -203,11 +203,11 @@ def test_after_an_outage_nothing_starts_until_a_person_confirms_it(farm):
     for name in "ab":
         farm.desk.cleared(name, "ann", None)
     assert {farm.core.books.plates[name].hold.code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
-    (item,) = todo(farm.core.scene(STATE))
+    (item,) = list_tasks(farm.core.build_view_context(STATE))
     assert (item.code, item.printers) == ("outage", ["a", "b"])
     farm.core.clock = Clock(2.0, now_s - 60.0)  # a minute later
     assert desk.confirm("ann") == "a b"
-    assert not todo(farm.core.scene(STATE))
+    assert not list_tasks(farm.core.build_view_context(STATE))
     assert {farm.core.books.open_print_on(name).plate for name in "ab"} == {"1/01", "1/02"}
 
 
@@ -257,15 +257,15 @@ def test_what_estop_stopped_is_not_begun_on_an_idle_printer_before_a_person_says
     assert farm.core.books.open_print_on("b") is None
     hold = farm.core.books.plates["1/01"].hold
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
-    [asked] = [item for item in todo(farm.core.scene(STATE)) if item.code == "stopped"]
+    [asked] = [item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in asked.text and "`farm resume 1/p01`" in asked.text
     say(farm.desk)
     assert farm.core.books.open_print_on("b").plate == "1/01"
-    assert not [item for item in todo(farm.core.scene(STATE)) if item.code == "stopped"]
+    assert not [item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code == "stopped"]
 
 
 def test_many_parts_of_a_job_that_estop_stopped_are_asked_for_in_one_line(farm):
     for printer in "ab":
         ends(farm, printer, PrintState.FAILED, fault="estop")
-    [asked] = [item for item in todo(farm.core.scene(STATE)) if item.code == "stopped"]
+    [asked] = [item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code == "stopped"]
     assert asked.text.startswith("2 parts of job 1 stopped by `farm estop`: `farm resume 1` prints them")

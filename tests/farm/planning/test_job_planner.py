@@ -15,7 +15,7 @@ from farm.planning import job_planner as planner
 from farm.planning.inspect_model import inspect_model
 from farm.planning.job_planner import ROOM_BYTES, Planner
 from farm.planning.plan import Plan
-from farm.views.tasks import todo
+from farm.views.tasks import list_tasks
 from recording_controller import Farm
 
 MODEL = "ultimaker2_plus"
@@ -151,13 +151,15 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
         async def run(self, work, *args, limit=None):
             raise next(answers)
 
-    told, scenes = [], []
+    told, seen = [], []
 
     def tell(number, progress):
         told.append(progress.step)
         farm = Farm(tmp_path / "farm")
         farm.core.progressed(number, progress)
-        scenes.append([item.text for item in todo(farm.core.scene(state)) if item.code == "farm"])
+        seen.append(
+            [item.text for item in list_tasks(farm.core.build_view_context(state)) if item.code == "farm"]
+        )
 
     async def main():
         done = asyncio.get_running_loop().create_future()
@@ -169,8 +171,8 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
     result = asyncio.run(main())
     assert told == [PlanStep.DECOMPOSING, PlanStep.NO_ROOM, PlanStep.DECOMPOSING]
     assert "No space left" in str(result)  # the second time there was room: it is the job's own
-    assert [len(texts) for texts in scenes] == [0, 1, 0]
-    assert "make room" in scenes[1][0] and "job 7" in scenes[1][0]
+    assert [len(texts) for texts in seen] == [0, 1, 0]
+    assert "make room" in seen[1][0] and "job 7" in seen[1][0]
 
 
 def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):

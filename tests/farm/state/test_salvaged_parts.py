@@ -10,8 +10,8 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.plate_state import ATTEMPTS, Standing
 from farm.state.salvaged_parts import may_be_whole, printed_again
-from farm.views.context import Scene
-from farm.views.tasks import todo
+from farm.views.context import ViewContext
+from farm.views.tasks import list_tasks
 from make_books import ended, printing, run
 
 DIED = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}
@@ -35,8 +35,8 @@ def asked(books):
     sections = [{"name": n, "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus"} for n in "abc"]
     fleet = Fleet.model_validate({"fleet": {"timezone": "UTC"}, "printers": sections})
     assert fleet.zone.utcoffset(None) == UTC.utcoffset(None)
-    scene = Scene(fleet, books, {}, StateFolder("/state"), 500.0, settled=False)
-    return [item for item in todo(scene) if item.code in ("look", "outage")]
+    context = ViewContext(fleet, books, {}, StateFolder("/state"), 500.0, startup_over=False)
+    return [item for item in list_tasks(context) if item.code in ("look", "outage")]
 
 
 def test_a_part_that_is_whole_is_good_and_not_printed_again():

@@ -9,10 +9,10 @@ from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.reconcile import alarmed
-from farm.views.context import Scene
-from farm.views.jobs import printer_view
-from farm.views.notices import due
-from farm.views.tasks import todo
+from farm.views.context import ViewContext
+from farm.views.notices import list_due_notices
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
 from make_books import printing, run
 
 FOUND = "the nozzle went up to 257 C, above 210"
@@ -41,8 +41,8 @@ def begun():
     return run(printing(), given, going)[0]
 
 
-def scene(books, said):
-    return Scene(FLEET, books, {"a": said}, StateFolder(Path("/state")), now_s=60.0)
+def context(books, said):
+    return ViewContext(FLEET, books, {"a": said}, StateFolder(Path("/state")), now_s=60.0)
 
 
 def heard(books, said, at_s=50.0):
@@ -51,14 +51,14 @@ def heard(books, said, at_s=50.0):
 
 def test_it_is_the_first_thing_to_do_with_state_and_temperatures():
     books = heard(begun(), word())
-    first = todo(scene(books, word()))[0]
+    first = list_tasks(context(books, word()))[0]
     assert (first.code, first.printers) == ("alarm", ["a"])
     assert first.text == f"go to a now: {FOUND} (ending, nozzle 271 C, target 0, bed 60 C, target 0)"
-    assert [thing.printers for thing in todo(scene(books, word()))].count(["a"]) == 1
-    seen = printer_view(scene(books, word()), FLEET.printers[0], None)
+    assert [thing.printers for thing in list_tasks(context(books, word()))].count(["a"]) == 1
+    seen = describe_printer(context(books, word()), FLEET.printers[0], None)
     assert (seen.state, seen.look) == ("look", FOUND)
     idle = word(link=Link.FAULT, print=None, reason=f"{FOUND}: switch it off")
-    assert "(fault, nozzle 271 C" in todo(scene(printing(), idle))[0].text
+    assert "(fault, nozzle 271 C" in list_tasks(context(printing(), idle))[0].text
 
 
 @pytest.mark.parametrize("hand", ["maintenance", "outage"])
@@ -70,17 +70,19 @@ def test_nothing_else_that_is_known_of_the_printer_hides_it(hand: str):
         lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "ab"]
         books, _ = run(books, *lost)
         assert books.outage is not None
-    assert todo(scene(books, word()))[0].code == "alarm"
+    assert list_tasks(context(books, word()))[0].code == "alarm"
 
 
 def test_people_are_told_at_once_and_once_and_then_what_came_of_it():
     books = heard(begun(), word())
-    told = due(books, 50.0, 0.0, ())
+    told = list_due_notices(books, 50.0, 0.0, ())
     assert [notice.text for notice in told] == [f"go to a now: {FOUND}"]
     books = heard(books, word(), 51.0)
-    assert due(books, 51.0, 0.0, {notice.key for notice in told}) == []
+    assert list_due_notices(books, 51.0, 0.0, {notice.key for notice in told}) == []
     books = heard(books, word(CUT), 52.0)
-    assert [n.text for n in due(books, 52.0, 0.0, {n.key for n in told})] == [f"go to a now: {CUT}"]
+    assert [n.text for n in list_due_notices(books, 52.0, 0.0, {n.key for n in told})] == [
+        f"go to a now: {CUT}"
+    ]
 
 
 def test_a_person_who_has_cleared_it_hears_of_the_next_one():
@@ -93,6 +95,6 @@ def test_a_person_who_has_cleared_it_hears_of_the_next_one():
     assert books.printers["a"].look == CUT
     books, _ = run(books, ev.BedCleared(at_s=70.0, printer="a", by="ann", filament=None))
     entry = books.printers["a"]
-    assert (entry.look, entry.alarm) == (None, None) and due(books, 70.0, 70.0, ()) == []
+    assert (entry.look, entry.alarm) == (None, None) and list_due_notices(books, 70.0, 70.0, ()) == []
     books = heard(books, word(), 80.0)
     assert books.printers["a"].look == FOUND

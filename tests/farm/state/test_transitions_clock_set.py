@@ -7,7 +7,7 @@ from farm.state.books import Books, put
 from farm.state.plate_state import Standing
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
-from farm.views.notices import due
+from farm.views.notices import list_due_notices
 from make_books import ended, printing, run
 
 
@@ -44,7 +44,7 @@ def test_what_was_lost_before_the_clock_was_set_back_is_told_and_tried_again():
     books, _ = run(printing(plates=1), *lost, ev.ClockSet(at_s=1000.0, by_s=-4000.0))
     assert own_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
     assert own_holds(books, [], 1000.0) == {}
-    assert [one.key for one in due(books, 1000.0, 0.0, ())] == ["print x"]
+    assert [one.key for one in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
 def test_an_open_print_is_as_old_as_it_was_where_the_clock_was_set_and_an_ended_one_stays():

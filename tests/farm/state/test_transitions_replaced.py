@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from example_night import scene_of
+from example_night import view_context_of
 from farm.model import Bed, Hold, HoldCode, JobState, PrintState, Verdict
 from farm.planning.plan import file_names
 from farm.state import events as ev
 from farm.state.plate_state import ATTEMPTS, Standing
-from farm.views.accounting import job_account
-from farm.views.jobs import job_view
+from farm.views.accounting import summarise_job
+from farm.views.jobs import describe_job
 from make_books import ended, printing, run
 
 
@@ -56,7 +56,7 @@ def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
     assert {plate.id for plate in books.waiting_plates()} == set(job.plates)
-    assert job_account(books, job).wasted_s == 198.0  # of the one print that failed, once
+    assert summarise_job(books, job).wasted_s == 198.0  # of the one print that failed, once
     for attempt in range(1, ATTEMPTS):
         name = f"y{attempt}"
         events = (clear("b"), begun("1/02a", "b", name), ended(name, PrintState.FAILED, fault="mintemp"))
@@ -155,7 +155,7 @@ def test_a_hold_goes_with_the_plate_that_was_replaced():
 def test_a_piece_shows_what_its_whole_came_to_once_and_waits_itself():
     books = failed_once()
     books, _ = run(books, replaced(books, "1/02"), begun("1/02a", "a", "y"))
-    view = job_view(scene_of(books), books.jobs[1])
+    view = describe_job(view_context_of(books), books.jobs[1])
     shown = {part.id: [one.part for one in part.prints] for part in view.parts}
     assert shown == {
         "1/p01": [],

@@ -13,8 +13,9 @@ from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, 
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.views.context import Scene
-from farm.views.jobs import job_view, printer_view
+from farm.views.context import ViewContext
+from farm.views.jobs import describe_job
+from farm.views.printers import describe_printer
 from make_books import ended, fleet, job, plan, printing, run
 
 FLEET = Fleet.model_validate(
@@ -36,7 +37,7 @@ def priced(*prices):
 
 
 def view(books):
-    return job_view(Scene(FLEET, books, {}, StateFolder(Path("/state")), now_s=10.0), books.job(1))
+    return describe_job(ViewContext(FLEET, books, {}, StateFolder(Path("/state")), now_s=10.0), books.job(1))
 
 
 def test_a_job_costs_what_its_plates_cost():
@@ -84,8 +85,8 @@ def test_a_job_that_is_given_up_was_not_quick():
     assert seen.estimated_s == going.estimated_s
 
 
-def scene(books, now_s, progress=None, **snapshots):
-    return Scene(FLEET, books, snapshots, StateFolder(Path("/state")), now_s, progress=progress or {})
+def context(books, now_s, progress=None, **snapshots):
+    return ViewContext(FLEET, books, snapshots, StateFolder(Path("/state")), now_s, progress=progress or {})
 
 
 def test_how_far_a_plan_is_is_shown_while_it_is_made():
@@ -93,7 +94,7 @@ def test_how_far_a_plan_is_is_shown_while_it_is_made():
     queued, _ = run(Books(), *fleet(), ev.JobSubmitted(at_s=0.0, job=job()))
     planning, _ = run(queued, ev.PlanningStarted(at_s=0.0, job=1))
     planned, _ = run(planning, plan())
-    shown = [job_view(scene(b, 1.0, {1: far}), b.jobs[1]).progress for b in (queued, planning, planned)]
+    shown = [describe_job(context(b, 1.0, {1: far}), b.jobs[1]).progress for b in (queued, planning, planned)]
     assert shown == [None, far, None]
 
 
@@ -119,8 +120,10 @@ def test_what_is_left_of_a_print_is_by_its_printers_own_factor(progress_s, remai
         z_mm=0.67,
         feature="FILL",
     )
-    view = printer_view(
-        scene(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=said)), FLEET.printer("a"), None
+    view = describe_printer(
+        context(books, 7.0, a=AgentSnapshot(printer="a", link=Link.BUSY, print=said)),
+        FLEET.printer("a"),
+        None,
     )
     assert view.time_factor == 1.2
     assert view.print.remaining_s == pytest.approx(remaining_s)

@@ -4,14 +4,14 @@ from farm.errors import ErrorCode
 from farm.model import PrintState
 from farm.state import events as ev
 from farm.state.outage import WINDOW_S
-from farm.views.notices import due
+from farm.views.notices import list_due_notices
 from make_books import ended, job, printing, run
 
 LATER_S = 1000.0
 
 
 def told(books, now_s=LATER_S, since_s=0.0, before=()):
-    return [notice.text for notice in due(books, now_s, since_s, before)]
+    return [notice.text for notice in list_due_notices(books, now_s, since_s, before)]
 
 
 def begun(plates=2):
@@ -31,11 +31,11 @@ def test_a_printed_job_and_an_empty_queue_are_told_once():
     books, _ = run(begun(), ended("x"), ended("y", at_s=300.0))
     texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "nothing is left to do"]
     assert told(books) == texts
-    assert told(books, before={notice.key for notice in due(books, LATER_S, 0.0, ())}) == []
+    assert told(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
     assert told(books, since_s=301.0) == []
     assert told(books, now_s=300.0 + WINDOW_S / 2) == []
     judged, _ = run(books, *(ev.BedCleared(at_s=400.0, printer=name, by="ann") for name in "ab"))
-    keys = [{notice.key for notice in due(some, LATER_S, 0.0, ())} for some in (books, judged)]
+    keys = [{notice.key for notice in list_due_notices(some, LATER_S, 0.0, ())} for some in (books, judged)]
     assert keys[0] == keys[1]  # a verdict is no news
     more, _ = run(books, ev.JobSubmitted(at_s=400.0, job=job(2)))
     assert told(more) == texts[:1]
@@ -82,4 +82,4 @@ def test_books_that_were_put_back_are_told_once():
     books, _ = run(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
     (text,) = told(books)
     assert text.startswith("the books were damaged and are a copy now")
-    assert told(books, before={notice.key for notice in due(books, LATER_S, 0.0, ())}) == []
+    assert told(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []

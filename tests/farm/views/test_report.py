@@ -6,14 +6,14 @@ from xml.etree import ElementTree
 
 import trimesh
 
-from example_night import night_books, scene_of
+from example_night import night_books, view_context_of
 from farm.cli.commands.history import facts
 from farm.model import Verdict
 from farm.state import events as ev
-from farm.views.history import history
-from farm.views.jobs import job_view
-from farm.views.part_pictures import part_picture
-from farm.views.report import COLOURS, bars, gantt, page
+from farm.views.history import list_history
+from farm.views.jobs import describe_job
+from farm.views.part_pictures import draw_part
+from farm.views.report import COLOURS, draw_gantt, list_bars, render_page
 from make_books import run
 from make_stl import stl_bytes
 
@@ -21,10 +21,10 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def report_of(books, **changes):
-    scene = scene_of(books)
-    view = job_view(scene, books.job(1)).model_copy(update=changes)
-    now = datetime.fromisoformat(scene.moment(scene.now_s))
-    return view, history(scene), now
+    context = view_context_of(books)
+    view = describe_job(context, books.job(1)).model_copy(update=changes)
+    now = datetime.fromisoformat(context.format_time(context.now_s))
+    return view, list_history(context), now
 
 
 def test_a_bar_for_every_print_in_the_colour_of_what_became_of_it():
@@ -33,7 +33,7 @@ def test_a_bar_for_every_print_in_the_colour_of_what_became_of_it():
         ev.BedCleared(at_s=300.0, printer="um2-01", by="ann"),
         ev.BedCleared(at_s=300.0, printer="um2-02", by="ann", verdict=Verdict.BAD, why="warped"),
     )
-    drawn = bars(*report_of(books))
+    drawn = list_bars(*report_of(books))
     assert {bar.printer: bar.kind for bar in drawn} == {
         "um2-01": "good",
         "um2-02": "bad",
@@ -41,7 +41,7 @@ def test_a_bar_for_every_print_in_the_colour_of_what_became_of_it():
         "um2-04": "failed",
         "um2-05": "printing",
     }
-    svg = gantt(drawn)
+    svg = draw_gantt(drawn)
     picture = ElementTree.fromstring(svg[: svg.index("</svg>") + 6])
     rects = list(picture.iter("rect"))
     assert len(rects) == 5
@@ -56,16 +56,16 @@ def test_a_bar_for_every_print_in_the_colour_of_what_became_of_it():
 def test_other_jobs_are_drawn_on_the_same_fleet():
     view, rows, now = report_of(night_books())
     theirs = rows[0].model_copy(update={"job": 2, "printer": "um2-05"})
-    assert [bar.kind for bar in bars(view, [*rows, theirs], now)].count("another job") == 1
+    assert [bar.kind for bar in list_bars(view, [*rows, theirs], now)].count("another job") == 1
     later = theirs.model_copy(
         update={"started": "1970-01-02T00:00:00+00:00", "ended": "1970-01-02T01:00:00+00:00"}
     )
-    assert "another job" not in [bar.kind for bar in bars(view, [later], now)]
+    assert "another job" not in [bar.kind for bar in list_bars(view, [later], now)]
 
 
 def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
     view, rows, now = report_of(night_books(), name="<script>bunny</script>")
-    text = page(view, rows, now, facts(view), {"1/p01": PNG}, PNG)
+    text = render_page(view, rows, now, facts(view), {"1/p01": PNG}, PNG)
     assert "<script" not in text
     assert not re.search(r"(src|href)=\"(?!data:)", text)
     assert text.count("data:image/png;base64,") == 2
@@ -79,12 +79,12 @@ def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
 
 def test_a_job_of_which_nothing_is_printed_has_a_page_too():
     view, rows, now = report_of(night_books(), parts=[], plates=[])
-    text = page(view, rows, now, facts(view), {}, None)
+    text = render_page(view, rows, now, facts(view), {}, None)
     assert "Nothing of it has been printed" in text
 
 
 def test_a_part_has_a_picture_and_own_g_code_has_none(tmp_path):
     stl = tmp_path / "part.stl"
     stl.write_bytes(stl_bytes(trimesh.creation.box((20.0, 10.0, 30.0))))
-    assert part_picture(stl).startswith(PNG)
-    assert part_picture(tmp_path / "plate.gcode") is None
+    assert draw_part(stl).startswith(PNG)
+    assert draw_part(tmp_path / "plate.gcode") is None

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from farm.model import Link
 from farm.paths import StateFolder
-from farm.views.tasks import todo
+from farm.views.tasks import list_tasks
 from recording_controller import Farm
 
 
@@ -13,9 +13,11 @@ def test_an_outdated_agent_is_to_be_replaced_and_not_to_be_cleared(tmp_path: Pat
     state.make()
     farm = Farm(tmp_path)
     farm.ready("a", "b")
-    assert todo(farm.core.scene(state)) == []
+    assert list_tasks(farm.core.build_view_context(state)) == []
     why = "its agent is of an older version: replace it by `farm up --replace a`"
     farm.ready("a", link=Link.FAULT, outdated=True, reason=why)
-    assert [(item.code, item.text) for item in todo(farm.core.scene(state))] == [("replace", f"a {why}")]
+    assert [(item.code, item.text) for item in list_tasks(farm.core.build_view_context(state))] == [
+        ("replace", f"a {why}")
+    ]
     farm.ready("a")
-    assert todo(farm.core.scene(state)) == []
+    assert list_tasks(farm.core.build_view_context(state)) == []

@@ -4,14 +4,14 @@ import io
 
 import pytest
 
-from example_night import PRINTERS, night_books, scene_of, status_of
+from example_night import PRINTERS, night_books, status_of, view_context_of
 from farm import api
 from farm.cli.display.console import console
 from farm.cli.display.status_page import board, names, night
 from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.views.history import history, shown_jobs
+from farm.views.history import list_history, select_shown_jobs
 from make_books import job, plan, run
 
 
@@ -87,17 +87,17 @@ def test_what_has_been_looked_at_is_good_or_bad():
         night_books(),
         *(ev.BedCleared(at_s=300.0, printer=n, by="ann", verdict=v, why="warped") for n, v in verdicts),
     )
-    view, scene = status_of(books), scene_of(books)
+    view, context = status_of(books), view_context_of(books)
     assert (view.jobs[0].printed, view.jobs[0].good) == (2, 2)
     assert (view.night.printed, view.night.plates, view.night.waiting) == (2, 5, 1)
     assert view.jobs[0].wasted_grams == pytest.approx(3.0 + 3.0 * 35 / 90)
-    rows = history(scene, job=1)
+    rows = list_history(context, job=1)
     assert [(row.printer, row.wasted) for row in rows] == [
         ("um2-04", True),
         *(("um2-01", False), ("um2-02", True), ("um2-03", False)),
     ]
-    assert [row.part for row in history(scene, printer="um2-02")] == ["1/p02"]
-    assert history(scene, last=1) == rows[-1:]
+    assert [row.part for row in list_history(context, printer="um2-02")] == ["1/p02"]
+    assert list_history(context, last=1) == rows[-1:]
 
 
 def test_things_to_do_share_a_line_only_where_it_is_long_enough():
@@ -126,15 +126,15 @@ def test_names_that_count_on_are_drawn_together(printers, text):
 def test_jobs_that_are_over_leave_the_board_but_those_to_be_judged_stay():
     books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=job(i)) for i in range(1, 31)))
     books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in range(2, 31)))
-    assert [one.id for one in shown_jobs(books)] == [1, *range(21, 31)]
+    assert [one.id for one in select_shown_jobs(books)] == [1, *range(21, 31)]
 
 
 def test_a_dry_run_is_on_the_board_only_while_it_is_made():
     tried = job(2).model_copy(update={"options": JobOptions(dry_run=True, hold=True)})
     books, _ = run(Books(), *(ev.JobSubmitted(at_s=0.0, job=one) for one in (job(1), tried)))
-    assert [one.id for one in shown_jobs(books)] == [1, 2]
+    assert [one.id for one in select_shown_jobs(books)] == [1, 2]
     books, _ = run(books, *(ev.JobCancelled(at_s=1.0, job=i) for i in (1, 2)))
-    assert [one.id for one in shown_jobs(books)] == [1]
+    assert [one.id for one in select_shown_jobs(books)] == [1]
 
 
 def test_a_heater_that_cannot_be_switched_off_comes_before_all_else():

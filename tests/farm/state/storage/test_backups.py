@@ -18,7 +18,7 @@ from farm.state.storage import backups
 from farm.state.storage.backups import KEPT, back_up, copies, is_due, made_s, next_s, open_books
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
-from farm.views.tasks import todo
+from farm.views.tasks import list_tasks
 from make_books import fleet, job, run
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
@@ -143,16 +143,16 @@ def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_p
     nightly = backups.Nightly(state, Clock(), UTC, lambda *timer: timers.append(timer), farm.core.copied)
     asyncio.run(nightly.begin())
     ((_, _, again),) = timers
-    scene = farm.core.scene(state)
-    assert [item.code for item in todo(scene)][:1] == ["farm"]
-    assert "the nightly copy of the books failed" in todo(scene)[0].text
+    context = farm.core.build_view_context(state)
+    assert [item.code for item in list_tasks(context)][:1] == ["farm"]
+    assert "the nightly copy of the books failed" in list_tasks(context)[0].text
     if trouble == "no folder":
         state.backups.unlink()
     monkeypatch.undo()
     asyncio.run(again())
     assert len(timers) == 2
     assert len(copies(state)) == 1
-    assert "farm" not in [item.code for item in todo(farm.core.scene(state))]
+    assert "farm" not in [item.code for item in list_tasks(farm.core.build_view_context(state))]
 
 
 def test_the_next_copy_is_at_four_whatever_the_clock_does():

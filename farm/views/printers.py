@@ -1,0 +1,93 @@
+"""Printers as people see them. Pure."""
+
+from __future__ import annotations
+
+from farm import api
+from farm.config import PrinterSection
+from farm.model import AgentSnapshot, Hold, Link, Print, Printer, PrintState
+from farm.views.accounting import duration_s
+from farm.views.context import ViewContext
+
+
+def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
+    """Everything about a printer; `hold` is what keeps it from a plate, if anything."""
+    entry = context.books.printer(section.name)
+    snapshot = context.snapshot(section.name)
+    attempt = context.books.open_print_on(section.name)
+    return api.PrinterView(
+        name=section.name,
+        model=section.model,
+        state=_printer_state(entry, snapshot, attempt, section.enabled),
+        bed=entry.bed,
+        filament=entry.filament,
+        reel=_reel(section, entry),
+        agent_pid=snapshot.agent_pid,
+        nozzle_c=snapshot.nozzle_c,
+        bed_c=snapshot.bed_c,
+        targets=api.Targets(nozzle_c=snapshot.nozzle_target_c, bed_c=snapshot.bed_target_c),
+        heaters_off=snapshot.heaters_off,
+        time_factor=entry.time_factor,
+        print=_progress(context, attempt) if attempt else None,
+        last=_last_print(context, section.name),
+        look=entry.look or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
+        maintenance=entry.maintenance,
+        hold=hold,
+    )
+
+
+def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
+    attempt = context.books.last_on(printer)
+    if attempt is None:
+        return None
+    off = None
+    if attempt.state is PrintState.DONE and not attempt.paused:
+        off = duration_s(attempt) / context.books.plates[attempt.plate].estimated_s - 1
+    return api.LastPrint(
+        plate=attempt.plate,
+        state=attempt.state,
+        ended=context.format_time(attempt.ended_s),
+        off=off,
+        verdict=attempt.verdict,
+    )
+
+
+def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
+    """What is on it; how much of it, where somebody said so."""
+    return api.Reel(
+        material=section.material,
+        colour=section.colour,
+        grams=entry.reel.grams if entry.reel is not None else None,
+        nozzle_mm=section.nozzle_mm,
+    )
+
+
+def _progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
+    plate = context.books.plates[attempt.plate]
+    remaining_s = context.remaining_s(attempt)
+    said = context.reported_print(attempt)
+    return api.PrintProgress(
+        job=attempt.job,
+        plate=attempt.plate,
+        state=attempt.state,
+        progress=min(1.0, max(0.0, 1 - remaining_s / plate.estimated_s)),
+        remaining_s=remaining_s,
+        layer=said.layer if said else None,
+        layers=plate.layers,
+        z_mm=said.z_mm if said else None,
+        feature=said.feature if said else None,
+        pause_ends=context.format_time(said.pause_ends_s if said else None),
+    )
+
+
+def _printer_state(entry: Printer, snapshot: AgentSnapshot, attempt: Print | None, enabled: bool) -> str:
+    if not enabled:
+        return "disabled"
+    if snapshot.alarm is not None:
+        return "look"
+    if attempt is not None:
+        return str(attempt.state)
+    if entry.maintenance is not None:
+        return "maintenance"
+    if entry.look is not None and snapshot.link is not Link.ABSENT:
+        return "look"
+    return "idle" if snapshot.link is Link.READY else str(snapshot.link)
