@@ -20,7 +20,7 @@ from decompose.jit import jit
 Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]
 
 RESTARTS, STEPS = 60, 100  # so many times, so many steps
-SURE = 1e-4  # share by which the fewest boxes are more than the printers, so that nobody looks further
+SURE = 1e-4  # share by which the fewest boxes exceed the printers when the search stops
 
 
 @dataclass(frozen=True, slots=True)

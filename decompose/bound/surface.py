@@ -13,6 +13,20 @@ def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: Cos
     All of the surface is at best level skin or the flattest slope that has none; cuts, supports, brims and
     least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time;
     what each saves by shorter inner walls, and where its walls cover the rim of its skin, is taken off.
+
+    Parameters
+    ----------
+    area_mm2, volume_mm3
+        Of the original surface, and of the solid that has to be printed.
+    printers
+        The greatest number of parts.
+    cost
+        Print time of a part.
+
+    Returns
+    -------
+    float
+        Seconds.
     """
     slope = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
     surface = area_mm2 * min(slope, cost.skin_s_mm2)

@@ -19,7 +19,15 @@ METRES_Y_UP = np.array([[1e-3, 0, 0, 0], [0, 0, 1e-3, 0], [0, -1e-3, 0, 0], [0, 
 
 
 def write_glb(parts: Sequence[Part], path: Path) -> None:
-    """Write the parts in the model's frame, with its z up and in metres, as the format has it."""
+    """Write the parts in the model's frame, with its z up and in metres, as the format has it.
+
+    Parameters
+    ----------
+    parts
+        In the model's frame, in mm.
+    path
+        Of the file, glTF 2.0 binary.
+    """
     visual: Any = trimesh.visual  # untyped
     scene: Any = trimesh.Scene()
     for part, colour in zip(parts, part_colours(len(parts)), strict=True):

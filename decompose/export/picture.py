@@ -73,7 +73,17 @@ def part_colours(count: int) -> Floats:
 
 
 def draw_assembly(parts: Sequence[Part], path: Path, longest_px: int = 1100) -> None:
-    """Write a PNG of the parts, exploded, each with the number in its id; those behind others are named."""
+    """Write a PNG of the parts, exploded, each with the number in its id; those behind others are named.
+
+    Parameters
+    ----------
+    parts
+        In the model's frame, in mm; at least one.
+    path
+        Of the PNG.
+    longest_px
+        Longer side of the picture without its margin, in pixels.
+    """
     frame = _camera()
     lo = np.min([p.solid.bounds_mm[0] for p in parts], axis=0)
     hi = np.max([p.solid.bounds_mm[1] for p in parts], axis=0)

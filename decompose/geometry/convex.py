@@ -15,6 +15,16 @@ def convex_outline(points: Floats) -> Floats:
     """Corners (k, 2), anticlockwise, of the convex outline about points (n, 2); none without area.
 
     By A. M. Andrew, "Another efficient algorithm for convex hulls in two dimensions", 1979.
+
+    Parameters
+    ----------
+    points
+        (n, 2) float64.
+
+    Returns
+    -------
+    ndarray
+        (k, 2); (0, 2) where the points span no area.
     """
     order = np.argsort(points[:, 1], kind="mergesort")
     order = order[np.argsort(points[order, 0], kind="mergesort")]
@@ -39,7 +49,18 @@ def convex_outline(points: Floats) -> Floats:
 
 @jit
 def half_planes(outline: Floats) -> Floats:
-    """(k, 3) ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside an outline (k, 2)."""
+    """(k, 3) ``edges[:, :2] @ p + edges[:, 2] <= 0`` for points p inside an outline (k, 2).
+
+    Parameters
+    ----------
+    outline
+        (k, 2), anticlockwise, of `convex_outline`.
+
+    Returns
+    -------
+    ndarray
+        (k, 3) rows of a unit normal outwards and an offset.
+    """
     edges = np.zeros((len(outline), 3))
     for i in range(len(outline)):
         a, b = outline[i], outline[(i + 1) % len(outline)]
@@ -51,7 +72,20 @@ def half_planes(outline: Floats) -> Floats:
 
 @jit
 def rectangles(outline: Floats, angles: Floats) -> Floats:
-    """(n, 2) Width and depth of an outline (k, 2) after it is turned back by each of n angles in radians."""
+    """(n, 2) Width and depth of an outline (k, 2) after it is turned back by each of n angles in radians.
+
+    Parameters
+    ----------
+    outline
+        (k, 2), of `convex_outline`.
+    angles
+        (n,) in radians.
+
+    Returns
+    -------
+    ndarray
+        (n, 2) in the unit of the outline.
+    """
     found = np.zeros((len(angles), 2))
     for i in range(len(angles)):
         ux, uy = np.cos(angles[i]), np.sin(angles[i])

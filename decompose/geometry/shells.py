@@ -178,7 +178,20 @@ def _by_edge(tail: Ints, head: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def label_components(count: int, rows: Ints, columns: Ints) -> Ints:
-    """(count,) Number of the connected component of each node of a graph."""
+    """(count,) Number of the connected component of each node of a graph.
+
+    Parameters
+    ----------
+    count
+        Number of nodes.
+    rows, columns
+        (m,) nodes at the ends of each edge.
+
+    Returns
+    -------
+    ndarray
+        (count,) int64, from 0 on.
+    """
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 

@@ -18,6 +18,16 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
     """Triangles (m, 3, 3) in the format's precision, without those that collapse in it.
 
     None where the surface would not stay closed: features thinner than the precision touch.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3), closed.
+
+    Returns
+    -------
+    ndarray or None
+        (k, 3, 3) float32, k at most m.
     """
     points, index = np.unique(vertices.astype(np.float32), axis=0, return_inverse=True)
     f = index.reshape(-1)[faces]
@@ -30,7 +40,15 @@ def round_triangles(vertices: Floats, faces: Ints) -> npt.NDArray[np.float32] | 
 
 
 def write_stl(path: Path, corners: npt.NDArray[np.float32]) -> None:
-    """Write triangles (m, 3, 3) in mm, unchanged, to a binary STL."""
+    """Write triangles (m, 3, 3) in mm, unchanged, to a binary STL.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    corners
+        (m, 3, 3) float32, of `round_triangles`.
+    """
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
     mesh: Any = trimesh.Trimesh(corners.reshape(-1, 3), faces, process=False)
     path.write_bytes(mesh.export(file_type="stl"))

@@ -76,7 +76,17 @@ class _Cloud:
 
 
 def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = TOLERANCE) -> Mirror | None:
-    """Best plane of symmetry of vertices (n, 3) in mm, None where it is not good enough."""
+    """Best plane of symmetry of vertices (n, 3) in mm, None where it is not good enough.
+
+    Parameters
+    ----------
+    vertices
+        (n, 3) in mm.
+    rng
+        Of the normals that are tried.
+    tolerance
+        Mean distance of mirror images that is good enough, as a share of the diagonal of the box about them.
+    """
     cloud = _Cloud(vertices, rng)
     normals = np.vstack([cloud.principal(), cloud.drawn()])
     errors = [cloud.error_mm(normal) for normal in normals]
@@ -86,7 +96,17 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
 
 
 def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[Mirror]:
-    """Best planes of one draw of normals, however bad, as the program of SBD answers: the best first."""
+    """Best planes of one draw of normals, however bad, as the program of SBD answers: the best first.
+
+    Parameters
+    ----------
+    vertices
+        (n, 3) in mm.
+    rng
+        Of the normals that are tried.
+    most
+        Number of planes, whose normals differ from each other.
+    """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.drawn())
     return [cloud.mirror(np.array(normal), error) for error, normal in _apart(ranked, most)]
@@ -95,7 +115,21 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[
 def find_good_mirrors(
     vertices: Floats, rng: np.random.Generator, most: int, samples: int, tolerance: float = TOLERANCE
 ) -> list[Mirror]:
-    """Refined planes of symmetry that are good enough, with `samples` normals a round."""
+    """Refined planes of symmetry that are good enough, with `samples` normals a round.
+
+    Parameters
+    ----------
+    vertices
+        (n, 3) in mm.
+    rng
+        Of the normals that are tried.
+    most
+        Number of planes, whose normals differ from each other.
+    samples
+        Normals a round.
+    tolerance
+        As of `find_mirror`.
+    """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
     normals = np.vstack([cloud.principal(), cloud.drawn()])
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
@@ -122,7 +156,18 @@ def _diagonal_mm(vertices: Floats) -> float:
 
 
 def rotation_to_axis(normal: Floats) -> tuple[Floats, int]:
-    """Least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and the axis."""
+    """Least rotation (3, 3), ``v_new = rotation @ v``, that lays a normal on an axis, and the axis.
+
+    Parameters
+    ----------
+    normal
+        (3,) unit vector.
+
+    Returns
+    -------
+    tuple
+        (3, 3) rotation, and the axis from 0 to 2 that lies nearest to the normal.
+    """
     axis = int(np.abs(normal).argmax())
     target = np.eye(3)[axis] * np.sign(normal[axis])
     cross, cosine = np.cross(normal, target), float(normal @ target)

@@ -25,7 +25,15 @@ def index_of(box: Box, shape: Shape) -> int:
 
 
 def box_index(box: Box, shape: Shape) -> int:
-    """Index of a box in the tables of `BoxTables` over a grid of so many cells."""
+    """Index of a box in the tables of `BoxTables` over a grid of so many cells.
+
+    Parameters
+    ----------
+    box
+        x0, y0, z0, x1, y1, z1 in cells, half-open.
+    shape
+        Of the grid, in cells.
+    """
     return int(index_of(box, shape))
 
 

@@ -81,7 +81,15 @@ class Grid:
 
 
 def flat_coordinates(triangles: Floats, axis: int) -> npt.NDArray[Any]:
-    """The coordinates (k,) at which the mesh has faces square to an axis, sorted."""
+    """The coordinates (k,) at which the mesh has faces square to an axis, sorted.
+
+    Parameters
+    ----------
+    triangles
+        (m, 3, 3) in mm.
+    axis
+        0 to 2.
+    """
     cross = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     length = np.linalg.norm(cross, axis=1)
     flat = (np.abs(cross[:, axis]) > (1.0 - 1e-9) * length) & (length > 0.0)
@@ -111,7 +119,15 @@ def place_planes(lo_mm: float, hi_mm: float, count: int, flats: npt.NDArray[Any]
 
 
 def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
-    """Cells along each axis: near-cubes, granularity cubed of them, fewer where cells get too small."""
+    """Cells along each axis: near-cubes, granularity cubed of them, fewer where cells get too small.
+
+    Parameters
+    ----------
+    size_mm
+        (3,) of the model.
+    granularity
+        Cube root of the number of cells wanted.
+    """
     edge = max(MIN_CELL_MM, float(np.prod(size_mm) ** (1.0 / 3.0)) / granularity)
     while True:
         nx, ny, nz = (max(1, round(float(s) / edge)) for s in size_mm)
@@ -168,7 +184,15 @@ def fill_grid(
     overhang_cos: float,
     skin_cos: float,
 ) -> Grid:
-    """Fill a grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`."""
+    """Fill a grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`.
+
+    Parameters
+    ----------
+    planes
+        For each axis the ascending coordinates (n + 1,) of the planes in mm.
+    triangles, min_wall_mm, keep_interior, overhang_cos, skin_cos
+        As of `build_grid`.
+    """
     area, flux, sums, extents = clip_into_cells(triangles, planes, skin_cos, overhang_cos)
     surface = extents.copy()  # the solid's extents follow from it
     steps = [np.diff(p) for p in planes]

@@ -20,6 +20,18 @@ def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
     """Grow boxes of cells over cells without solid (nx, ny, nz) so that they face more neighbours.
 
     A face can only give way to a box that covers all of it. Nothing is printed of what is added here.
+
+    Parameters
+    ----------
+    chosen
+        Disjoint boxes in cells.
+    empty
+        (nx, ny, nz) cells without solid.
+
+    Returns
+    -------
+    list[Box]
+        The same boxes in their order, none smaller.
     """
     boxes = np.array(chosen)
     free = empty.copy()
@@ -55,7 +67,7 @@ def _cells(box: Ints) -> tuple[slice, ...]:
 def group_faces(boxes_mm: Floats) -> Ints:
     """Number the groups (n, 2, 3) in which the faces of boxes (n, 2, 3) move; -1 where a face is fixed.
 
-    A face is fixed whose group has no two faces on each other: there is nobody to give to or to take from.
+    A face is fixed whose group has no two faces on each other: no box gives or takes room there.
     All faces of a group have one axis and one coordinate.
     """
     count = len(boxes_mm)
@@ -126,13 +138,35 @@ class _Groups:
 
 
 def move_groups(boxes_mm: Floats, groups: Ints, by_mm: Floats) -> Floats:
-    """Move each group (of `group_faces`) of boxes along its axis by so much (groups,) in mm."""
+    """Move each group (of `group_faces`) of boxes along its axis by so much (groups,) in mm.
+
+    Parameters
+    ----------
+    boxes_mm
+        (n, 2, 3) corners.
+    groups
+        (n, 2, 3) of `group_faces`.
+    by_mm
+        (groups,) shifts.
+    """
     by = np.append(by_mm, 0.0)  # the last is for the faces that are fixed: group -1
     return np.asarray(boxes_mm + by[groups])
 
 
 def free_directions(boxes_mm: Floats, groups: Ints, cells: NeededCells, step_mm: float) -> Bools:
-    """(groups, 2) Tell whether each group can move down, and up, by a step while all others stay."""
+    """(groups, 2) Tell whether each group can move down, and up, by a step while all others stay.
+
+    Parameters
+    ----------
+    boxes_mm
+        (n, 2, 3) corners.
+    groups
+        (n, 2, 3) of `group_faces`.
+    cells
+        They have to stay covered.
+    step_mm
+        Length of the step.
+    """
     count = int(groups.max(initial=-1)) + 1
     free = np.zeros((count, 2), dtype=np.bool_)
     for group in range(count):
@@ -147,6 +181,15 @@ def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) 
     """Place of a plane that moves, short of its target where that is near a flat face.
 
     Between the old and the new place, as far from all flats (k,) as asked; the old place where there is none.
+
+    Parameters
+    ----------
+    flats_mm
+        (k,) coordinates of flat faces along the axis.
+    old_mm, new_mm
+        Places of the plane now, and where it is to go.
+    clear_mm
+        Distance to keep from flat faces.
     """
     low, high = sorted((old_mm, new_mm))
     places = [new_mm, *(flats_mm - clear_mm), *(flats_mm + clear_mm)]

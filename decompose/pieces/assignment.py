@@ -18,6 +18,18 @@ def assign_printers(posed: Sequence[Pose], printers: Sequence[PrinterRoom]) -> l
     """Assign a printer to each part so that the last one ends soonest; None where they do not all fit.
 
     A part fits by its pose, whose time leaves the speeds of the printers out.
+
+    Parameters
+    ----------
+    posed
+        Poses of the parts.
+    printers
+        One part each at most.
+
+    Returns
+    -------
+    list or None
+        A printer for each pose.
     """
     seconds = [
         [pose.price_s * p.time_factor if p.fits(*pose.size_mm) else np.inf for p in printers]

@@ -72,7 +72,13 @@ class Fault:
 
 
 def find_joints(pieces: Sequence[CutSolid]) -> list[Joint]:
-    """Find all joints, by the numbers of the pieces."""
+    """Find all joints, by the numbers of the pieces.
+
+    Parameters
+    ----------
+    pieces
+        In one frame, cut at planes.
+    """
     sides: dict[tuple[float, ...], list[tuple[int, shapely.Geometry]]] = defaultdict(list)
     for number, piece in enumerate(pieces):
         for plane, face in _cut_sides(piece.solid, piece.planes).items():
@@ -101,6 +107,15 @@ def find_faults(
     pieces: some joints do not hold (`Joint.holds`), and the others do not hold them to the body that they are
     of. A piece that touches no other is a body of its own. `touching` are the joints, where
     they are known already.
+
+    Parameters
+    ----------
+    pieces
+        In one frame, cut at planes.
+    min_glue_mm2
+        Least area of a joint that counts as holding.
+    touching
+        Of `find_joints`, where known.
     """
     found = [Fault(i, what) for i, piece in enumerate(pieces) if (what := _sliver(piece))]
     touching = find_joints(pieces) if touching is None else touching

@@ -28,7 +28,7 @@ class Piece:
         (k, 4) rows nx, ny, nz, d with unit n: the planes n.x = d that it was cut at.
     boxes_mm
         (b, 2, 3) corners of the axis-aligned boxes whose content it is a part of; none where it was cut
-        otherwise. What lies in no box of any piece was left out.
+        in another way. The solid outside of all boxes was left out.
     printer
         That it is cut for; None: any, so that it has to fit them all.
     slower
@@ -53,14 +53,32 @@ def sort_pieces(pieces: Iterable[Piece]) -> list[Piece]:
 
 
 def cut_box(solid: Solid, lo_mm: npt.ArrayLike, hi_mm: npt.ArrayLike) -> list[Piece]:
-    """Connected pieces of a solid in an axis-aligned box, cut exactly in double precision."""
+    """Connected pieces of a solid in an axis-aligned box, cut exactly in double precision.
+
+    Parameters
+    ----------
+    solid
+        To be cut; it stays as it is.
+    lo_mm, hi_mm
+        (3,) corners of the box.
+    """
     box = np.array([lo_mm, hi_mm], dtype=np.float64)
     planes = box_planes(box)
     return [Piece(piece, planes, box[None]) for piece in solid.clip(*box).pieces()]
 
 
 def cut_cells(solid: Solid, grid: Grid, box: Box) -> list[Piece]:
-    """Connected pieces of a solid in a box of cells; the grid's outermost planes cut no face."""
+    """Connected pieces of a solid in a box of cells; the grid's outermost planes cut no face.
+
+    Parameters
+    ----------
+    solid
+        To be cut; it stays as it is.
+    grid
+        Over the solid.
+    box
+        In cells of the grid, half-open.
+    """
     return cut_box(solid, *grid.bounds_mm(box))
 
 
@@ -70,11 +88,27 @@ def box_planes(box_mm: Floats) -> Floats:
 
 
 def find_cut_faces(vertices: Floats, faces: Ints, planes: Floats) -> Bools:
-    """(m,) Tell which faces lie on one of these planes (k, 4)."""
+    """(m,) Tell which faces lie on one of these planes (k, 4).
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3).
+    planes
+        (k, 4) rows nx, ny, nz, d with unit n: the planes n.x = d.
+    """
     on_plane = np.abs(vertices @ planes[:, :3].T - planes[:, 3]) < ON_PLANE_MM
     return np.asarray(np.any(np.all(on_plane[faces], axis=1), axis=1))
 
 
 def rotate_planes(planes: Floats, rotation: Floats) -> Floats:
-    """Planes (k, 4) after ``v -> rotation @ v``."""
+    """Planes (k, 4) after ``v -> rotation @ v``.
+
+    Parameters
+    ----------
+    planes
+        (k, 4) rows nx, ny, nz, d: the planes n.x = d.
+    rotation
+        (3, 3).
+    """
     return np.hstack([planes[:, :3] @ rotation.T, planes[:, 3:]])

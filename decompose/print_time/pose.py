@@ -17,31 +17,16 @@ from decompose.print_time.recipe import ADDITIVE
 from decompose.print_time.short_layers import short_layers_s
 
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
-
-
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
-
 
 # [assumed] A part stands while it sticks to the bed better than the nozzle pulls at its top and its weight at
 # its side. What a support carries is made to be peeled off; the outer half of a brim is too thin to hold.
 MIN_CONTACT_MM2 = 4.0
-
-
 MIN_FOOT_MM = 0.8  # of `Footing.wall_mm`: an edge is narrower than a line, so that its layer is not printed
-
-
 STICKS_N_MM2 = 0.05
-
-
 PROPPED = 0.1  # share of that for the area that supports carry
-
-
 BRIM_HOLDS = 0.5  # share of a brim's width that counts as footing
-
-
 PULL_N = 0.5
-
-
 WEIGHT_N_MM3 = 1.25e-5
 
 
@@ -105,7 +90,21 @@ def measure_pose(
     cost: CostModel,
     fit_first_layer: bool = True,
 ) -> Pose:
-    """Price a pose, a rotation in rows, with its true supports, and measure how the part stands."""
+    """Price a pose, a rotation in rows, with its true supports, and measure how the part stands.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    cut
+        (m,) whether a face is a cut, which no support shall touch.
+    rotation
+        (3, 3) rows: the bed's x, y and z in the model's frame.
+    cost
+        Print time of a part.
+    fit_first_layer
+        Choose the brim and the first layer's expansion too.
+    """
     (features,), _ = pose_features(vertices, faces, rotation[None], cost)
     return measure_from_features(vertices, faces, cut, rotation, features, cost, fit_first_layer)
 

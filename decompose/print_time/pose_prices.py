@@ -107,5 +107,13 @@ def pose_prices_s(vertices: Floats, faces: Ints, rotations: Floats, cost: CostMo
 
 
 def axis_prices_s(vertices: Floats, faces: Ints, cost: CostModel) -> Floats:
-    """Print time (6,) in seconds of a closed mesh in each axis pose."""
+    """Print time (6,) in seconds of a closed mesh in each axis pose.
+
+    Parameters
+    ----------
+    vertices, faces
+        (n, 3) in mm and (m, 3) of a closed mesh, outward.
+    cost
+        Print time of a part.
+    """
     return pose_prices_s(vertices, faces, POSE_ROTATIONS, cost)

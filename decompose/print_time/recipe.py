@@ -32,7 +32,7 @@ FEATURES = (
 )
 """And those that do not add up: the height, the root of `skin_mm2`, the ring of the brim about the part's
 rectangle and, where a part is looked at closely, its islands and, in place of `column_mm3`, the support that
-it really has (`columns`)."""
+it has (`columns`)."""
 
 
 FACTORS: Mapping[str, float] = {
@@ -58,8 +58,6 @@ a layer: there and back, with a retraction each way.
 
 
 SUPPORT = ("support", "support sides", "islands")
-
-
 TOWER = 2.7
 """Time of a layer of a tower of support, in islands: it is printed, too."""
 
@@ -143,6 +141,16 @@ def time_terms(recipe: Recipe) -> dict[str, Floats]:
 
     An end is where a line of infill or of a slope's narrow skin turns round: the nozzle stops and starts.
     Walls cover the rim of a skin.
+
+    Parameters
+    ----------
+    recipe
+        Settings of the slicer.
+
+    Returns
+    -------
+    dict
+        (12,) float64 vectors in the order of `FEATURES`, before `FACTORS`.
     """
 
     def vector(**features: float) -> Floats:

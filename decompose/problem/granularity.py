@@ -8,14 +8,8 @@ from decompose.errors import DecomposeError
 from decompose.grid import GRANULARITY
 
 AUTO_GRANULARITY = 15
-
-
 FINEST_FOR_ROOM = 24  # a finer grid takes gigabytes
-
-
 FINEST = 60  # that a person may ask for
-
-
 CELLS_PER_PART = 400  # with fewer, one layer of cells is too large a share of a part
 
 
@@ -24,6 +18,20 @@ def choose_granularity(wanted: str | int, printers: int, rooms_long: float = 1.0
 
     `rooms_long` is the model's longest side over the narrowest side of a part's room: on ``auto`` a cell is
     not much larger than half a room.
+
+    Parameters
+    ----------
+    wanted
+        A name of `grid.GRANULARITY`, a number, or ``auto``.
+    printers
+        Number of printers.
+    rooms_long
+        Longest side of the model over the narrowest side of a part's room.
+
+    Raises
+    ------
+    DecomposeError
+        It is none of these.
     """
     if wanted == "auto":
         finer = math.ceil(math.pow(CELLS_PER_PART * printers, 1.0 / 3.0))

@@ -44,14 +44,14 @@ class Problem:
     executor
         For work that may run side by side, by threads; None: one after the other.
     effort
-        What was done and may be done: a search that can go on without end stops with what it has.
-    lap
-        Told the name of each stage when it is over.
+        Work done and the budget: a search without a natural end stops there with the best so far.
+    on_stage
+        Called with the name of each stage when it is over.
     best_known_s
-        The makespan of a result that there is already: of one that ends later nothing is proven.
+        Makespan of the best result so far: no bound is proven for a result that ends later.
     thorough
-        Whether other partitions of a grid are evened besides its best, and planes that have moved are moved
-        again from there, as far as the budget goes.
+        Shift the planes of other partitions of a grid besides its best, and shift moved planes again, as
+        far as the budget goes.
     frame
         (3, 3) ``v_cut = frame @ v_model``: how the model was turned before.
     """

@@ -21,6 +21,11 @@ def validate_problem(
 ) -> None:
     """Refuse a problem that no engine can work on.
 
+    Parameters
+    ----------
+    model, printers, options
+        As of `decompose.decompose_model`.
+
     Raises
     ------
     DecomposeError

@@ -145,7 +145,20 @@ def check_missing(parts: Sequence[Part], boxes_mm: Floats, model: Model, min_wal
 
 
 def check_stl(path: Path, part: Part) -> None:
-    """Check that a written file holds the part: watertight, and of its volume."""
+    """Check that a written file holds the part: watertight, and of its volume.
+
+    Parameters
+    ----------
+    path
+        Of the STL file.
+    part
+        That was written there.
+
+    Raises
+    ------
+    GeometryError
+        The file breaks the rule `Rule.STL`.
+    """
     mesh: Any = trimesh.load(path, force="mesh", process=True)
     if not mesh.is_watertight:
         raise GeometryError(Rule.STL, part.id, f"{path.name}, read back, is not watertight")

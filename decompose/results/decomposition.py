@@ -175,8 +175,8 @@ class Decomposition:
     joints
         Where two parts touch, by their places in `parts`.
     faults
-        Slivers, and parts that joints of enough glue do not hold. What has any is given up; of the
-        two rivals and of what is `--faithful` they are told.
+        Slivers, and parts that joints of enough glue do not hold. A result with any is given up, except
+        of the rivals and of `--faithful`, which report them.
     cutting
         Of the engine `guillotine`: what its parts can be levelled again from.
     curve

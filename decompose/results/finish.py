@@ -110,7 +110,18 @@ def _build_parts(pieces: Sequence[Piece], problem: Problem) -> list[Part]:
 
 
 def apply_time_ratios(pieces: Sequence[Piece], poses: Sequence[Pose]) -> list[Pose]:
-    """Poses with each price multiplied by the ratio that a slicer has shown for its piece."""
+    """Poses with each price multiplied by the ratio that a slicer has shown for its piece.
+
+    Parameters
+    ----------
+    pieces, poses
+        In one order.
+
+    Returns
+    -------
+    list[Pose]
+        In that order.
+    """
     each = zip(pieces, poses, strict=True)
     return [replace(pose, price_s=pose.price_s * piece.time_ratio) for piece, pose in each]
 

@@ -102,12 +102,28 @@ def makespan_curve(
 def find_knee(
     points: Sequence[CurvePoint], clear_s: float = CLEAR_S, assemble_s: float = ASSEMBLE_S
 ) -> CurvePoint:
-    """Point where printing plus a person's handling of every part takes least."""
+    """Point where printing plus a person's handling of every part takes least.
+
+    Parameters
+    ----------
+    points
+        Of `makespan_curve`, at least one.
+    clear_s, assemble_s
+        A person's time for each part: to clear its bed, and to glue it.
+    """
     return min(points, key=lambda p: (p.makespan_s + p.printers * (clear_s + assemble_s), p.printers))
 
 
 def find_fewest_in_time(points: Sequence[CurvePoint], within_s: float) -> CurvePoint:
-    """Fewest printers that are done within so many seconds; where none are, the fastest."""
+    """Fewest printers that are done within so many seconds; where none are, the fastest.
+
+    Parameters
+    ----------
+    points
+        Of `makespan_curve`, at least one.
+    within_s
+        Seconds from the first print command to the end of the last part.
+    """
     enough = [point for point in points if point.makespan_s <= within_s]
     if enough:
         return min(enough, key=lambda point: point.printers)

@@ -64,10 +64,10 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
 class ExactSearch:
     """The exact search, with true prices for the boxes that it chooses.
 
-    The tables take the solid in a cell as one piece, and price a box in the axis poses with no idea whether
-    it stands. What a chosen box really has in pieces, and really costs, is put into the tables where it is
-    more, and the search is made again. A box with a piece that is bad to glue is priced out. Counts and
-    prices only grow, so the makespan only grows.
+    The tables take the solid in a cell as one piece, and price a box in the axis poses without regard to
+    whether it stands. The true pieces and prices of the chosen boxes are put into the tables where they are
+    more, and the search is repeated. A box with a piece that is bad to glue is priced out. Counts and prices
+    only grow, so the makespan only grows.
     """
 
     def __init__(self, problem: Problem, grid: Grid, boxes: BoxTables, bound_s: float) -> None:

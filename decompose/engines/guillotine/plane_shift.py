@@ -2,22 +2,28 @@
 
 A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
 that can move (`grid.interfaces`) moves at once, by a linear programme: the least makespan were every
-part's time linear in the places of its faces, within steps that are short enough for that. What the parts
-really cost at the new places is then measured, and teaches the programme better slopes. Every `ROUNDS_EACH`
-rounds all parts that moved are posed anew; until then each stays in its pose, which is much quicker to price.
-That much is done however late it is: little else gains as much in its time.
+part's time linear in the places of its faces, within steps that are short enough for that. The parts are then
+priced at the new places, which corrects the slopes. Every `ROUNDS_EACH` rounds all parts that moved are posed
+anew; until then each stays in its pose, which is much faster to price. One such search is made even when the
+budget is spent: little else gains as much in its time.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import permutations
+from dataclasses import replace
 
 import numpy as np
 
 from decompose.arrays import Floats
+from decompose.engines.guillotine.box_part import (
+    BoxPart,
+    longest_s,
+    slowest_s,
+    sorted_times_s,
+    spare_length_mm,
+)
 from decompose.engines.guillotine.plane_programme import solve_plane_shifts
 from decompose.grid import (
     CLEAR_MM,
@@ -56,35 +62,6 @@ MAX_COVERED = 20_000_000  # fine cells, for each box, that are looked at to see 
 MAX_KEPT = 4  # times that a step is found anew around planes that flat faces keep
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf where none fits."""
-
-    box_mm: Floats
-    pieces: tuple[Piece, ...]
-    poses: tuple[Pose, ...]
-    seconds: float
-
-    @property
-    def size_mm(self) -> Floats:
-        """(3,) Longest sides of its pieces along the axes."""
-        return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
-
-    @property
-    def least_mm(self) -> float:
-        """Shortest side of any of its pieces."""
-        return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
-
-    def with_poses(self, poses: Sequence[Pose | None]) -> _Part:
-        """Same part with its pieces in these poses, inf seconds where one fits in none."""
-        found = tuple(pose for pose in poses if pose is not None)
-        return replace(self, poses=found, seconds=_slowest_s(self.pieces, poses))
-
-    def is_like(self, other: _Part) -> bool:
-        """Tell whether it has as many pieces as another, and none that is a sliver by comparison."""
-        return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
-
-
 def shift_planes(problem: Problem, grid: Grid, cut: Mapping[Box, Sequence[Piece]]) -> list[Piece]:
     """Move the cut planes of a partition so that its slowest piece, truly posed, ends soonest.
 
@@ -112,6 +89,20 @@ def shift_box_planes(
 
     What barred a face at one start, or was out of its reach, may not from where that has led to: as long as
     it is worth it, planes are moved again from there.
+
+    Parameters
+    ----------
+    grid
+        Over the problem's model: its needed cells have to stay covered.
+    boxes_mm
+        (n, 2, 3) corners of disjoint boxes that cover the needed cells.
+    pieces
+        The pieces in each box.
+
+    Returns
+    -------
+    list[Piece]
+        As `shift_planes`.
     """
     vertices, faces = problem.model.solid.arrays()
     keep = problem.options.interior is Interior.KEEP
@@ -121,11 +112,11 @@ def shift_box_planes(
     )
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
-        evening = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
-        before = evening.posed()
-        parts = evening.run(before)
-        gained = math.isfinite(_longest_s(parts)) and (
-            _longest_s(parts) <= (1.0 - WORTH_MORE) * _longest_s(before)
+        search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
+        before = search.posed()
+        parts = search.run(before)
+        gained = math.isfinite(longest_s(parts)) and (
+            longest_s(parts) <= (1.0 - WORTH_MORE) * longest_s(before)
         )
         if not (gained and problem.thorough) or problem.effort.is_spent():
             return [piece for part in parts for piece in part.pieces]
@@ -148,7 +139,7 @@ class _PlaneShift:
         self.cells = cells
         self.start_mm = boxes_mm
         self.start = [
-            _Part(box, tuple(replace(piece, boxes_mm=box[None]) for piece in inside), (), math.inf)
+            BoxPart(box, tuple(replace(piece, boxes_mm=box[None]) for piece in inside), (), math.inf)
             for box, inside in zip(boxes_mm, pieces, strict=True)
         ]
         self.groups = group_faces(self.start_mm)
@@ -162,13 +153,13 @@ class _PlaneShift:
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]
 
-    def posed(self) -> list[_Part]:
+    def posed(self) -> list[BoxPart]:
         """Parts as they are at first, in their best poses."""
         return self._pose(self.start)
 
-    def run(self, best: list[_Part]) -> list[_Part]:
+    def run(self, best: list[BoxPart]) -> list[BoxPart]:
         """Parts of the best partition found, starting from these."""
-        if not (self.free.any() and math.isfinite(_longest_s(best))):
+        if not (self.free.any() and math.isfinite(longest_s(best))):
             return best
         self._book([i for i in range(len(best)) for _ in range(6)])
         slopes = np.array([self._slopes(i, part) for i, part in enumerate(best)])
@@ -179,13 +170,13 @@ class _PlaneShift:
             if rough is best:
                 break
             new = self._pose(rough, best)
-            if _times_s(new) >= _times_s(best):
-                if not self._bar_faces(best, new, _longest_s(best)):
+            if sorted_times_s(new) >= sorted_times_s(best):
+                if not self._bar_faces(best, new, longest_s(best)):
                     break
             elif self._has_faults(new):
                 self.reach_mm = self.reach_mm / 2.0
             else:
-                gain = 1.0 - _longest_s(new) / _longest_s(best)
+                gain = 1.0 - longest_s(new) / longest_s(best)
                 best = new
                 if gain < WORTH:
                     break
@@ -196,17 +187,17 @@ class _PlaneShift:
         self.problem.effort.book(Work.PIECE_MEASURED, len(parts))
         self.problem.effort.book(Work.FACE_MEASURED, sum(self.near[i].faces for i in parts))
 
-    def _has_faults(self, parts: Sequence[_Part]) -> bool:
+    def _has_faults(self, parts: Sequence[BoxPart]) -> bool:
         return bool(
             find_faults([p for part in parts for p in part.pieces], self.problem.options.min_glue_mm2)
         )
 
-    def _take_steps(self, parts: list[_Part], slopes: Floats) -> list[_Part]:
+    def _take_steps(self, parts: list[BoxPart], slopes: Floats) -> list[BoxPart]:
         """Parts after some steps, each in its pose; the same parts where no step is worth it."""
         step_mm = FIRST_STEP * self.reach_mm
         for _ in range(ROUNDS_EACH):
             boxes, promised_s = self._step(parts, slopes, step_mm)
-            if promised_s > (1.0 - WORTH) * _longest_s(parts):
+            if promised_s > (1.0 - WORTH) * longest_s(parts):
                 break
             if not self.cells.is_partition(boxes):
                 step_mm *= SHORTER
@@ -214,13 +205,13 @@ class _PlaneShift:
             new = self._cut_moved(parts, boxes)
             for i, (old, part) in enumerate(zip(parts, new, strict=True)):
                 _update_slopes(slopes[i], part.box_mm - old.box_mm, part.seconds - old.seconds)
-            if _times_s(new) < _times_s(parts):
+            if sorted_times_s(new) < sorted_times_s(parts):
                 parts = new
             elif not self._bar_faces(parts, new):
                 step_mm *= SHORTER
         return parts
 
-    def _bar_faces(self, parts: Sequence[_Part], new: Sequence[_Part], limit_s: float = math.inf) -> bool:
+    def _bar_faces(self, parts: Sequence[BoxPart], new: Sequence[BoxPart], limit_s: float = math.inf) -> bool:
         """Bar faces from moving on by which parts break, fit no longer, or take as long as this.
 
         Where a support comes to touch a cut face, or the brim to be too narrow, another pose is the best, and
@@ -242,7 +233,7 @@ class _PlaneShift:
                 self.free[self.groups[(i, *face)], int(by_mm[face] > 0.0)] = False
         return bool((self.free != before).any())
 
-    def _breaking_faces(self, i: int, part: _Part, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
+    def _breaking_faces(self, i: int, part: BoxPart, faces: Sequence[Face], by_mm: Floats) -> list[Face]:
         """Faces whose move alone breaks a part into pieces, or makes it too thin."""
         self.problem.effort.book(Work.FACE_CUT, len(faces) * self.near[i].faces)
         found = []
@@ -253,7 +244,7 @@ class _PlaneShift:
                 found.append(face)
         return found
 
-    def _step(self, parts: list[_Part], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
+    def _step(self, parts: list[BoxPart], slopes: Floats, step_mm: Floats) -> tuple[Floats, float]:
         """Best places of the boxes, were the slopes true, and the makespan that this promises.
 
         A plane that a flat face keeps from where it would be best stays where that leaves it, and the others
@@ -264,7 +255,7 @@ class _PlaneShift:
         at = places - self._places(self.start_mm)
         low_mm = np.minimum(np.where(self.free[:, 0], np.maximum(-step_mm, -self.reach_mm - at), 0.0), 0.0)
         high_mm = np.maximum(np.where(self.free[:, 1], np.minimum(step_mm, self.reach_mm - at), 0.0), 0.0)
-        longer_mm = np.array([_longer_mm(part.size_mm, self._rooms(part)) for part in parts])
+        longer_mm = np.array([spare_length_mm(part.size_mm, self._rooms(part)) for part in parts])
         shorter_mm = np.maximum(0.0, now[:, 1] - now[:, 0] - SLIVER_MM)
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, promised_s = now, math.inf
@@ -300,10 +291,10 @@ class _PlaneShift:
                 new[group] = round(new[group], PLANE_DIGITS)
         return np.where(self.groups >= 0, new[self.groups], now)
 
-    def _rooms(self, part: _Part) -> list[PrinterRoom]:
+    def _rooms(self, part: BoxPart) -> list[PrinterRoom]:
         return [room for piece in part.pieces for room in self.problem.rooms_for(piece)]
 
-    def _cut(self, i: int, box_mm: Floats) -> _Part:
+    def _cut(self, i: int, box_mm: Floats) -> BoxPart:
         pieces = cut_box(self.near[i], *box_mm)
         before = self.start[i].pieces
         if len(pieces) == len(before):
@@ -311,9 +302,9 @@ class _PlaneShift:
                 replace(piece, printer=own.printer, time_ratio=own.time_ratio)
                 for piece, own in zip(pieces, before, strict=True)
             ]
-        return _Part(box_mm, tuple(pieces), (), math.inf)
+        return BoxPart(box_mm, tuple(pieces), (), math.inf)
 
-    def _pose(self, parts: list[_Part], before: Sequence[_Part] = ()) -> list[_Part]:
+    def _pose(self, parts: list[BoxPart], before: Sequence[BoxPart] = ()) -> list[BoxPart]:
         """Parts in their best poses; parts that have not moved since `before` keep theirs."""
         done = {i: old for i, old in enumerate(before) if (old.box_mm == parts[i].box_mm).all()}
         new = [i for i in range(len(parts)) if i not in done]
@@ -322,7 +313,7 @@ class _PlaneShift:
             done[i] = parts[i].with_poses([next(poses) for _ in parts[i].pieces])
         return [done[i] for i in range(len(parts))]
 
-    def _cut_moved(self, parts: list[_Part], boxes_mm: Floats) -> list[_Part]:
+    def _cut_moved(self, parts: list[BoxPart], boxes_mm: Floats) -> list[BoxPart]:
         """Cut parts anew where their boxes moved, and pose pieces anew where their old poses do not do."""
         moved = [i for i, part in enumerate(parts) if (boxes_mm[i] != part.box_mm).any()]
         self._book(moved)
@@ -341,7 +332,7 @@ class _PlaneShift:
             new[i] = part.with_poses(with_poses) if with_poses else part
         return new
 
-    def _cut_in_old_poses(self, i: int, part: _Part, box_mm: Floats) -> tuple[_Part, list[Pose | None]]:
+    def _cut_in_old_poses(self, i: int, part: BoxPart, box_mm: Floats) -> tuple[BoxPart, list[Pose | None]]:
         """Cut a part anew, with its pieces in their old poses; None for a pose that does not do.
 
         No poses where it came to pieces.
@@ -363,7 +354,7 @@ class _PlaneShift:
         rotation, options = pose.to_model[:3, :3].T, self.problem.options
         return measure_pose(vertices, faces, cut, rotation, self.problem.cost, options.fit_first_layer)
 
-    def _slopes(self, i: int, part: _Part) -> Floats:
+    def _slopes(self, i: int, part: BoxPart) -> Floats:
         """(2, 3) Change of a part's time in s/mm as each of its faces moves up its axis."""
         slopes = np.zeros((2, 3))
         for side, axis in np.ndindex(2, 3):
@@ -374,7 +365,7 @@ class _PlaneShift:
             less = self._cut(i, box)
             if len(less.pieces) == len(part.pieces):
                 now = [self._measure(*each) for each in zip(less.pieces, part.poses, strict=True)]
-                now_s = _slowest_s(less.pieces, now)
+                now_s = slowest_s(less.pieces, now)
                 slopes[side, axis] = (now_s - part.seconds) / (box[side, axis] - part.box_mm[side, axis])
         return slopes
 
@@ -384,32 +375,3 @@ def _update_slopes(slopes: Floats, by_mm: Floats, seconds: float) -> None:
     length = float((by_mm * by_mm).sum()) + NOISE_MM * NOISE_MM
     if math.isfinite(seconds):
         slopes += (seconds - float((slopes * by_mm).sum())) / length * by_mm
-
-
-def _slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
-    each = zip(pieces, poses, strict=True)
-    times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in each]
-    return max(times, default=math.inf)
-
-
-def _times_s(parts: Sequence[_Part]) -> list[float]:
-    """Times, the longest first; lexicographically less is better."""
-    return sorted((part.seconds for part in parts), reverse=True)
-
-
-def _longest_s(parts: Sequence[_Part]) -> float:
-    return max(part.seconds for part in parts)
-
-
-def _longer_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
-    """(3,) Length that a part of this size may gain along each axis, the others as they are, in all rooms.
-
-    inf where it fits one of them only turned out of the axes: then nothing is known.
-    """
-    most = np.full(3, math.inf)
-    for room in rooms:
-        spare = np.array([turned for box in room.boxes for turned in permutations(box)]) - size_mm
-        spare = spare[(spare >= 0.0).all(axis=1)]
-        if len(spare):
-            most = np.minimum(most, spare.max(axis=0))
-    return most

@@ -39,7 +39,7 @@ MAX_OF_A_HALF = 100  # attempts that are combined with those of the other half
 def paper_settings(options: Options) -> Options:
     """Settings of the paper's table; its speeds and its overhang tolerance are in `terrain`.
 
-    The table has no reading of the score: that of the paper's text, where nobody has asked for another.
+    The table does not say how to read the score: the reading of the paper's text is the default.
     """
     reading = Score.HIGH if options.parallelobox.score is Score.BOTH else options.parallelobox.score
     return replace(options, granularity="vfine", parallelobox=ParalleloboxOptions(tries=3, score=reading))

@@ -12,8 +12,6 @@ from decompose.grid import OVERHANG, VOLUME, BoxTables, Grid, index_of
 from decompose.jit import jit
 
 SPEED_MM_S = 20.0  # of shell and of infill, in the paper's settings
-
-
 OVERHANG_TOLERANCE_DEG = 1.0  # likewise
 
 

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from decompose.engines.guillotine import plane_shift
-from decompose.engines.guillotine.plane_shift import _Part, _PlaneShift, shift_planes
+from decompose.engines.guillotine.box_part import BoxPart
+from decompose.engines.guillotine.plane_shift import _PlaneShift, shift_planes
 from decompose.geometry import Model, Solid
 from decompose.grid import CLEAR_MM, Box, NeededCells, flat_coordinates
 from decompose.options import Engine, Interior, Options
@@ -96,7 +97,7 @@ class Rounds:
         self.begun = 0
         moved = _PlaneShift._take_steps
 
-        def counted(evening: _PlaneShift, parts: list[_Part], slopes: np.ndarray) -> list[_Part]:
+        def counted(evening: _PlaneShift, parts: list[BoxPart], slopes: np.ndarray) -> list[BoxPart]:
             self.begun += 1
             return moved(evening, parts, slopes)
 
@@ -108,7 +109,7 @@ def halves(asked: Problem) -> list[Box]:
     return [(0, 0, 0, nx // 2, ny, nz), (nx // 2, 0, 0, nx, ny, nz)]
 
 
-def evening(asked: Problem) -> tuple[_PlaneShift, list[_Part]]:
+def evening(asked: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     """The search for the two halves of a model, and the halves posed."""
     grid = asked.build_grid(asked.model)
     cut = {box: cut_cells(asked.model.solid, grid, box) for box in halves(asked)}

@@ -1,0 +1,75 @@
+"""Content of a box of a partition, posed and priced."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+
+from decompose.arrays import Floats
+from decompose.pieces import SLIVER_MM, Piece
+from decompose.print_time import Pose
+from decompose.printers import PrinterRoom
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoxPart:
+    """Content of a box, posed; `seconds` of its slowest piece on its printer, inf where none fits."""
+
+    box_mm: Floats
+    pieces: tuple[Piece, ...]
+    poses: tuple[Pose, ...]
+    seconds: float
+
+    @property
+    def size_mm(self) -> Floats:
+        """(3,) Longest sides of its pieces along the axes."""
+        return np.asarray(np.max([np.ptp(piece.solid.bounds_mm, axis=0) for piece in self.pieces], axis=0))
+
+    @property
+    def least_mm(self) -> float:
+        """Shortest side of any of its pieces."""
+        return min(float(np.ptp(piece.solid.bounds_mm, axis=0).min()) for piece in self.pieces)
+
+    def with_poses(self, poses: Sequence[Pose | None]) -> BoxPart:
+        """Same part with its pieces in these poses, inf seconds where one fits in none."""
+        found = tuple(pose for pose in poses if pose is not None)
+        return replace(self, poses=found, seconds=slowest_s(self.pieces, poses))
+
+    def is_like(self, other: BoxPart) -> bool:
+        """Tell whether it has as many pieces as another, and none that is a sliver by comparison."""
+        return len(self.pieces) == len(other.pieces) and self.least_mm >= min(SLIVER_MM, other.least_mm)
+
+
+def slowest_s(pieces: Sequence[Piece], poses: Sequence[Pose | None]) -> float:
+    """Time of the slowest of pieces on its printer, in seconds; inf where one has no pose."""
+    each = zip(pieces, poses, strict=True)
+    times = [math.inf if pose is None else pose.price_s * piece.time_factor for piece, pose in each]
+    return max(times, default=math.inf)
+
+
+def sorted_times_s(parts: Sequence[BoxPart]) -> list[float]:
+    """Times, the longest first; lexicographically less is better."""
+    return sorted((part.seconds for part in parts), reverse=True)
+
+
+def longest_s(parts: Sequence[BoxPart]) -> float:
+    """Time of the slowest part, in seconds."""
+    return max(part.seconds for part in parts)
+
+
+def spare_length_mm(size_mm: Floats, rooms: Sequence[PrinterRoom]) -> Floats:
+    """(3,) Length that a part of this size may gain along each axis, the others as they are, in all rooms.
+
+    inf where it fits one of them only turned out of the axes: then nothing is known.
+    """
+    most = np.full(3, math.inf)
+    for room in rooms:
+        spare = np.array([turned for box in room.boxes for turned in permutations(box)]) - size_mm
+        spare = spare[(spare >= 0.0).all(axis=1)]
+        if len(spare):
+            most = np.minimum(most, spare.max(axis=0))
+    return most
