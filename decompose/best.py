@@ -1,7 +1,7 @@
-"""The engine `best`: others in a fixed order, then the guillotine engine on more grids, within a budget.
+"""The engine `best`: engines in a fixed order, then the guillotine engine on more grids, within a budget.
 
-What fits a grid is partly luck, and so is how the model lies in it: grids with more or fewer cells are tried,
-then the model turned about z, then the other grids where it lies best.
+How well parts fit a grid depends on its cells and on how the model lies in it: grids with more or fewer cells
+are tried, then the model turned about z, then the other grids at the best turn.
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
 
     Parameters
     ----------
+    problem
+        With the options of the engine `best`.
     by_engine
-        The result of the engine that the problem's options name.
+        Gives the checked result of the engine that a problem's options name.
 
     Raises
     ------
@@ -40,16 +42,16 @@ def find_best(problem: Problem, by_engine: Callable[[Problem], Decomposition]) -
         Of the first engine, where none has a result.
     """
     options = problem.options
-    so_far = _Trials(problem, by_engine, options.best.budget_s)
+    trials = _Trials(problem, by_engine, options.best.budget_s)
     for engine in BEST_ENGINES:
-        so_far.try_engine(engine, options.granularity)
+        trials.try_engine(engine, options.granularity)
     if options.granularity == "auto" and len(problem.printers) > 1:
-        so_far.try_other_grids()
+        trials.try_other_grids()
         for yaw_deg in OTHER_YAWS_DEG:
-            so_far.try_engine(Engine.GUILLOTINE, options.granularity, yaw_deg)
-        if so_far.yaw_deg:
-            so_far.try_other_grids()
-    return so_far.result()
+            trials.try_engine(Engine.GUILLOTINE, options.granularity, yaw_deg)
+        if trials.yaw_deg:
+            trials.try_other_grids()
+    return trials.result()
 
 
 @dataclass(slots=True)

@@ -28,8 +28,8 @@ WORTH = 0.005  # share of the makespan that has to be promised: the parts are sl
 
 def relevel_planes(
     model: Model,
-    was: Decomposition,
-    took_s: Sequence[float],
+    previous: Decomposition,
+    sliced_s: Sequence[float],
     cost: CostModel,
     executor: Executor | None = None,
 ) -> Decomposition | None:
@@ -38,33 +38,35 @@ def relevel_planes(
     Parameters
     ----------
     model
-        That was decomposed.
-    was
-        How; of its parts nothing is read, so that it may have come from another process without them.
-    took_s
+        The model that was decomposed.
+    previous
+        Its decomposition; may lack its parts, joints and faults (`Decomposition.without_parts`).
+    sliced_s
         The slicer's time of each of its parts, in seconds.
     cost
-        It was decomposed with.
+        The cost that it was decomposed with.
+    executor
+        For attempts that may run side by side; threads do.
 
     Returns
     -------
     Decomposition | None
-        Its times are the cost's, as ever. None where no gain is promised that is worth slicing again, or
-        where the engine was another one.
+        As many parts; their times are the cost's. None where the gain would not be worth slicing again, or
+        where another engine than `guillotine` cut the parts.
 
     Raises
     ------
     NoFit, GeometryError
-        The result fits no longer, or breaks a geometry rule.
+        The result does not fit any more, or breaks a geometry rule.
     """
-    if (cutting := was.cutting) is None:
+    if (cutting := previous.cutting) is None:
         return None
     began_s = perf_counter()
-    options = replace(was.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
-    effort = Effort(was.options.best.budget_s)
-    asked = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
-    problem = asked.rotate(cutting.frame)
-    before = _cut_previous_boxes(problem, cutting, took_s)
+    options = replace(previous.options, engine=Engine.GUILLOTINE, granularity=cutting.granularity)
+    effort = Effort(previous.options.best.budget_s)
+    upright = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
+    problem = upright.rotate(cutting.frame)
+    before = _cut_previous_boxes(problem, cutting, sliced_s)
     if before is None:
         return None
     boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
@@ -73,29 +75,29 @@ def relevel_planes(
         problem, [p for pieces in before for p in pieces]
     ):
         return None
-    grid = GridFigures(was.grid_makespan_s, was.lower_bound_s, was.cells)
-    found = Partition(tuple(after), problem.model, np.eye(3), grid)
-    result = finish_result(problem, found, (was.serial_s, was.serial_as_is_s))
-    took = perf_counter() - began_s
+    grid = GridFigures(previous.grid_makespan_s, previous.lower_bound_s, previous.cells)
+    partition = Partition(tuple(after), problem.model, np.eye(3), grid)
+    result = finish_result(problem, partition, (previous.serial_s, previous.serial_as_is_s))
+    elapsed_s = perf_counter() - began_s
     return replace(
         result,
-        engine=was.engine,
-        options=was.options,
-        yaw_deg=was.yaw_deg,
-        attempts=was.attempts,
-        curve=was.curve,
-        compute_s=was.compute_s | {"again": took, "total": was.compute_s["total"] + took},
+        engine=previous.engine,
+        options=previous.options,
+        yaw_deg=previous.yaw_deg,
+        attempts=previous.attempts,
+        curve=previous.curve,
+        compute_s=previous.compute_s | {"again": elapsed_s, "total": previous.compute_s["total"] + elapsed_s},
     )
 
 
 def _cut_previous_boxes(
-    problem: Problem, cutting: Cutting, took_s: Sequence[float]
+    problem: Problem, cutting: Cutting, sliced_s: Sequence[float]
 ) -> list[list[Piece]] | None:
     """Pieces in each box, in the order in which it is cut out, with the time ratio of slice to price.
 
-    `took_s` is in seconds, in the order of the parts. None where those are not the parts that there were.
+    `sliced_s` is in seconds, in the order of the parts. None where the boxes hold other parts than before.
     """
-    if len(took_s) != len(cutting.cut_for):
+    if len(sliced_s) != len(cutting.cut_for):
         return None
     parts_of: dict[bytes, list[int]] = {}
     for i, box in enumerate(cutting.boxes_mm):
@@ -115,7 +117,7 @@ def _cut_previous_boxes(
             return None
         found.append(
             [
-                replace(piece, time_ratio=took_s[number] / pose.price_s)
+                replace(piece, time_ratio=sliced_s[number] / pose.price_s)
                 for piece, number, pose in zip(pieces, numbers, poses, strict=True)
             ]
         )

@@ -18,7 +18,7 @@ from decompose.results.check import check_result
 from decompose.results.decomposition import Coverage, Cutting, Decomposition, Part
 
 
-def finish_result(problem: Problem, found: Partition, serial: tuple[float, float]) -> Decomposition:
+def finish_result(problem: Problem, partition: Partition, serial: tuple[float, float]) -> Decomposition:
     """Pose, number, assign and check an engine's pieces; stage times are left to the caller.
 
     Parameters
@@ -33,15 +33,15 @@ def finish_result(problem: Problem, found: Partition, serial: tuple[float, float
     GeometryError
         The result breaks a geometry rule.
     """
-    pieces = sort_pieces(found.pieces)
+    pieces = sort_pieces(partition.pieces)
     parts = _build_parts(pieces, problem)
     problem.on_stage("parts")
     boxed = all(len(piece.boxes_mm) for piece in pieces)
     boxes_mm = np.concatenate([p.boxes_mm for p in pieces]) if boxed else np.zeros((0, 2, 3))
-    coverage = check_result(parts, boxes_mm, found.model, problem.printers, problem.options.min_wall_mm)
+    coverage = check_result(parts, boxes_mm, partition.model, problem.printers, problem.options.min_wall_mm)
     problem.on_stage("check")
     return _build_decomposition(
-        problem, found, parts, coverage, serial, _record_cutting(problem, pieces, boxes_mm)
+        problem, partition, parts, coverage, serial, _record_cutting(problem, pieces, boxes_mm)
     )
 
 
@@ -55,7 +55,7 @@ def _record_cutting(problem: Problem, pieces: Sequence[Piece], boxes_mm: Floats)
 
 def _build_decomposition(
     problem: Problem,
-    found: Partition,
+    partition: Partition,
     parts: Sequence[Part],
     coverage: Coverage,
     serial: tuple[float, float],
@@ -65,7 +65,7 @@ def _build_decomposition(
     makespan_s = max(p.price_s * factors[p.printer] for p in parts)
     touching = find_joints(parts)
     bound_s = surface_bound_s(problem.model.solid.area_mm2, 0.0, len(problem.printers), problem.cost)
-    grid = found.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
+    grid = partition.grid or GridFigures(makespan_s, problem.fastest_factor * bound_s, None)
     return Decomposition(
         engine=problem.options.engine,
         options=problem.options,
@@ -77,7 +77,7 @@ def _build_decomposition(
         lower_bound_s=grid.lower_bound_s,
         gap=(grid.makespan_s - grid.lower_bound_s) / grid.lower_bound_s,
         compute_s={},
-        parts=tuple(_restore_frame(part, found.rotation @ problem.frame) for part in parts),
+        parts=tuple(_restore_frame(part, partition.rotation @ problem.frame) for part in parts),
         coverage=coverage,
         cells=grid.cells,
         joints=tuple(touching),
