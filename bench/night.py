@@ -40,7 +40,7 @@ from farm.planning.own_gcode import inspect_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask, Plan
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.plate_state import Standing
+from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
 
@@ -254,7 +254,7 @@ class Night:
     def _figures(self, job: api.JobView, wall_s: float) -> dict[str, object]:
         with Store(self.state.books) as store:
             books = store.load()
-        good = [p for p in books.plates.values() if books.standing(p) is Standing.GOOD]
+        good = [p for p in books.plates.values() if books.plate_state(p) is PlateState.GOOD]
         machines = len(self.names) - (self.unplugged is not None)
         rounds = -(-len(books.plates) // machines)
         return {

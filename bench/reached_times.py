@@ -22,7 +22,7 @@ from farm.model import PrintState
 from farm.paths import StateFolder
 from farm.state.books import Books
 from farm.state.storage.store import Store
-from farm.state.time_factor import MOST_STARVED, SHORTEST_S, learned
+from farm.state.time_factor import MOST_STARVED, SHORTEST_S, update_time_factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ def rows(books: Books) -> Iterator[Row]:
                 continue
             ratios.append(reached_s / plate.print_time_s)
             before.append(factor)
-            factor = learned(factor, plate.print_time_s, reached_s, attempt.starved_s)
+            factor = update_time_factor(factor, plate.print_time_s, reached_s, attempt.starved_s)
         if ratios:
             ratio, known = np.array(ratios), np.array(before)
             yield Row(

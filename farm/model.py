@@ -9,15 +9,33 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import StrEnum
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, AliasGenerator, BaseModel, ConfigDict, Field
 
 from farm.errors import ErrorCode
+
+FORMER_NAMES = {
+    "attention_reason": "look",
+    "attention_since_s": "look_s",
+    "cancel_reason": "cancel_asked",
+    "disconnected_at_s": "lost_s",
+    "fail_reason": "fail_asked",
+    "pause_requested": "pause_asked",
+    "unreported_since_s": "untold_since_s",
+}
+"""Fields that the books of farm 0.1 have under another name."""
+
+
+def _accepted_names(field: str) -> str | AliasChoices:
+    former = FORMER_NAMES.get(field)
+    return field if former is None else AliasChoices(field, former)
 
 
 class Entity(BaseModel):
     """A frozen record of the books."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", alias_generator=AliasGenerator(validation_alias=_accepted_names)
+    )
 
 
 class JobState(StrEnum):
@@ -285,13 +303,13 @@ class Print(Entity):
     fault: str | None = None
     reason: str | None = None
     extruded: bool = False
-    cancel_asked: str | None = None
+    cancel_reason: str | None = None
     restored: bool = False  # from a copy of the books: it may have begun or ended since, and is never begun
-    fail_asked: str | None = None  # a person saw it go wrong: what they said of it
+    fail_reason: str | None = None  # a person saw it go wrong: what they said of it
     charged: bool = True  # its failure counts as an attempt
     verdict: Verdict | None = None  # once it is done
     verdict_why: str | None = None
-    pause_asked: bool = False  # a person wants it to wait
+    pause_requested: bool = False  # a person wants it to wait
     paused: bool = False  # it did at some time: how long it took says nothing of its printer
     starved_s: float = 0.0
     grams: float = 0.0  # what it took off its reel, once it has ended
@@ -313,16 +331,14 @@ class Printer(Entity):
     name: str
     bed: Bed = Bed.NOT_CLEAR
     filament: FilamentState = FilamentState.UNKNOWN
-    look: str | None = None  # why a person has to look before it prints again
-    look_s: float | None = None  # since when
+    attention_reason: str | None = None  # why a person has to look before it prints again
+    attention_since_s: float | None = None  # since when
     alarm: str | None = None  # what its agent last said of a heater that cannot be switched off
     alarm_s: float | None = None  # when it said so
     maintenance: str | None = None  # why a person has taken it out of use
-    lost_s: float | None = None  # when its board was last found to be gone
+    disconnected_at_s: float | None = None  # when its board was last found to be gone
     restored_s: float | None = None  # when its books were last put back from a copy
-    untold_since_s: float | None = (
-        None  # the books are a copy, and its agent has not said what it printed since
-    )
+    unreported_since_s: float | None = None  # the books are a copy; its agent has not reported since
     reel: Reel | None = None  # None: as fleet.yaml says
     time_factor: float = 1.0  # its layers' time, reached over expected, as learned from its prints
 
@@ -373,7 +389,9 @@ class AgentSnapshot(Entity):
     filament: FilamentState = FilamentState.UNKNOWN
     bed_clear: bool | None = None  # an emulator's own word
     alarm: str | None = None  # a heater that cannot be switched off: a person has to go there now
-    doubt: str | None = None  # why bed and filament are not known, until a person has cleared the bed
+    bed_unknown_reason: str | None = (
+        None  # why bed and filament are not known, until a person has cleared the bed
+    )
     outdated: bool = False  # its agent is of an older version, and gets no more prints
     reset_verified: bool = True  # its board can be stopped by a reset; else it prints only while attended
     heard_cancel: str | None = None  # a print that it had been told to end when it said this

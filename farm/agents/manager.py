@@ -52,7 +52,7 @@ class Ears(Protocol):
 
     def refused(self, print_id: str, reason: str, late: bool) -> None: ...
 
-    def untold_since_s(self, printer: str) -> float | None: ...
+    def unreported_since_s(self, printer: str) -> float | None: ...
 
     def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None: ...
 
@@ -286,7 +286,7 @@ class AgentLink:
 
     async def _recount(self, said: m.Snapshot) -> m.Snapshot:
         """Where the books are a copy, have it say what it printed since. Its latest word."""
-        since_s = self._ears.untold_since_s(self._name)
+        since_s = self._ears.unreported_since_s(self._name)
         if since_s is None:
             return said
         request = on_its_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
@@ -300,7 +300,7 @@ class AgentLink:
         return latest
 
     def _hear(self, snapshot: AgentSnapshot) -> None:
-        if snapshot.agent_pid is not None and self._ears.untold_since_s(self._name) is not None:
+        if snapshot.agent_pid is not None and self._ears.unreported_since_s(self._name) is not None:
             return  # first what it printed since
         try:
             self._ears.heard(snapshot)
@@ -316,7 +316,7 @@ class AgentLink:
         if self._section is None or not self._section.simulated:
             changes["bed_clear"] = None  # only an emulator can tell
         if _CLEARED in self._asked:
-            changes["doubt"] = changes["alarm"] = (
+            changes["bed_unknown_reason"] = changes["alarm"] = (
                 None  # a person has just dispelled it: this was on its way meanwhile
             )
         if said.protocol < m.StartPrint.needed and said.print is None:

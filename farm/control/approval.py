@@ -17,8 +17,8 @@ from farm.scheduling.forecast import Slot, forecast
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import describe_plates
 from farm.state import events as ev
-from farm.state.plate_state import Standing
-from farm.state.reels import loaded
+from farm.state.plate_state import PlateState
+from farm.state.reels import section_with_reel
 from farm.state.storage.file_store import sha256_of
 
 
@@ -43,7 +43,7 @@ class Ahead:
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
             doubted=same is not None and same.doubted and request.grams is None,
         )
-        mistake = await asyncio.to_thread(mistake_in, loaded(section, reel))
+        mistake = await asyncio.to_thread(mistake_in, section_with_reel(section, reel))
         if mistake is not None:
             raise Refused(f"{printer}: {mistake[1]}")
         self._idle(printer)  # still
@@ -82,7 +82,7 @@ class Ahead:
         if not job.plates:
             raise Refused(f"job {number} has no plan yet: it is {job.state}")
         plates = list(books.plates_of(job))
-        waiting = [plate for plate in plates if books.standing(plate) is Standing.WAITING]
+        waiting = [plate for plate in plates if books.plate_state(plate) is PlateState.WAITING]
         views = tuple(describe_plates(waiting, books))
         seen = forecast(Situation(views, tuple(self._core.fleet_printers()), self._core.rules, now_s))
         slots = sorted([*self._slots(plates), *seen.slots], key=lambda slot: (slot.starts_s, slot.printer))

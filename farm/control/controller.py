@@ -54,9 +54,16 @@ from farm.scheduling.start_rules import StartRules
 from farm.scheduling.time_expressions import start_and_deadline_s
 from farm.state import events as ev
 from farm.state.outage import window_s
-from farm.state.reconcile import alarmed, not_begun, observe, owed, reconcile, unexpected
-from farm.state.recovery.journal_import import recount
-from farm.state.reels import with_reels
+from farm.state.reconcile import (
+    detect_alarm,
+    handle_unknown_print,
+    observe_idle_printer,
+    pending_instructions,
+    reconcile,
+    refused_print_end,
+)
+from farm.state.recovery.journal_import import import_agent_journal
+from farm.state.reels import fleet_with_reels
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
 from farm.views.context import ViewContext
@@ -107,7 +114,7 @@ class Core:
         self._replanning = ReplanCoordinator(clock, self._start_replan)
         self._refusals: Counter[str] = Counter()
         self.books = replace(store.load(), outage_window_s=window_s(clock.scale))
-        self.fleet = with_reels(fleet, self.books.printers)
+        self.fleet = fleet_with_reels(fleet, self.books.printers)
 
     # -- events -----------------------------------------------------------------------------------------
 
@@ -118,7 +125,7 @@ class Core:
             self._store.commit(event, self.books, after)
             self.books = after
             if isinstance(event, ev.ReelLoaded):
-                self.fleet = with_reels(self._written, after.printers)
+                self.fleet = fleet_with_reels(self._written, after.printers)
             log.info(
                 "%s %s", type(event).__name__, event.model_dump_json(exclude={"at_s"}, exclude_none=True)
             )
@@ -143,13 +150,13 @@ class Core:
             if job.state is JobState.PLANNING:
                 self.happened(ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None))
 
-    def untold_since_s(self, printer: str) -> float | None:
+    def unreported_since_s(self, printer: str) -> float | None:
         """From when on an agent has to say what it printed before its word counts; None: it need not."""
-        return self.books.printer(printer).untold_since_s
+        return self.books.printer(printer).unreported_since_s
 
     def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         """An agent said what it printed since the books were copied."""
-        self.happened(*recount(self.books, snapshot, prints, self.clock.now()))
+        self.happened(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
 
     def heard(self, snapshot: AgentSnapshot) -> None:
         """An agent said how things are."""
@@ -168,22 +175,22 @@ class Core:
     def _book(self, snapshot: AgentSnapshot, before: AgentSnapshot | None) -> None:
         """Bring the books in line with an agent's word."""
         now_s = self.clock.now()
-        self.happened(*alarmed(self.books.printer(snapshot.printer), snapshot, now_s))
+        self.happened(*detect_alarm(self.books.printer(snapshot.printer), snapshot, now_s))
         attempt = self.books.open_print_on(snapshot.printer)
         if attempt is not None:
-            wanted = attempt.cancel_asked is None and self.view(snapshot.printer) is not None
-            if wanted and self.untold_since_s(snapshot.printer) is not None:
+            wanted = attempt.cancel_reason is None and self.view(snapshot.printer) is not None
+            if wanted and self.unreported_since_s(snapshot.printer) is not None:
                 return  # there is no agent now that could tell what became of it
             self.happened(*reconcile(attempt, snapshot, now_s))
         else:
             if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:
                 self.happened(ev.PrinterLost(at_s=now_s, printer=snapshot.printer))
-            self.happened(*observe(self.books.printer(snapshot.printer), snapshot, now_s))
+            self.happened(*observe_idle_printer(self.books.printer(snapshot.printer), snapshot, now_s))
         said = snapshot.print
         if said is not None and (attempt is None or said.print_id != attempt.id):
             printer = self.books.printer(snapshot.printer)
             known = self.books.prints.get(said.print_id)
-            for follows in unexpected(printer, known, snapshot, now_s):
+            for follows in handle_unknown_print(printer, known, snapshot, now_s):
                 if isinstance(follows, ev.Event):
                     self.happened(follows)
                 else:
@@ -263,7 +270,7 @@ class Core:
         for attempt in list(self.books.open_prints()):
             snapshot = self.snapshots.get(attempt.printer)
             if snapshot is not None:
-                for instruction in owed(attempt, snapshot, self._ends_by_s(snapshot)):
+                for instruction in pending_instructions(attempt, snapshot, self._ends_by_s(snapshot)):
                     if isinstance(instruction, ev.SendStart) and not self._may_begin(attempt):
                         continue
                     self._hands.perform(instruction)
@@ -301,7 +308,7 @@ class Core:
         if attempt.state is not PrintState.ASSIGNED or not (late or self._refusals[print_id] >= REFUSALS):
             return
         printer = self.books.printer(attempt.printer)
-        self.happened(not_begun(attempt, printer, reason, late, self.clock.now()))
+        self.happened(refused_print_end(attempt, printer, reason, late, self.clock.now()))
         self.settle()
 
     def spares(self) -> int:
@@ -385,7 +392,7 @@ class Core:
             if not self.books.job(number).state.ended:
                 self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
         for attempt in list(self.books.open_prints()):  # of a part that a person has found whole meanwhile
-            if attempt.cancel_asked is None:
+            if attempt.cancel_reason is None:
                 self.happened(ev.PlateCancelled(at_s=self.clock.now(), plate=attempt.plate, by=ev.A_PERSON))
 
     def copied(self, trouble: str | None) -> None:

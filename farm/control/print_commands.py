@@ -12,17 +12,17 @@ from farm.errors import NoSuchThing, Refused
 from farm.http.callers import By, ByOperator
 from farm.model import FilamentState, Plate, Print, PrintState, Verdict
 from farm.state import events as ev
-from farm.state.plate_state import Standing, stopped
-from farm.state.salvaged_parts import failed_on, part_of, printed_again
+from farm.state.plate_state import PlateState, stopped_print
+from farm.state.salvaged_parts import failed_print_on, part_name, reprinting_printers
 
 _UNWANTED = {
-    Standing.PRINTED: "is printed already",
-    Standing.GOOD: "is printed already",
-    Standing.CANCELLED: "is cancelled already",
+    PlateState.PRINTED: "is printed already",
+    PlateState.GOOD: "is printed already",
+    PlateState.CANCELLED: "is cancelled already",
 }
 _COMING = {
-    Standing.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
-    Standing.WAITING: "waits to be printed already",
+    PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
+    PlateState.WAITING: "waits to be printed already",
 }
 
 
@@ -39,9 +39,9 @@ class Desk:
         attempt = books.open_print_on(printer)
         if attempt is None:
             raise Refused(f"{printer} prints nothing; of what is printed, `farm cleared {printer} --bad`")
-        if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
+        if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
-        self._happened(lambda at_s: ev.PrintFailAsked(at_s=at_s, print_id=attempt.id, why=why, by=by))
+        self._happened(lambda at_s: ev.PrintFailRequested(at_s=at_s, print_id=attempt.id, why=why, by=by))
 
     def cleared(
         self,
@@ -60,7 +60,7 @@ class Desk:
         books.printer(printer)
         if books.open_print_on(printer) is not None:
             raise Refused(f"{printer} is printing: its bed cannot be clear")
-        judged = books.to_judge(printer)
+        judged = books.print_to_judge(printer)
         if verdict is Verdict.BAD and judged is None:
             raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
         whole = None if good is None else self._whole(printer, good)
@@ -77,21 +77,21 @@ class Desk:
         )
         books = self._core.books
         if whole is not None:
-            return api.Cleared(good=part_of(books, whole), printed_on=printed_again(books, whole))
+            return api.Cleared(good=part_name(books, whole), printed_on=reprinting_printers(books, whole))
         plate = None if judged is None else books.plates[judged.plate]
-        again = plate is not None and books.standing(plate) in _COMING
+        again = plate is not None and books.plate_state(plate) in _COMING
         return api.Cleared(again=plate.parts[0] if plate is not None and again else None)
 
     def _whole(self, printer: str, part: str) -> Print | None:
         """The failed print on a bed that made a part; None where it is booked as printed anyway."""
         books = self._core.books
-        judged, failed = books.to_judge(printer), failed_on(books, printer)
+        judged, failed = books.print_to_judge(printer), failed_print_on(books, printer)
         attempt = judged or failed
         if attempt is None:
             raise Refused(
                 f"no part is known to lie on {printer}: `farm history {printer}` has what it printed"
             )
-        name = part_of(books, attempt)
+        name = part_name(books, attempt)
         job = part.rpartition("/")[0]
         if _number(part) != _number(name) or job not in ("", str(attempt.job)):
             raise Refused(f"what lies on {printer} is part {name}, not {part}")
@@ -100,12 +100,12 @@ class Desk:
     def reprint(self, job: int, part: str, why: str, by: str) -> str:
         """Print a part again, whatever became of it. Returns its name."""
         plate = self._plate(job, part)
-        stands = self._core.books.standing(plate)
+        stands = self._core.books.plate_state(plate)
         printer = self._printing(plate)
-        halted = stopped(plate, self._core.books.prints_of(plate))
+        halted = stopped_print(plate, self._core.books.prints_of(plate))
         if stands in _COMING and halted is None:
             raise Refused(f"part {plate.parts[0]} {_COMING[stands].format(printer=printer)}")
-        self._happened(lambda at_s: ev.ReprintAsked(at_s=at_s, plate=plate.id, why=why, by=by))
+        self._happened(lambda at_s: ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
         return plate.parts[0]
 
     def cancel_job(self, number: int, by: str) -> None:
@@ -134,24 +134,24 @@ class Desk:
         attempt = self._core.books.open_print_on(printer)
         if attempt is None:
             raise Refused(f"{printer} prints nothing: `farm status` shows what prints")
-        if attempt.cancel_asked is not None or attempt.state is PrintState.ENDING:
+        if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
-        if not wanted and not attempt.pause_asked and attempt.state is not PrintState.PAUSED:
+        if not wanted and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
             raise Refused(f"{printer} is not paused")
         if not wanted:
             self._refuse_away([printer])
         at_s = self._core.clock.now()
-        self._core.happened(ev.PauseAsked(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
+        self._core.happened(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
 
     def pause_part(self, job: int, part: str, wanted: bool, by: str) -> str:
         """Have a part wait where it is, on a printer or for one, or go on. Returns the printer, if any."""
         plate = self._plate(job, part)
-        name, stands = plate.parts[0], self._core.books.standing(plate)
+        name, stands = plate.parts[0], self._core.books.plate_state(plate)
         printer = self._printing(plate)
         if printer is not None:
             self.pause_printer(printer, wanted, by)
             return printer
-        if stands is not Standing.WAITING:
+        if stands is not PlateState.WAITING:
             what = _UNWANTED.get(stands, f"failed too often: `farm reprint {job} {part}`")
             raise Refused(f"part {name} {what}")
         if plate.paused is wanted:
@@ -170,7 +170,7 @@ class Desk:
         if entry.paused is wanted and not parts:
             raise Refused(f"job {job} is {'paused already' if wanted else 'not paused'}")
         if not wanted:
-            paused = (p for p in self._core.books.open_prints(job) if p.pause_asked)
+            paused = (p for p in self._core.books.open_prints(job) if p.pause_requested)
             self._refuse_away(sorted(attempt.printer for attempt in paused))
         self._happened(lambda at_s: ev.JobPaused(at_s=at_s, job=job, wanted=wanted, by=by))
 
@@ -185,13 +185,13 @@ class Desk:
     def maintenance(self, printer: str, why: str, by: str) -> None:
         """Take a printer out of use; what it prints goes on to its end."""
         self._core.books.printer(printer)
-        self._happened(lambda at_s: ev.MaintenanceBegun(at_s=at_s, printer=printer, why=why, by=by))
+        self._happened(lambda at_s: ev.MaintenanceStarted(at_s=at_s, printer=printer, why=why, by=by))
 
     def maintained(self, printer: str, by: str) -> None:
         """A printer can be used again."""
         if self._core.books.printer(printer).maintenance is None:
             raise Refused(f"{printer} is not in maintenance")
-        self._happened(lambda at_s: ev.MaintenanceDone(at_s=at_s, printer=printer, by=by))
+        self._happened(lambda at_s: ev.MaintenanceEnded(at_s=at_s, printer=printer, by=by))
 
     def confirm(self, by: str) -> str:
         """What took several printers at once has been seen to. Returns the printers."""
@@ -202,8 +202,8 @@ class Desk:
         return " ".join(outage.printers)
 
     def _cancel(self, plate: Plate, by: str) -> str:
-        stands = self._core.books.standing(plate)
-        if stands in _UNWANTED and (stands is not Standing.GOOD or self._printing(plate) is None):
+        stands = self._core.books.plate_state(plate)
+        if stands in _UNWANTED and (stands is not PlateState.GOOD or self._printing(plate) is None):
             raise Refused(f"part {plate.parts[0]} {_UNWANTED[stands]}")
         self._happened(lambda at_s: ev.PlateCancelled(at_s=at_s, plate=plate.id, by=by))
         return plate.parts[0]

@@ -13,7 +13,7 @@ from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requiremen
 from farm.scheduling.start_rules import StartRules
 from farm.state.books import Books
 from farm.state.faults import LOSSES
-from farm.state.plate_state import Standing, stopped
+from farm.state.plate_state import PlateState, stopped_print
 
 Rooms = Callable[[PrinterSection], tuple[Box, ...]]
 
@@ -34,7 +34,7 @@ def _printer_view(
     section: PrinterSection, books: Books, said: AgentSnapshot | None, attempt: Print | None, rooms: Rooms
 ) -> FleetPrinter:
     entry = books.printer(section.name)
-    attention_reason = entry.look
+    attention_reason = entry.attention_reason
     if said is not None and said.link is Link.FAULT and attention_reason is None:
         attention_reason = said.reason or "its agent reports a fault"
     verified = said is None or said.reset_verified
@@ -159,16 +159,16 @@ def own_holds(books: Books, printers: Iterable[PrinterSection], now_s: float) ->
 def _untold(books: Books, printer: str) -> bool:
     """Whether a printer may have printed what the books take for waiting; none that a person has in hand."""
     entry = books.printer(printer)
-    return entry.untold_since_s is not None and entry.maintenance is None
+    return entry.unreported_since_s is not None and entry.maintenance is None
 
 
 def _own_hold(books: Books, job: Job, plate: Plate, untold: str, now_s: float) -> Hold | None:
     """Why a plate would start on no printer at all; `untold` printers may have printed it."""
-    standing = books.standing(plate)
-    if standing is Standing.OUT_OF_ATTEMPTS:
+    standing = books.plate_state(plate)
+    if standing is PlateState.OUT_OF_ATTEMPTS:
         text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
         return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
-    if standing is not Standing.WAITING:
+    if standing is not PlateState.WAITING:
         return None
     if books.outage is not None:
         text = f"{' '.join(books.outage.printers)} were lost at once: look, then `farm resume`"
@@ -181,7 +181,7 @@ def _own_hold(books: Books, job: Job, plate: Plate, untold: str, now_s: float) -
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"job {job.id} is paused: `farm resume {job.id}`")
     part = plate.parts[0]
-    if (halted := stopped(plate, books.prints_of(plate))) is not None:
+    if (halted := stopped_print(plate, books.prints_of(plate))) is not None:
         text = f"`farm estop` stopped it on {halted.printer}: `farm resume {part}` prints it again"
         return Hold(code=HoldCode.STOPPED, text=text)
     if plate.paused:

@@ -22,7 +22,7 @@ from farm.model import (
     PrintState,
 )
 from farm.state.outage import WINDOW_S
-from farm.state.plate_state import Standing, standing
+from farm.state.plate_state import PlateState, derive_plate_state
 
 E = TypeVar("E", bound=Entity)
 
@@ -70,9 +70,9 @@ class Books:
         """The attempts at a job's plates, each once: plates cut of one another share those before the cut."""
         return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
 
-    def standing(self, plate: Plate) -> Standing:
+    def plate_state(self, plate: Plate) -> PlateState:
         """Where a plate is."""
-        return standing(plate, list(self.prints_of(plate)))
+        return derive_plate_state(plate, list(self.prints_of(plate)))
 
     def plates_of(self, job: Job) -> Iterator[Plate]:
         return (self.plates[name] for name in job.plates)
@@ -84,12 +84,12 @@ class Books:
     def open_print_on(self, printer: str) -> Print | None:
         return next((p for p in self._open.values() if p.printer == printer), None)
 
-    def to_judge(self, printer: str) -> Print | None:
+    def print_to_judge(self, printer: str) -> Print | None:
         """The last print that was done on a printer, where nobody has said yet how it is."""
         last = self._last.get(printer)
         return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
 
-    def lost_verdicts(self, printer: str) -> Iterator[Print]:
+    def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
         """Prints that were done after the books were copied, of which nobody knows what a person said."""
         done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in done if p.restored and p.verdict is None)
@@ -99,7 +99,7 @@ class Books:
         """Of the next print."""
         return len(self.prints) + 1
 
-    def last_on(self, printer: str) -> Print | None:
+    def last_print_on(self, printer: str) -> Print | None:
         """The print that began on a printer, and ended there last."""
         return self._last.get(printer)
 
@@ -107,7 +107,7 @@ class Books:
         """Plates of printing jobs to be printed that are not being printed, in order of submission."""
         printing = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
         for job in sorted(printing, key=lambda j: j.id):
-            yield from (p for p in self.plates_of(job) if self.standing(p) is Standing.WAITING)
+            yield from (p for p in self.plates_of(job) if self.plate_state(p) is PlateState.WAITING)
 
     def queue(self) -> list[Job]:
         """The jobs that are being planned, and those that are to be, by priority and order of submission."""

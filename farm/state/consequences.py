@@ -7,22 +7,24 @@ from farm.model import Bed, Job, JobState, Outage, Plate, Print
 from farm.state import events as ev
 from farm.state.books import Books, edited, put
 from farm.state.outage import lost_together
-from farm.state.plate_state import Standing, failures, job_state, printed
+from farm.state.plate_state import PlateState, charged_failures, derive_job_state, successful_print
 
 BY_A_PERSON = "cancelled by a person"
 
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
 
-def settle(books: Books, number: int, at_s: float, again: bool = False) -> Books:
+def update_job_state(books: Books, number: int, at_s: float, again: bool = False) -> Books:
     """The state that a job's plates give it; `again` also one that was cancelled."""
     job = books.jobs[number]
     if not job.plates or (job.state is JobState.CANCELLED and not again):
         return books
     if job.state is JobState.HELD:  # what is left of its plan is still frozen
         return books
-    state = job_state([books.standing(plate) for plate in books.plates_of(job)])
-    ends_s = [p.ended_s or 0.0 for plate in books.plates_of(job) if (p := printed(books.prints_of(plate)))]
+    state = derive_job_state([books.plate_state(plate) for plate in books.plates_of(job)])
+    ends_s = [
+        p.ended_s or 0.0 for plate in books.plates_of(job) if (p := successful_print(books.prints_of(plate)))
+    ]
     error, reason, ended_s = None, None, None
     match state:
         case JobState.PRINTED | JobState.DONE:
@@ -37,8 +39,8 @@ def settle(books: Books, number: int, at_s: float, again: bool = False) -> Books
 
 
 def _why_failed(books: Books, job: Job) -> str:
-    lost = [p for p in books.plates_of(job) if books.standing(p) is Standing.OUT_OF_ATTEMPTS]
-    failed = failures(lost[0], books.prints_of(lost[0]))
+    lost = [p for p in books.plates_of(job) if books.plate_state(p) is PlateState.OUT_OF_ATTEMPTS]
+    failed = charged_failures(lost[0], books.prints_of(lost[0]))
     more = f" (and {len(lost) - 1} more plates)" if len(lost) > 1 else ""
     return (
         f"plate {lost[0].id} failed {len(failed)} times, last on {failed[-1].printer}: "
@@ -46,23 +48,23 @@ def _why_failed(books: Books, job: Job) -> str:
     )
 
 
-def stop_print(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
+def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
     """An open print that is to be ended, and who has to be told."""
-    stopped = edited(attempt, cancel_asked=attempt.cancel_asked or reason)
+    stopped = edited(attempt, cancel_reason=attempt.cancel_reason or reason)
     return stopped, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
 
 
-def give_up(books: Books, plate: Plate, reason: str) -> Result:
+def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     """Never try a plate again, unless a person asks; end its print where it is being printed.
 
     One that is printed stays printed; it is not tried again if it turns out bad. One that is good loses only
     a print that makes it once more.
     """
-    standing = books.standing(plate)
-    if standing is Standing.CANCELLED:
+    standing = books.plate_state(plate)
+    if standing is PlateState.CANCELLED:
         return books, ()
-    stopped = [stop_print(p, reason) for p in books.prints_of(plate) if not p.state.ended]
-    if standing is Standing.GOOD:
+    stopped = [request_cancel(p, reason) for p in books.prints_of(plate) if not p.state.ended]
+    if standing is PlateState.GOOD:
         return put(books, *(attempt for attempt, _ in stopped)), tuple(stop for _, stop in stopped)
     books = put(books, edited(plate, cancelled=True, hold=None), *(attempt for attempt, _ in stopped))
     return books, tuple(instruction for _, instruction in stopped)
@@ -75,38 +77,42 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
         return books, ()
     instructions: list[ev.AnyInstruction] = []
     for plate in books.plates_of(job):
-        books, stops = give_up(books, plate, reason)
+        books, stops = cancel_plate(books, plate, reason)
         instructions += stops
     job = edited(job, state=state, ended_s=at_s, error=error, reason=reason, hold=None)
     return put(books, job), tuple(instructions)
 
 
-def lose(books: Books, name: str, lost_s: float, at_s: float) -> Books:
+def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
     """A printer is gone; where others went with it, it is an outage, and no plate's fault."""
-    books = put(books, edited(books.printer(name), lost_s=lost_s))
+    books = put(books, edited(books.printer(name), disconnected_at_s=disconnected_at_s))
     together = lost_together(name, books.printers.values(), books.outage_window_s)
     if len(together) < 2:
         return books
-    outage = books.outage or Outage(id=len(books.outages) + 1, at_s=lost_s, printers=())
+    outage = books.outage or Outage(id=len(books.outages) + 1, at_s=disconnected_at_s, printers=())
     books = put(books, edited(outage, printers=tuple(sorted({*outage.printers, *together}))))
     jobs = set()
     for attempt in list(books.prints.values()):
         printer = books.printers.get(attempt.printer)
-        if attempt.printer in together and printer is not None and attempt.ended_s == printer.lost_s:
+        if (
+            attempt.printer in together
+            and printer is not None
+            and attempt.ended_s == printer.disconnected_at_s
+        ):
             books = put(books, edited(attempt, charged=False))
             jobs.add(attempt.job)
     for number in sorted(jobs):
-        books = settle(books, number, at_s)
+        books = update_job_state(books, number, at_s)
     return books
 
 
-def soil(books: Books, printer: str) -> Books:
+def mark_bed_not_clear(books: Books, printer: str) -> Books:
     """Something may lie on the bed; what is unknown stays unknown."""
     entry = books.printers[printer]
     return put(books, edited(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
 
 
-def move_prints(books: Books, by_s: float) -> Books:
+def shift_print_times(books: Books, by_s: float) -> Books:
     """Open prints last as long as they did where the clock was set; what a person wished for stays."""
 
     def moved(at_s: float | None) -> float | None:

@@ -123,7 +123,7 @@ class PrintProgressed(Event):
     extruded: bool
 
 
-class PauseAsked(Event):
+class PauseRequested(Event):
     """A person wants an open print to wait, or to go on."""
 
     print_id: str
@@ -131,7 +131,7 @@ class PauseAsked(Event):
     by: str = A_PERSON
 
 
-class PrintTakenBack(Event):
+class PrintWithdrawn(Event):
     """A printer cannot begin what it was given: when its agent has heard of that, it goes elsewhere."""
 
     print_id: str
@@ -151,7 +151,7 @@ class PrintEnded(Event):
     printed_share: float | None = None  # of its layers' time; None: not known
 
 
-class PrintFailAsked(Event):
+class PrintFailRequested(Event):
     """A person saw an open print go wrong: it is ended, and its plate printed again."""
 
     print_id: str
@@ -174,7 +174,7 @@ class PlateCancelled(Event):
     by: str
 
 
-class ReprintAsked(Event):
+class ReprintRequested(Event):
     """A person wants a plate printed again, whatever became of it."""
 
     plate: str
@@ -190,7 +190,7 @@ class JobPaused(Event):
     by: str = A_PERSON
 
 
-class MaintenanceBegun(Event):
+class MaintenanceStarted(Event):
     """A person takes a printer out of use; what it prints goes on to its end."""
 
     printer: str
@@ -198,7 +198,7 @@ class MaintenanceBegun(Event):
     by: str
 
 
-class MaintenanceDone(Event):
+class MaintenanceEnded(Event):
     """It can be used again; what had to be looked at has been looked at."""
 
     printer: str
@@ -242,7 +242,7 @@ class PrintFound(Event):
     print_id: str
 
 
-class JournalTold(Event):
+class AgentJournalImported(Event):
     """An agent has said what it printed since the books were copied; no plate waits for `unknown` of it."""
 
     printer: str
@@ -257,7 +257,7 @@ class ReelLoaded(Event):
     by: str
 
 
-class PrinterSeen(Event):
+class BedReported(Event):
     """An emulator's word on its bed and filament, taken where the books do not know."""
 
     printer: str
@@ -272,7 +272,7 @@ class PrinterAlarmed(Event):
     reason: str
 
 
-class PrinterDoubted(Event):
+class BedBecameUnknown(Event):
     """Something happened at the printer that the farm did not cause: bed and filament are not known."""
 
     printer: str
@@ -294,25 +294,25 @@ AnyEvent = (
     | PlatesHeld
     | PlateReplaced
     | PrintProgressed
-    | PauseAsked
-    | PrintTakenBack
+    | PauseRequested
+    | PrintWithdrawn
     | PrintEnded
-    | PrintFailAsked
+    | PrintFailRequested
     | PlatePaused
     | PlateCancelled
-    | ReprintAsked
+    | ReprintRequested
     | JobPaused
-    | MaintenanceBegun
-    | MaintenanceDone
+    | MaintenanceStarted
+    | MaintenanceEnded
     | PrinterLost
     | OutageConfirmed
     | BedCleared
     | ReelLoaded
     | BooksRestored
     | PrintFound
-    | JournalTold
-    | PrinterSeen
-    | PrinterDoubted
+    | AgentJournalImported
+    | BedReported
+    | BedBecameUnknown
     | PrinterAlarmed
 )
 

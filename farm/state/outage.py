@@ -36,7 +36,11 @@ def lost_together(name: str, printers: Iterable[Printer], window_s: float = WIND
     tuple of str
         In the order of the names, this one among them.
     """
-    when = {printer.name: printer.lost_s for printer in printers if printer.lost_s is not None}
+    when = {
+        printer.name: printer.disconnected_at_s
+        for printer in printers
+        if printer.disconnected_at_s is not None
+    }
     group, todo = {name}, [name]
     while todo:
         at_s = when[todo.pop()]

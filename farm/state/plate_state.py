@@ -16,7 +16,7 @@ ATTEMPTS = 3
 """How often a plate may fail before a person has to ask for it again."""
 
 
-class Standing(Enum):
+class PlateState(Enum):
     """Where a plate is."""
 
     WAITING = auto()
@@ -27,41 +27,43 @@ class Standing(Enum):
     CANCELLED = auto()
 
 
-def printed(prints: Iterable[Print]) -> Print | None:
+def successful_print(prints: Iterable[Print]) -> Print | None:
     """The print that a plate's parts come from: done, and not called bad."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
 
 
-def stopped(plate: Plate, prints: Iterable[Print]) -> Print | None:
+def stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
     """The print that a person stopped by `farm estop`, where the plate waits for their word since."""
     last = next(reversed(list(prints)), None)
     return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
 
 
-def failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
+def charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
     """The failures that are charged to a plate since a person last asked for it."""
     counted = frozenset(plate.prints[plate.counted_from :])
     return [p for p in prints if p.id in counted and p.state is PrintState.FAILED and p.charged]
 
 
-def standing(plate: Plate, prints: Collection[Print]) -> Standing:
+def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
     """Where a plate is, by all of its prints."""
-    done = printed(prints)
+    done = successful_print(prints)
     if done is not None:
-        return Standing.GOOD if done.verdict is Verdict.GOOD else Standing.PRINTED
+        return PlateState.GOOD if done.verdict is Verdict.GOOD else PlateState.PRINTED
     if plate.cancelled:
-        return Standing.CANCELLED
+        return PlateState.CANCELLED
     if any(not p.state.ended for p in prints):
-        return Standing.PRINTING
-    return Standing.OUT_OF_ATTEMPTS if len(failures(plate, prints)) >= ATTEMPTS else Standing.WAITING
+        return PlateState.PRINTING
+    return (
+        PlateState.OUT_OF_ATTEMPTS if len(charged_failures(plate, prints)) >= ATTEMPTS else PlateState.WAITING
+    )
 
 
-def job_state(plates: Collection[Standing]) -> JobState:
+def derive_job_state(plates: Collection[PlateState]) -> JobState:
     """The state of a planned job. A plate that is out of attempts stops none of the others."""
-    if Standing.WAITING in plates or Standing.PRINTING in plates:
+    if PlateState.WAITING in plates or PlateState.PRINTING in plates:
         return JobState.PRINTING
-    if Standing.OUT_OF_ATTEMPTS in plates:
+    if PlateState.OUT_OF_ATTEMPTS in plates:
         return JobState.FAILED
-    if Standing.PRINTED in plates:
+    if PlateState.PRINTED in plates:
         return JobState.PRINTED
-    return JobState.DONE if Standing.GOOD in plates else JobState.CANCELLED
+    return JobState.DONE if PlateState.GOOD in plates else JobState.CANCELLED

@@ -29,11 +29,11 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
         if snapshot.link is Link.STARTING:
             return
         begun = attempt.state is not PrintState.ASSIGNED
-        reason = attempt.cancel_asked or snapshot.reason or f"its printer is {snapshot.link}"
+        reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
         # What it was told may be on its way: it is done with the print when it has heard of the end too.
         if not begun and not (_over(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
-            if attempt.cancel_asked is None and snapshot.link in (Link.FAULT, Link.ABSENT):
-                yield ev.PrintTakenBack(at_s=now_s, print_id=attempt.id, reason=reason)
+            if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
+                yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
             return
         unknown = "its agent has no record of this print"
         if attempt.restored:
@@ -73,7 +73,9 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
         )
 
 
-def not_begun(attempt: Print, printer: Printer, reason: str, late: bool, now_s: float) -> ev.PrintEnded:
+def refused_print_end(
+    attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
+) -> ev.PrintEnded:
     """The end of a print that its agent did not start: never begun where it came too `late`, else failed."""
     return ev.PrintEnded(
         at_s=now_s,
@@ -94,7 +96,7 @@ def _over(snapshot: AgentSnapshot) -> bool:
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
 
 
-def owed(
+def pending_instructions(
     attempt: Print, snapshot: AgentSnapshot, ends_by_s: float | None = None
 ) -> Iterator[ev.AnyInstruction]:
     """What the agent of an open print has to be told (again): every message is idempotent by print id.
@@ -106,13 +108,13 @@ def owed(
         return  # nobody hears it
     if said is not None and not said.state.ended and not _same(said.ends_by_s, ends_by_s):
         yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
-    if attempt.cancel_asked is not None:
+    if attempt.cancel_reason is not None:
         if said is None or not said.state.ended:
-            reason = attempt.cancel_asked
+            reason = attempt.cancel_reason
             yield ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
     elif said is not None:
-        if said.state is (PrintState.PRINTING if attempt.pause_asked else PrintState.PAUSED):
-            wanted = attempt.pause_asked
+        if said.state is (PrintState.PRINTING if attempt.pause_requested else PrintState.PAUSED):
+            wanted = attempt.pause_requested
             yield ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
     elif attempt.state is PrintState.ASSIGNED and not attempt.restored and snapshot.link is Link.READY:
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
@@ -125,30 +127,30 @@ def _same(one_s: float | None, other_s: float | None) -> bool:
     return abs(one_s - other_s) <= CLOCKS_APART_S
 
 
-def observe(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
     """What an idle printer's snapshot says of its bed and filament.
 
     An agent that saw something happen which it did not cause (a reset, a lost port, a heater that somebody
     switched on) says so until a person has cleared the bed. An emulator, and nothing else, is asked where the
     books do not know.
     """
-    if snapshot.doubt is not None:
-        if printer.bed is not Bed.UNKNOWN or printer.look is None:
-            yield ev.PrinterDoubted(at_s=now_s, printer=printer.name, reason=snapshot.doubt)
+    if snapshot.bed_unknown_reason is not None:
+        if printer.bed is not Bed.UNKNOWN or printer.attention_reason is None:
+            yield ev.BedBecameUnknown(at_s=now_s, printer=printer.name, reason=snapshot.bed_unknown_reason)
     elif snapshot.link is Link.READY and snapshot.bed_clear is not None:
         unknown = printer.bed is Bed.UNKNOWN or printer.filament is FilamentState.UNKNOWN
-        if unknown and printer.look is None:
+        if unknown and printer.attention_reason is None:
             bed = Bed.CLEAR if snapshot.bed_clear else Bed.NOT_CLEAR
-            yield ev.PrinterSeen(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
+            yield ev.BedReported(at_s=now_s, printer=printer.name, bed=bed, filament=snapshot.filament)
 
 
-def alarmed(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
     """What is news of a heater that cannot be switched off, whatever the printer is doing."""
     if snapshot.alarm is not None and snapshot.alarm != printer.alarm:
         yield ev.PrinterAlarmed(at_s=now_s, printer=printer.name, reason=snapshot.alarm)
 
 
-def unexpected(
+def handle_unknown_print(
     printer: Printer, known: Print | None, snapshot: AgentSnapshot, now_s: float
 ) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
     """What to do about a print that an agent has and the books do not have open.
@@ -165,13 +167,13 @@ def unexpected(
     name = printer.name
     if known is not None and said.extruded and not known.extruded and printer.bed is Bed.CLEAR:
         reason = "it began a print that the farm had taken back: look whether its bed is clear"
-        yield ev.PrinterDoubted(at_s=now_s, printer=name, reason=reason)
+        yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
     if known is not None and not said.state.ended:
         reason = "the farm has booked this print as ended"
         yield ev.SendCancel(print_id=said.print_id, printer=name, reason=reason)
         return
     if known is None and printer.bed is not Bed.UNKNOWN:
         reason = "it made a print that the books do not know: look whether its bed is clear"
-        yield ev.PrinterDoubted(at_s=now_s, printer=name, reason=reason)
+        yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
     if said.state.ended:
         yield ev.SendForget(print_id=said.print_id, printer=name)

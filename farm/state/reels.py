@@ -23,21 +23,21 @@ def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | N
     return plate.grams * min(1.0, max(0.0, share)) if extruded else 0.0
 
 
-def less(reel: Reel | None, grams: float) -> Reel | None:
+def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:
     """The reel after a print."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"grams": max(0.0, reel.grams - grams)})
 
 
-def doubted(reel: Reel | None) -> Reel | None:
+def mark_uncertain(reel: Reel | None) -> Reel | None:
     """The reel where prints may have taken of it that nobody knows of."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"doubted": True})
 
 
-def loaded(section: PrinterSection, reel: Reel | None) -> PrinterSection:
+def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
     """A printer of `fleet.yaml` with what a person has put on it since."""
     if reel is None:
         return section
@@ -45,10 +45,10 @@ def loaded(section: PrinterSection, reel: Reel | None) -> PrinterSection:
     return section.model_copy(update=has)
 
 
-def with_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:
+def fleet_with_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:
     """The fleet as it is now."""
     sections = tuple(
-        loaded(section, entry.reel if (entry := printers.get(section.name)) is not None else None)
+        section_with_reel(section, entry.reel if (entry := printers.get(section.name)) is not None else None)
         for section in fleet.printers
     )
     return fleet.model_copy(update={"printers": sections})

@@ -6,14 +6,14 @@ from farm.model import JobState
 from farm.state import events as ev
 from farm.state.books import Books, edited, put
 from farm.state.consequences import Result
-from farm.state.plate_state import Standing
+from farm.state.plate_state import PlateState
 
 
 def replace_plate(event: ev.PlateReplaced, books: Books) -> Result:
     """Book the new plates, which go on with the old one's prints; nothing where it does not wait any more."""
     plate = books.plates[event.plate]
     job = books.job(plate.job)
-    waits = plate.id in job.plates and books.standing(plate) is Standing.WAITING
+    waits = plate.id in job.plates and books.plate_state(plate) is PlateState.WAITING
     if job.state is not JobState.PRINTING or not waits:
         return books, ()
     kept = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}

@@ -6,34 +6,34 @@ from collections.abc import Iterator
 
 from farm.model import Bed, Plate, Print, PrintState, Verdict
 from farm.state.books import Books, edited, put
-from farm.state.consequences import Result, settle, stop_print
-from farm.state.plate_state import Standing
-from farm.state.reels import less
+from farm.state.consequences import Result, request_cancel, update_job_state
+from farm.state.plate_state import PlateState
+from farm.state.reels import subtract_grams
 
 _SOONEST = 0.8  # of the time that a plate should take: no printer is quicker
-_WANTED = (Standing.WAITING, Standing.PRINTING, Standing.OUT_OF_ATTEMPTS)
+_WANTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
-def part_of(books: Books, attempt: Print) -> str:
+def part_name(books: Books, attempt: Print) -> str:
     """The part that a print makes."""
     return books.plates[attempt.plate].parts[0]
 
 
-def failed_on(books: Books, printer: str) -> Print | None:
+def failed_print_on(books: Books, printer: str) -> Print | None:
     """The print that failed or was cancelled and left its part on a bed; None where nothing lies there."""
-    last = books.last_on(printer)
+    last = books.last_print_on(printer)
     if last is None or books.open_print_on(printer) is not None or books.printer(printer).bed is Bed.CLEAR:
         return None
     return last if last.state in (PrintState.FAILED, PrintState.CANCELLED) and last.extruded else None
 
 
-def may_be_whole(books: Books, printer: str) -> Print | None:
+def possibly_whole_print(books: Books, printer: str) -> Print | None:
     """The failed print on a bed that lasted as long as its plate takes, and whose part is still wanted.
 
     How far an agent was when it died is not known; when the next one had ended the heat is.
     """
-    attempt = failed_on(books, printer)
-    if attempt is None or attempt.state is not PrintState.FAILED or attempt.fail_asked is not None:
+    attempt = failed_print_on(books, printer)
+    if attempt is None or attempt.state is not PrintState.FAILED or attempt.fail_reason is not None:
         return None
     if attempt.started_s is None or attempt.ended_s is None:
         return None
@@ -41,26 +41,26 @@ def may_be_whole(books: Books, printer: str) -> Print | None:
     soonest_s = _SOONEST * plate.print_time_s * books.printer(printer).time_factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
-    wanted = any(books.standing(one) in _WANTED for one in plates_for(books, attempt))
+    wanted = any(books.plate_state(one) in _WANTED for one in attempted_plates(books, attempt))
     return attempt if wanted else None
 
 
-def printed_again(books: Books, attempt: Print) -> list[str]:
+def reprinting_printers(books: Books, attempt: Print) -> list[str]:
     """The printers that make a print's part again."""
-    return sorted(other.printer for other in _reprints(books, attempt) if other.cancel_asked is None)
+    return sorted(other.printer for other in _reprints(books, attempt) if other.cancel_reason is None)
 
 
-def plates_for(books: Books, attempt: Print) -> Iterator[Plate]:
+def attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
     """The plates of its job that a print is an attempt at; several where its part was cut again."""
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 
 def _reprints(books: Books, attempt: Print) -> list[Print]:
-    others = (p for plate in plates_for(books, attempt) for p in books.prints_of(plate))
+    others = (p for plate in attempted_plates(books, attempt) for p in books.prints_of(plate))
     return list({p.id: p for p in others if p.id != attempt.id and not p.state.ended}.values())
 
 
-def book_whole(books: Books, print_id: str, by: str, at_s: float) -> Result:
+def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result:
     """Book a failed print as done and good. A reprint that has not begun is taken back, others go on."""
     attempt = books.prints[print_id]
     plate, printer = books.plates[attempt.plate], books.printer(attempt.printer)
@@ -74,8 +74,8 @@ def book_whole(books: Books, print_id: str, by: str, at_s: float) -> Result:
         verdict_why=f"found whole by {by}, where it had failed: {was}",
         grams=plate.grams,
     )
-    reel = less(printer.reel, plate.grams - attempt.grams)
+    reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     not_begun = [p for p in _reprints(books, attempt) if p.state is PrintState.ASSIGNED]
-    stopped = [stop_print(p, f"{part_of(books, attempt)} was found whole") for p in not_begun]
+    stopped = [request_cancel(p, f"{part_name(books, attempt)} was found whole") for p in not_begun]
     books = put(books, whole, edited(printer, reel=reel), *(p for p, _ in stopped))
-    return settle(books, attempt.job, at_s), tuple(stop for _, stop in stopped)
+    return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)

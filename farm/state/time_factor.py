@@ -13,7 +13,7 @@ _STEP = 0.1
 _WEIGHT = 0.25
 
 
-def learned(factor: float, expected_s: float, reached_s: float, starved_s: float = 0.0) -> float:
+def update_time_factor(factor: float, expected_s: float, reached_s: float, starved_s: float = 0.0) -> float:
     """A printer's factor after one more print: an exponentially weighted mean of bounded steps.
 
     Parameters

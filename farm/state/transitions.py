@@ -22,14 +22,23 @@ from farm.model import (
 )
 from farm.state import events as ev
 from farm.state.books import Books, edited, put
-from farm.state.consequences import Result, end_job, give_up, lose, move_prints, settle, soil, stop_print
+from farm.state.consequences import (
+    Result,
+    cancel_plate,
+    end_job,
+    mark_bed_not_clear,
+    mark_printer_lost,
+    request_cancel,
+    shift_print_times,
+    update_job_state,
+)
 from farm.state.faults import LOSSES, UNCHARGED, OwnFault
-from farm.state.plate_state import Standing, printed
+from farm.state.plate_state import PlateState, successful_print
 from farm.state.recovery import restore
-from farm.state.reels import less, used_grams
+from farm.state.reels import subtract_grams, used_grams
 from farm.state.replacement import replace_plate
-from farm.state.salvaged_parts import book_whole
-from farm.state.time_factor import learned
+from farm.state.salvaged_parts import book_part_whole
+from farm.state.time_factor import update_time_factor
 
 
 def _approval(job: int) -> Hold:
@@ -58,7 +67,7 @@ def _(event: ev.PrinterAdded, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.ClockSet, books: Books) -> Result:
-    return move_prints(books, event.by_s), ()
+    return shift_print_times(books, event.by_s), ()
 
 
 @apply.register
@@ -114,7 +123,9 @@ def _(event: ev.JobApproved, books: Books) -> Result:
     job = books.job(event.job)
     if job.state is not JobState.HELD:
         return books, ()
-    return settle(put(books, edited(job, state=JobState.PRINTING, hold=None)), job.id, event.at_s), ()
+    return update_job_state(
+        put(books, edited(job, state=JobState.PRINTING, hold=None)), job.id, event.at_s
+    ), ()
 
 
 @apply.register
@@ -176,25 +187,25 @@ def _(event: ev.PrintProgressed, books: Books) -> Result:
         attempt, state=event.state, started_s=started_s, extruded=extruded, paused=paused, restored=False
     )
     books = put(books, attempt)
-    return (soil(books, attempt.printer) if extruded else books), ()
+    return (mark_bed_not_clear(books, attempt.printer) if extruded else books), ()
 
 
 @apply.register
-def _(event: ev.PrintTakenBack, books: Books) -> Result:
+def _(event: ev.PrintWithdrawn, books: Books) -> Result:
     attempt = books.prints[event.print_id]
-    if attempt.state is not PrintState.ASSIGNED or attempt.cancel_asked is not None:
+    if attempt.state is not PrintState.ASSIGNED or attempt.cancel_reason is not None:
         return books, ()
-    stopped, stop = stop_print(attempt, event.reason)
+    stopped, stop = request_cancel(attempt, event.reason)
     return put(books, stopped), (stop,)
 
 
 @apply.register
-def _(event: ev.PauseAsked, books: Books) -> Result:
+def _(event: ev.PauseRequested, books: Books) -> Result:
     attempt = books.prints[event.print_id]
-    if attempt.state.ended or attempt.cancel_asked is not None:
+    if attempt.state.ended or attempt.cancel_reason is not None:
         return books, ()
     send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=event.wanted)
-    return put(books, edited(attempt, pause_asked=event.wanted)), (send,)
+    return put(books, edited(attempt, pause_requested=event.wanted)), (send,)
 
 
 @apply.register
@@ -208,18 +219,18 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     # It may well have been done, or ended by a person whose word these books have not.
     unknown = attempt.restored and (fault == OwnFault.PRINT_LOST or state is PrintState.CANCELLED)
     begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
-    if state is PrintState.CANCELLED and attempt.fail_asked is not None:
-        state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_asked
-    elif state is PrintState.CANCELLED and attempt.cancel_asked is None and begun:
+    if state is PrintState.CANCELLED and attempt.fail_reason is not None:
+        state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
+    elif state is PrintState.CANCELLED and attempt.cancel_reason is None and begun:
         state = PrintState.FAILED  # nobody here asked for it
-    if state is PrintState.DONE and attempt.fail_asked is not None:  # it ended before it was told
-        attempt = edited(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_asked)
+    if state is PrintState.DONE and attempt.fail_reason is not None:  # it ended before it was told
+        attempt = edited(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
     attempt = edited(
         attempt,
         state=state,
         fault=fault,
         reason=reason,
-        charged=not unknown and attempt.cancel_asked is None and fault not in UNCHARGED,
+        charged=not unknown and attempt.cancel_reason is None and fault not in UNCHARGED,
         started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
         ended_s=event.ended_s,
         extruded=attempt.extruded or event.extruded,
@@ -228,23 +239,25 @@ def _(event: ev.PrintEnded, books: Books) -> Result:
     grams = used_grams(books.plates[attempt.plate], state, attempt.extruded, event.printed_share)
     attempt = edited(attempt, grams=grams)
     printer = books.printer(attempt.printer)
-    printer = edited(printer, filament=event.filament, reel=less(printer.reel, grams))
+    printer = edited(printer, filament=event.filament, reel=subtract_grams(printer.reel, grams))
     if state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
         plate = books.plates[attempt.plate]
         reached_s = event.ended_s - attempt.started_s - plate.prelude_s
-        factor = learned(printer.time_factor, plate.print_time_s, reached_s, event.starved_s)
+        factor = update_time_factor(printer.time_factor, plate.print_time_s, reached_s, event.starved_s)
         printer = edited(printer, time_factor=factor)
     if state is PrintState.FAILED and fault == Fault.ESTOP:  # what a person stopped waits for their word
         books = put(books, edited(books.plates[attempt.plate], paused=True))
     if state is PrintState.FAILED:
-        printer = edited(printer, look=reason or fault or "its print failed", look_s=event.ended_s)
+        printer = edited(
+            printer, attention_reason=reason or fault or "its print failed", attention_since_s=event.ended_s
+        )
     books = put(books, attempt, printer)
     # A print that failed may have extruded without anybody having seen it.
     if attempt.extruded or state is PrintState.FAILED:
-        books = soil(books, attempt.printer)
-    books = settle(books, attempt.job, event.at_s)
+        books = mark_bed_not_clear(books, attempt.printer)
+    books = update_job_state(books, attempt.job, event.at_s)
     if state is PrintState.FAILED and fault in LOSSES and not unknown:
-        books = lose(books, attempt.printer, event.ended_s, event.at_s)
+        books = mark_printer_lost(books, attempt.printer, event.ended_s, event.at_s)
     return books, (forget,)
 
 
@@ -254,33 +267,35 @@ def _(event: ev.BedCleared, books: Books) -> Result:
     if books.open_print_on(printer.name) is not None:
         raise ValueError(f"{printer.name} is printing")
     filament = event.filament or printer.filament
-    judged = books.to_judge(printer.name)
-    books = put(books, edited(printer, bed=Bed.CLEAR, look=None, alarm=None, filament=filament))
+    judged = books.print_to_judge(printer.name)
+    books = put(books, edited(printer, bed=Bed.CLEAR, attention_reason=None, alarm=None, filament=filament))
     if judged is not None:
         books = put(books, edited(judged, verdict=event.verdict, verdict_why=event.why))
-        books = settle(books, judged.job, event.at_s)
+        books = update_job_state(books, judged.job, event.at_s)
     if event.verdict is Verdict.GOOD:
-        for earlier in list(books.lost_verdicts(printer.name)):
-            books = settle(put(books, edited(earlier, verdict=Verdict.GOOD)), earlier.job, event.at_s)
+        for earlier in list(books.unjudged_restored_prints(printer.name)):
+            books = update_job_state(
+                put(books, edited(earlier, verdict=Verdict.GOOD)), earlier.job, event.at_s
+            )
     stops: tuple[ev.AnyInstruction, ...] = ()
     if event.whole is not None:
-        books, stops = book_whole(books, event.whole, event.by, event.at_s)
+        books, stops = book_part_whole(books, event.whole, event.by, event.at_s)
     return books, (*stops, ev.SendCleared(printer=printer.name, filament=event.filament))
 
 
 @apply.register
-def _(event: ev.PrintFailAsked, books: Books) -> Result:
+def _(event: ev.PrintFailRequested, books: Books) -> Result:
     attempt = books.prints[event.print_id]
-    if attempt.state.ended or attempt.cancel_asked is not None:
+    if attempt.state.ended or attempt.cancel_reason is not None:
         return books, ()
-    stopped, stop = stop_print(edited(attempt, fail_asked=event.why), event.why)
+    stopped, stop = request_cancel(edited(attempt, fail_reason=event.why), event.why)
     return put(books, stopped), (stop,)
 
 
 @apply.register
 def _(event: ev.PlatePaused, books: Books) -> Result:
     plate = books.plates[event.plate]
-    if books.standing(plate) is not Standing.WAITING:
+    if books.plate_state(plate) is not PlateState.WAITING:
         return books, ()
     return put(books, edited(plate, paused=event.wanted)), ()
 
@@ -288,18 +303,18 @@ def _(event: ev.PlatePaused, books: Books) -> Result:
 @apply.register
 def _(event: ev.PlateCancelled, books: Books) -> Result:
     plate = books.plates[event.plate]
-    books, stops = give_up(books, plate, f"cancelled by {event.by}")
-    return settle(books, plate.job, event.at_s), stops
+    books, stops = cancel_plate(books, plate, f"cancelled by {event.by}")
+    return update_job_state(books, plate.job, event.at_s), stops
 
 
 @apply.register
-def _(event: ev.ReprintAsked, books: Books) -> Result:
+def _(event: ev.ReprintRequested, books: Books) -> Result:
     plate = books.plates[event.plate]
-    done = printed(books.prints_of(plate))
+    done = successful_print(books.prints_of(plate))
     if done is not None:
         books = put(books, edited(done, verdict=Verdict.BAD, verdict_why=event.why))
     books = put(books, edited(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))
-    return settle(books, plate.job, event.at_s, again=True), ()
+    return update_job_state(books, plate.job, event.at_s, again=True), ()
 
 
 @apply.register
@@ -310,24 +325,26 @@ def _(event: ev.JobPaused, books: Books) -> Result:
         books = put(books, *(edited(plate, paused=False) for plate in books.plates_of(job)))
     instructions: list[ev.AnyInstruction] = []
     for attempt in list(books.open_prints(event.job)):
-        books, sends = apply(ev.PauseAsked(at_s=event.at_s, print_id=attempt.id, wanted=event.wanted), books)
+        books, sends = apply(
+            ev.PauseRequested(at_s=event.at_s, print_id=attempt.id, wanted=event.wanted), books
+        )
         instructions += sends
     return books, tuple(instructions)
 
 
 @apply.register
-def _(event: ev.MaintenanceBegun, books: Books) -> Result:
+def _(event: ev.MaintenanceStarted, books: Books) -> Result:
     return put(books, edited(books.printer(event.printer), maintenance=event.why)), ()
 
 
 @apply.register
-def _(event: ev.MaintenanceDone, books: Books) -> Result:
-    return put(books, edited(books.printer(event.printer), maintenance=None, look=None)), ()
+def _(event: ev.MaintenanceEnded, books: Books) -> Result:
+    return put(books, edited(books.printer(event.printer), maintenance=None, attention_reason=None)), ()
 
 
 @apply.register
 def _(event: ev.PrinterLost, books: Books) -> Result:
-    return lose(books, event.printer, event.at_s, event.at_s), ()
+    return mark_printer_lost(books, event.printer, event.at_s, event.at_s), ()
 
 
 @apply.register
@@ -338,17 +355,17 @@ def _(event: ev.OutageConfirmed, books: Books) -> Result:
 
 @apply.register
 def _(event: ev.BooksRestored, books: Books) -> Result:
-    return restore.restore(event, books), ()
+    return restore.restore_books(event, books), ()
 
 
 @apply.register
 def _(event: ev.PrintFound, books: Books) -> Result:
-    return restore.find(event, books), ()
+    return restore.book_found_print(event, books), ()
 
 
 @apply.register
-def _(event: ev.JournalTold, books: Books) -> Result:
-    return restore.know(event, books), ()
+def _(event: ev.AgentJournalImported, books: Books) -> Result:
+    return restore.finish_journal_import(event, books), ()
 
 
 @apply.register
@@ -357,7 +374,7 @@ def _(event: ev.ReelLoaded, books: Books) -> Result:
 
 
 @apply.register
-def _(event: ev.PrinterSeen, books: Books) -> Result:
+def _(event: ev.BedReported, books: Books) -> Result:
     printer = books.printer(event.printer)
     bed = event.bed if printer.bed is Bed.UNKNOWN else printer.bed
     filament = event.filament if printer.filament is FilamentState.UNKNOWN else printer.filament
@@ -367,13 +384,19 @@ def _(event: ev.PrinterSeen, books: Books) -> Result:
 @apply.register
 def _(event: ev.PrinterAlarmed, books: Books) -> Result:
     printer = books.printer(event.printer)
-    alarmed = edited(printer, alarm=event.reason, alarm_s=event.at_s, look=event.reason, look_s=event.at_s)
+    alarmed = edited(
+        printer,
+        alarm=event.reason,
+        alarm_s=event.at_s,
+        attention_reason=event.reason,
+        attention_since_s=event.at_s,
+    )
     return put(books, alarmed), ()
 
 
 @apply.register
-def _(event: ev.PrinterDoubted, books: Books) -> Result:
+def _(event: ev.BedBecameUnknown, books: Books) -> Result:
     printer = books.printer(event.printer)
     unknown = edited(printer, bed=Bed.UNKNOWN, filament=FilamentState.UNKNOWN)
-    doubted = edited(unknown, look=event.reason, look_s=event.at_s)
+    doubted = edited(unknown, attention_reason=event.reason, attention_since_s=event.at_s)
     return put(books, doubted), ()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from farm.model import Job, Print, PrintState, Verdict
 from farm.state.books import Books
-from farm.state.plate_state import Standing
+from farm.state.plate_state import PlateState
 
 NIGHT_S = 16 * 3600.0
 """How far back a person looks in the morning: to the afternoon before."""
@@ -54,13 +54,13 @@ def is_wasted(attempt: Print) -> bool:
 
 def summarise_job(books: Books, job: Job) -> JobSummary:
     """What became of a job's plates so far."""
-    stand = [books.standing(plate) for plate in books.plates_of(job)]
+    stand = [books.plate_state(plate) for plate in books.plates_of(job)]
     waste = [
         (duration_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if is_wasted(attempt)
     ]
     return JobSummary(
-        printed=stand.count(Standing.PRINTED) + stand.count(Standing.GOOD),
-        good=stand.count(Standing.GOOD),
+        printed=stand.count(PlateState.PRINTED) + stand.count(PlateState.GOOD),
+        good=stand.count(PlateState.GOOD),
         wasted_s=sum(s for s, _ in waste),
         wasted_grams=sum(grams for _, grams in waste),
     )

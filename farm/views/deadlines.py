@@ -31,7 +31,7 @@ def list_deadlines(
 
     name, found = attempt.printer, []
     hours_s = math.inf if said.ends_by_s is None else said.ends_by_s
-    if attempt.state is PrintState.PAUSED and attempt.pause_asked and said.pause_ends_s is not None:
+    if attempt.state is PrintState.PAUSED and attempt.pause_requested and said.pause_ends_s is not None:
         by = words(min(said.pause_ends_s, hours_s))  # nothing while it parks, or goes on already
         text = f"resume {name} by {by}, or its print is ended: `farm resume {name}`"
         found.append(api.Todo(code="resume", printers=[name], text=text))

@@ -6,7 +6,7 @@ from farm import api
 from farm.errors import EXIT_CODES, ExitCode
 from farm.model import HoldCode, Job, JobState, Plate, Print, PrintState, Verdict
 from farm.state.books import Books
-from farm.state.plate_state import Standing
+from farm.state.plate_state import PlateState
 from farm.views.accounting import duration_s, summarise_job
 from farm.views.context import ViewContext
 
@@ -91,10 +91,10 @@ def _remaining_s(context: ViewContext, plates: list[Plate]) -> float:
 
 
 def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
-    stands = context.books.standing(plate)
-    if stands is Standing.WAITING:
+    stands = context.books.plate_state(plate)
+    if stands is PlateState.WAITING:
         return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.estimated_s) - context.now_s)
-    if stands is not Standing.PRINTING:
+    if stands is not PlateState.PRINTING:
         return 0.0
     attempt = _last(context.books, plate)
     return plate.estimated_s if attempt.started_s is None else context.remaining_s(attempt)

@@ -85,11 +85,17 @@ def _losses(books: Books) -> Iterator[Notice]:
         yield Notice(f"outage {outage.id}", outage.at_s, text)
     with_a_print = {(p.printer, p.ended_s) for p in books.prints.values() if p.state is PrintState.FAILED}
     for printer in books.printers.values():
-        name, lost_s = printer.name, printer.lost_s
-        if lost_s is None or (name, lost_s) in with_a_print or _in_outage(books, name, lost_s):
+        name, disconnected_at_s = printer.name, printer.disconnected_at_s
+        if (
+            disconnected_at_s is None
+            or (name, disconnected_at_s) in with_a_print
+            or _in_outage(books, name, disconnected_at_s)
+        ):
             continue
         yield Notice(
-            f"lost {name} {lost_s:.0f}", lost_s, f"{name} is lost: its board or the way to it is gone"
+            f"lost {name} {disconnected_at_s:.0f}",
+            disconnected_at_s,
+            f"{name} is lost: its board or the way to it is gone",
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from farm import api
 from farm.model import JobState
 from farm.state.books import Books
-from farm.state.plate_state import stopped
+from farm.state.plate_state import stopped_print
 from farm.text import count, mass
 
 
@@ -46,7 +46,7 @@ def _stopped(books: Books) -> list[api.Todo]:
     """Jobs with parts that `farm estop` stopped, and which wait for a person's word."""
     parts: dict[int, list[str]] = {}
     for plate in books.waiting_plates():
-        if stopped(plate, books.prints_of(plate)) is not None:
+        if stopped_print(plate, books.prints_of(plate)) is not None:
             parts.setdefault(plate.job, []).extend(plate.parts)
     found = []
     for job, names in parts.items():

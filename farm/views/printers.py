@@ -29,14 +29,15 @@ def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold |
         time_factor=entry.time_factor,
         print=_progress(context, attempt) if attempt else None,
         last=_last_print(context, section.name),
-        look=entry.look or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
+        look=entry.attention_reason
+        or (snapshot.reason if snapshot.link in (Link.FAULT, Link.ABSENT) else None),
         maintenance=entry.maintenance,
         hold=hold,
     )
 
 
 def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
-    attempt = context.books.last_on(printer)
+    attempt = context.books.last_print_on(printer)
     if attempt is None:
         return None
     off = None
@@ -88,6 +89,6 @@ def _printer_state(entry: Printer, snapshot: AgentSnapshot, attempt: Print | Non
         return str(attempt.state)
     if entry.maintenance is not None:
         return "maintenance"
-    if entry.look is not None and snapshot.link is not Link.ABSENT:
+    if entry.attention_reason is not None and snapshot.link is not Link.ABSENT:
         return "look"
     return "idle" if snapshot.link is Link.READY else str(snapshot.link)

@@ -6,7 +6,7 @@ from datetime import datetime
 
 from farm import api
 from farm.model import AgentSnapshot, Bed, Link, PlanStep, Printer
-from farm.state.salvaged_parts import may_be_whole, part_of
+from farm.state.salvaged_parts import part_name, possibly_whole_print
 from farm.views.context import ViewContext
 from farm.views.deadlines import list_deadlines
 from farm.views.operator_requests import list_requests
@@ -36,15 +36,15 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
             continue  # a person has it in hand
         if outage is not None and section.name in outage.printers:
             continue  # told once, for all of them
-        why = entry.look or (snapshot.reason if snapshot.link is Link.FAULT else None)
+        why = entry.attention_reason or (snapshot.reason if snapshot.link is Link.FAULT else None)
         if section.enabled and away:
-            also = f"; and look at it: {entry.look}" if entry.look else ""
-            if entry.untold_since_s is not None:
+            also = f"; and look at it: {entry.attention_reason}" if entry.attention_reason else ""
+            if entry.unreported_since_s is not None:
                 also += "; the books are a copy: what it printed since is not known"
             what = f"{section.name}: {snapshot.reason or 'no answer from it'}"
             text = f"connect {what}{also}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
-        elif snapshot.outdated and entry.look is None:
+        elif snapshot.outdated and entry.attention_reason is None:
             what = f"{section.name} {snapshot.reason}"
             looks.append(api.Todo(code="replace", printers=[section.name], text=what, brief=what))
         elif why:
@@ -68,10 +68,10 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
 
 def _ask_whole(context: ViewContext, printer: str) -> str:
     """The question whether a failed print is whole after all, and how to say so; empty where it cannot be."""
-    attempt = may_be_whole(context.books, printer)
+    attempt = possibly_whole_print(context.books, printer)
     if attempt is None:
         return ""
-    part = part_of(context.books, attempt)
+    part = part_name(context.books, attempt)
     return f"; if part {part} is whole and good: `farm cleared {printer} --good {part}`"
 
 
@@ -101,6 +101,6 @@ def _troubles(context: ViewContext) -> list[str]:
 
 def _when(context: ViewContext, printer: Printer) -> str:
     """Since when a printer has to be looked at."""
-    if printer.look is None or printer.look_s is None:
+    if printer.attention_reason is None or printer.attention_since_s is None:
         return ""
-    return datetime.fromtimestamp(printer.look_s, context.fleet.zone).strftime(" %H:%M")
+    return datetime.fromtimestamp(printer.attention_since_s, context.fleet.zone).strftime(" %H:%M")

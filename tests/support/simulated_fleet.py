@@ -223,7 +223,7 @@ class World:
             self.surviving(lambda: self.core.planned(job, plan))
 
     def hear(self, agent):
-        since_s = self.core.untold_since_s(agent.name)
+        since_s = self.core.unreported_since_s(agent.name)
         if since_s is not None:
             self.core.recounted(agent.snapshot(), agent.prints(since_s))
         self.core.heard(agent.snapshot())
@@ -239,7 +239,7 @@ class World:
                 continue
             mine = [i for i, (_, name, verdict) in enumerate(self.made) if name == agent.name and not verdict]
             verdict = Verdict.BAD if mine and mine[-1] in self.bad else Verdict.GOOD
-            if self.core.books.to_judge(agent.name) is None:
+            if self.core.books.print_to_judge(agent.name) is None:
                 verdict = Verdict.GOOD
             agent_bed, agent.on_bed = agent.on_bed, None
             clear = self.surviving(

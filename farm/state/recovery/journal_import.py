@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from farm.model import AgentPrint, AgentSnapshot, Plate, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.plate_state import Standing
+from farm.state.plate_state import PlateState
 from farm.state.reconcile import CLOCKS_APART_S, reconcile
 from farm.state.transitions import apply
 
 
-def recount(
+def import_agent_journal(
     books: Books, snapshot: AgentSnapshot, prints: Sequence[AgentPrint], now_s: float
 ) -> Iterator[ev.AnyEvent]:
     """What has happened on a printer since its books were copied.
@@ -53,7 +53,7 @@ def recount(
             attempt = books.prints[said.print_id]
         if not attempt.state.ended:
             yield from happened(reconcile(attempt, snapshot.model_copy(update={"print": said}), now_s))
-    yield ev.JournalTold(at_s=now_s, printer=name, unknown=unknown)
+    yield ev.AgentJournalImported(at_s=now_s, printer=name, unknown=unknown)
 
 
 def plate_of(books: Books, printer: str, said: AgentPrint) -> Plate | None:
@@ -75,10 +75,10 @@ def plate_of(books: Books, printer: str, said: AgentPrint) -> Plate | None:
 
 
 def _waits(books: Books, plate: Plate) -> bool:
-    return books.standing(plate) is Standing.WAITING
+    return books.plate_state(plate) is PlateState.WAITING
 
 
 def _waited(books: Books, plate: Plate) -> bool:
     """Whether a plate may have waited since: no agent has said yet that what the books have open still is."""
     still = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
-    return books.standing(plate) is Standing.PRINTING and all(still)
+    return books.plate_state(plate) is PlateState.PRINTING and all(still)

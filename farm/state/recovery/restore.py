@@ -5,7 +5,7 @@ from __future__ import annotations
 from farm.model import Bed, FilamentState, Hold, HoldCode, Job, JobState, Print, Printer
 from farm.state import events as ev
 from farm.state.books import Books, edited, put
-from farm.state.reels import doubted
+from farm.state.reels import mark_uncertain
 
 HOLD = Hold(
     code=HoldCode.APPROVAL,
@@ -14,10 +14,10 @@ HOLD = Hold(
 )
 
 
-def restore(event: ev.BooksRestored, books: Books) -> Books:
+def restore_books(event: ev.BooksRestored, books: Books) -> Books:
     """No bed is known to be clear, and no job goes on before a person has looked what is printed of it.
 
-    What the agents print, or have printed since, is taken over by their word (`tracking.recount`).
+    What the agents print, or have printed since, is taken over by their word (`journal_import`).
     """
     printers = [_unsure(printer, event, books) for printer in books.printers.values()]
     prints = [edited(attempt, restored=True) for attempt in books.open_prints()]
@@ -28,8 +28,8 @@ def restore(event: ev.BooksRestored, books: Books) -> Books:
 def _unsure(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
     """A printer of which nobody knows what it did since."""
     since_s = event.copied_s
-    if printer.untold_since_s is not None:
-        since_s = min(since_s, printer.untold_since_s)
+    if printer.unreported_since_s is not None:
+        since_s = min(since_s, printer.unreported_since_s)
     attempt = books.open_print_on(printer.name)
     if attempt is not None:  # it may have ended before, and the copy was made before that was heard
         since_s = min(since_s, attempt.assigned_s)
@@ -37,9 +37,9 @@ def _unsure(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
         printer,
         bed=Bed.NOT_CLEAR,
         filament=FilamentState.UNKNOWN,
-        reel=doubted(printer.reel),
+        reel=mark_uncertain(printer.reel),
         restored_s=event.at_s,
-        untold_since_s=since_s,
+        unreported_since_s=since_s,
     )
 
 
@@ -50,7 +50,7 @@ def _frozen(job: Job) -> Job:
     return edited(job, state=JobState.HELD, hold=HOLD, restored=True)
 
 
-def find(event: ev.PrintFound, books: Books) -> Books:
+def book_found_print(event: ev.PrintFound, books: Books) -> Books:
     """Book a print that its agent knows of; what became of it comes after."""
     plate = books.plates[event.plate]
     if books.open_print_on(event.printer) is not None:
@@ -67,16 +67,17 @@ def find(event: ev.PrintFound, books: Books) -> Books:
     return put(books, edited(plate, prints=(*plate.prints, attempt.id), hold=None), attempt)
 
 
-def know(event: ev.JournalTold, books: Books) -> Books:
+def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
     """An agent has said all; a person looks where that is of no plate in the books."""
-    printer = edited(books.printer(event.printer), untold_since_s=None)
+    printer = edited(books.printer(event.printer), unreported_since_s=None)
     if event.unknown:
         prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"
         printer = edited(
             printer,
             bed=Bed.UNKNOWN,
             filament=FilamentState.UNKNOWN,
-            look=f"it made {prints} after the books were copied that no plate waits for: see what it was",
-            look_s=event.at_s,
+            attention_reason=f"it made {prints} after the books were copied that no plate waits for: "
+            "see what it was",
+            attention_since_s=event.at_s,
         )
     return put(books, printer)

@@ -109,7 +109,7 @@ def busy(folder):
     )
     for name, plate, print_id in (("a", "1/01", "mine"), ("b", "1/02", "theirs")):
         farm.core.happened(
-            ev.PrinterSeen(at_s=NOW_S, printer=name, bed="clear", filament="parked"),
+            ev.BedReported(at_s=NOW_S, printer=name, bed="clear", filament="parked"),
             ev.PlateAssigned(at_s=NOW_S, plate=plate, printer=name, print_id=print_id),
         )
     return farm
@@ -143,7 +143,7 @@ def test_whatever_an_agent_says_that_it_printed_since_the_books_were_copied_can_
         shown = [one.print for one in lines({**last, "print": shot} for shot in told)]
         shot = [translate_print(one, shift_s(heard, Clock())) for one in shown]
         farm.core.recounted(translate(heard, Clock()), shot)
-        assert farm.core.untold_since_s("a") is None
+        assert farm.core.unreported_since_s("a") is None
         look(farm.core, folder)
     assert farm.core.books.prints["theirs"] == other
     with Store(folder / "farm.db") as store:

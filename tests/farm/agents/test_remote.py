@@ -52,7 +52,7 @@ class Ears:
     def refused(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
-    def untold_since_s(self, printer: str) -> float | None:
+    def unreported_since_s(self, printer: str) -> float | None:
         return None
 
     def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:

@@ -216,7 +216,7 @@ def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
     assert notice.startswith("It was to be printed by") and "as soon as it can be is" in notice
     assert by(600) == ()
     for name in "ab":  # somebody has to clear them first
-        farm.core.happened(ev.PrinterDoubted(at_s=farm.core.clock.now(), printer=name, reason="so"))
+        farm.core.happened(ev.BedBecameUnknown(at_s=farm.core.clock.now(), printer=name, reason="so"))
     assert len(by(601)) == 1
 
 

@@ -229,4 +229,7 @@ def test_a_heater_that_cannot_be_switched_off_is_booked_whether_the_printer_prin
     for link in (Link.BUSY, Link.FAULT):
         found = f"the nozzle is off, and gets hotter ({link})"
         farm.core.heard(AgentSnapshot(printer="a", link=link, agent_pid=7, alarm=found))
-        assert (farm.core.books.printers["a"].look, farm.core.books.printers["a"].alarm) == (found, found)
+        assert (farm.core.books.printers["a"].attention_reason, farm.core.books.printers["a"].alarm) == (
+            found,
+            found,
+        )

@@ -97,7 +97,10 @@ def test_a_start_that_came_too_late_was_never_begun_and_its_plate_waits_for_its_
     late = farm.core.books.prints[attempt.id]
     assert (late.state, late.fault) == (PrintState.CANCELLED, None)
     assert "too late" in late.reason
-    assert farm.core.books.printer("a").bed is Bed.CLEAR and farm.core.books.printer("a").look is None
+    assert (
+        farm.core.books.printer("a").bed is Bed.CLEAR
+        and farm.core.books.printer("a").attention_reason is None
+    )
     (plate,) = farm.core.books.waiting_plates()
     assert "from Mon 08:00" in plate.hold.text
     farm.core.clock.now_s = at("2026-11-23 08:00")
@@ -129,7 +132,7 @@ def test_a_pause_is_resumed_while_somebody_is_there_and_not_afterwards(farm):
         farm.desk.pause_printer("a", False, "ann")
     farm.core.clock.now_s = STOP - 60.0
     farm.desk.pause_printer("a", False, "ann")
-    assert not farm.core.books.open_print_on("a").pause_asked
+    assert not farm.core.books.open_print_on("a").pause_requested
 
 
 def test_a_job_is_resumed_only_where_its_printers_may_print_on(farm):
@@ -151,7 +154,7 @@ def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the
     word(farm, PrintState.FAILED, **ended)
     books = farm.core.books
     assert not books.prints[attempt.id].charged
-    assert books.printer("a").look == "nobody was to be there any more"
+    assert books.printer("a").attention_reason == "nobody was to be there any more"
     assert books.printer("a").bed is Bed.NOT_CLEAR
     assert [plate.id for plate in books.waiting_plates()] == [attempt.plate]
 

@@ -122,7 +122,7 @@ def test_printers_whose_disk_takes_no_file_cost_no_plate_an_attempt(tmp_path):
     assert not list(books.open_prints())
     assert books.jobs[1].state is JobState.PRINTING
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
-    assert all("make room on its disk" in printer.look for printer in books.printers.values())
+    assert all("make room on its disk" in printer.attention_reason for printer in books.printers.values())
 
 
 def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
@@ -131,13 +131,13 @@ def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
     farm.store._db.execute("PRAGMA query_only = 1")
     for _ in range(2):
         with pytest.raises(StoreError):
-            farm.ready("a", nozzle_c=205.0, doubt="its board was reset, and not by the farm")
+            farm.ready("a", nozzle_c=205.0, bed_unknown_reason="its board was reset, and not by the farm")
     farm.ready("b")  # nothing new: nothing to be booked
     (first, *_) = list_tasks(farm.core.build_view_context(state))
     assert first.code == "farm"
     assert "nothing is booked until there is room" in first.text
     assert farm.core.snapshots["a"].nozzle_c == 205.0
-    assert farm.core.books.printers["a"].look is None
+    assert farm.core.books.printers["a"].attention_reason is None
     farm.store._db.execute("PRAGMA query_only = 0")
-    farm.ready("a", doubt="its board was reset, and not by the farm")
+    farm.ready("a", bed_unknown_reason="its board was reset, and not by the farm")
     assert [item.code for item in list_tasks(farm.core.build_view_context(state))] == ["look"]

@@ -19,7 +19,7 @@ from farm.model import (
 )
 from farm.paths import StateFolder
 from farm.state import events as ev
-from farm.state.recovery.journal_import import recount
+from farm.state.recovery.journal_import import import_agent_journal
 from farm.state.storage.store import copy_books
 from farm.views.tasks import list_tasks
 from make_books import plan as planned
@@ -93,7 +93,7 @@ def copied(folder, plates=1, printing=None):
     farm.core.happened(ev.PlanningStarted(at_s=PLANNED_S, job=1))
     farm.core.happened(event.model_copy(update={"at_s": PLANNED_S}))
     if printing is not None:
-        farm.core.happened(ev.PrinterSeen(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
+        farm.core.happened(ev.BedReported(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
         given = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=printing)
         farm.core.happened(given)
     farm.core.start(restored_s=PLANNED_S + 1.0)
@@ -187,13 +187,13 @@ def test_nothing_of_a_restored_job_starts_before_every_printer_has_told_or_is_ta
 def test_a_daemon_that_dies_while_it_books_what_an_agent_told_asks_it_again(tmp_path):
     farm, prints = copied(tmp_path / "whole", 2), [said("x"), said("y", PLANNED_S + 300.0)]
     ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
-    events = list(recount(farm.core.books, ready, prints, PLANNED_S + 1e3))
+    events = list(import_agent_journal(farm.core.books, ready, prints, PLANNED_S + 1e3))
     farm.core.happened(*events)
     for dies in range(len(events)):
         other = copied(tmp_path / str(dies), 2)
         other.core.happened(*events[:dies])
-        since_s = other.core.untold_since_s("a")
+        since_s = other.core.unreported_since_s("a")
         assert since_s == PLANNED_S + 1.0
-        other.core.happened(*recount(other.core.books, ready, prints, PLANNED_S + 1e3))
+        other.core.happened(*import_agent_journal(other.core.books, ready, prints, PLANNED_S + 1e3))
         assert other.core.books.prints == farm.core.books.prints
-        assert other.core.untold_since_s("a") is None
+        assert other.core.unreported_since_s("a") is None

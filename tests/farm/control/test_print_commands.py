@@ -64,7 +64,7 @@ def test_a_print_that_goes_wrong_is_ended_and_its_part_printed_elsewhere(farm):
         desk.fail("a", "a blob", "ann")
     ends(farm, "b")
     farm.desk.cleared("b", "ann", None)
-    plates = {plate.id: farm.core.books.standing(plate).name for plate in farm.core.books.plates.values()}
+    plates = {plate.id: farm.core.books.plate_state(plate).name for plate in farm.core.books.plates.values()}
     assert plates == {"1/01": "PRINTING", "1/02": "GOOD", "1/03": "WAITING"}
 
 
@@ -159,7 +159,7 @@ def test_a_job_that_is_resumed_takes_its_paused_parts_with_it(farm):
 def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
     desk = farm.desk
     desk.maintenance("a", "a new belt", "ann")
-    assert farm.core.books.open_print_on("a").cancel_asked is None
+    assert farm.core.books.open_print_on("a").cancel_reason is None
     ends(farm, "a")
     farm.desk.cleared("a", "ann", None)
     assert farm.core.books.open_print_on("a") is None

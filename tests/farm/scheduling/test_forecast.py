@@ -136,7 +136,7 @@ def test_the_bound_counts_what_only_some_of_the_printers_can_take():
 
 
 def test_a_plate_for_which_the_reel_of_the_next_printer_is_too_short_waits_for_another():
-    plates = [plate(f"1/{i}", "a", estimated_s=HOUR, grams=40.0) for i in range(2)]
+    plates = [plate(f"1/{i}", "a", expected_s=HOUR, grams=40.0) for i in range(2)]
     fleet = [printer("a", grams=50.0), printer("b", booked=True, free_s=10 * HOUR)]
     seen = forecast(plates, fleet, rules(), 0.0)
     assert (seen.left, [slot.printer for slot in seen.slots]) == ((), ["a", "b"])

@@ -17,7 +17,7 @@ from farm.model import (
 )
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.plate_state import ATTEMPTS, Standing, failures
+from farm.state.plate_state import ATTEMPTS, PlateState, charged_failures
 from farm.state.transitions import apply
 from make_books import PRINTERS, ended, fleet, job, plan, printing, run
 
@@ -54,7 +54,7 @@ def test_only_a_person_makes_a_bed_clear():
         printing(),
         ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"),
         ended("x"),
-        ev.PrinterSeen(at_s=201.0, printer="a", bed=Bed.CLEAR, filament=FilamentState.PARKED),
+        ev.BedReported(at_s=201.0, printer="a", bed=Bed.CLEAR, filament=FilamentState.PARKED),
     )
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     books, instructions = run(books, ev.BedCleared(at_s=300.0, printer="a", by="ann"))
@@ -69,7 +69,7 @@ def test_a_failed_print_soils_the_bed_wants_a_look_and_is_tried_again():
         ended("x", PrintState.FAILED, fault="reboot", reason="the board was reset", extruded=False),
     )
     assert books.printers["a"].bed is Bed.NOT_CLEAR
-    assert books.printers["a"].look == "the board was reset"
+    assert books.printers["a"].attention_reason == "the board was reset"
     assert [p.id for p in books.waiting_plates()] == ["1/01"]
 
 
@@ -97,7 +97,7 @@ def test_cancelling_a_job_ends_its_prints_and_nothing_is_tried_again():
     assert instructions[-1] == ev.SendCancel(print_id="x", printer="a", reason="cancelled by a person")
     books, _ = run(books, ended("x", PrintState.CANCELLED, reason="cancelled by a person"))
     assert books.prints["x"].state is PrintState.CANCELLED
-    assert books.printers["a"].look is None
+    assert books.printers["a"].attention_reason is None
     assert not list(books.waiting_plates())
 
 
@@ -108,7 +108,7 @@ def test_what_turns_out_bad_after_its_job_was_cancelled_is_not_printed_with_a_pa
         ended("x"),
         ev.JobCancelled(at_s=300.0, job=1),
         ev.BedCleared(at_s=301.0, printer="a", by="ann", verdict=Verdict.BAD),
-        ev.ReprintAsked(at_s=302.0, plate="1/02", why="", by="ann"),
+        ev.ReprintRequested(at_s=302.0, plate="1/02", why="", by="ann"),
     )
     assert books.jobs[1].state is JobState.PRINTING
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
@@ -174,15 +174,15 @@ class AnyNight(RuleBasedStateMachine):
     @rule(data=st.data())
     def fail(self, data):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
-        self.happen(ev.PrintFailAsked(at_s=self.now, print_id=name, why="a blob", by="ann"))
+        self.happen(ev.PrintFailRequested(at_s=self.now, print_id=name, why="a blob", by="ann"))
 
     @precondition(lambda self: self.books.plates)
     @rule(data=st.data(), again=st.booleans())
     def cancel_or_ask_again(self, data, again):
         plate = self.books.plates[data.draw(st.sampled_from(sorted(self.books.plates)))]
-        stands = self.books.standing(plate)
-        if again and stands not in (Standing.WAITING, Standing.PRINTING):
-            self.happen(ev.ReprintAsked(at_s=self.now, plate=plate.id, why="more", by="ann"))
+        stands = self.books.plate_state(plate)
+        if again and stands not in (PlateState.WAITING, PlateState.PRINTING):
+            self.happen(ev.ReprintRequested(at_s=self.now, plate=plate.id, why="more", by="ann"))
         elif not again:
             self.happen(ev.PlateCancelled(at_s=self.now, plate=plate.id, by="ann"))
 
@@ -213,8 +213,8 @@ class AnyNight(RuleBasedStateMachine):
     def no_plate_has_more_attempts_than_its_budget(self):
         for plate in self.books.plates.values():
             prints = list(self.books.prints_of(plate))
-            assert len(failures(plate, prints)) <= ATTEMPTS
-            if len(failures(plate, prints)) == ATTEMPTS and prints[-1].state.ended:
+            assert len(charged_failures(plate, prints)) <= ATTEMPTS
+            if len(charged_failures(plate, prints)) == ATTEMPTS and prints[-1].state.ended:
                 assert plate not in list(self.books.waiting_plates())
 
     @invariant()
@@ -222,22 +222,22 @@ class AnyNight(RuleBasedStateMachine):
         assert not any(plate.cancelled for plate in self.books.waiting_plates())
         for attempt in self.books.open_prints():
             if self.books.plates[attempt.plate].cancelled:
-                assert attempt.cancel_asked is not None
+                assert attempt.cancel_reason is not None
 
     @invariant()
     def no_plate_is_lost(self):
         for one in self.books.jobs.values():
-            stand = {self.books.standing(plate) for plate in self.books.plates_of(one)}
-            coming = bool(stand & {Standing.WAITING, Standing.PRINTING})
+            stand = {self.books.plate_state(plate) for plate in self.books.plates_of(one)}
+            coming = bool(stand & {PlateState.WAITING, PlateState.PRINTING})
             match one.state:
                 case JobState.PRINTING:
                     assert coming
                 case JobState.PRINTED:
-                    assert not coming and Standing.PRINTED in stand
+                    assert not coming and PlateState.PRINTED in stand
                 case JobState.DONE:
-                    assert Standing.GOOD in stand and stand <= {Standing.GOOD, Standing.CANCELLED}
+                    assert PlateState.GOOD in stand and stand <= {PlateState.GOOD, PlateState.CANCELLED}
                 case JobState.FAILED:
-                    assert not coming and Standing.OUT_OF_ATTEMPTS in stand
+                    assert not coming and PlateState.OUT_OF_ATTEMPTS in stand
                 case JobState.CANCELLED:
                     assert not coming
 

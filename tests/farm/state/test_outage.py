@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from farm.model import JobState, Printer, PrintState
 from farm.state import events as ev
 from farm.state.outage import WINDOW_S, lost_together, window_s
-from farm.state.plate_state import ATTEMPTS, Standing
+from farm.state.plate_state import ATTEMPTS, PlateState
 from make_books import ended, printing, run
 
 
@@ -33,7 +33,7 @@ def test_two_printers_lost_within_the_window_are_one_outage_and_cost_no_attempt(
     books, _ = run(books, lost("b", 100.0 + WINDOW_S, fault="agent_died"))
     assert books.outage.printers == ("a", "b")
     assert [books.prints[name].charged for name in "ab"] == [False, False]
-    assert {books.standing(plate) for plate in books.plates.values()} == {Standing.WAITING}
+    assert {books.plate_state(plate) for plate in books.plates.values()} == {PlateState.WAITING}
     books, _ = run(books, ev.PrinterLost(at_s=112.0, printer="c"))
     assert [outage.printers for outage in books.outages.values()] == [("a", "b", "c")]
     books, _ = run(books, ev.OutageConfirmed(at_s=500.0, by="ann"))
@@ -77,7 +77,7 @@ def test_a_job_that_an_outage_seemed_to_fail_goes_on():
 
 @given(st.lists(st.floats(0, 100), min_size=1, max_size=8))
 def test_who_was_lost_together_is_the_same_for_each_of_them(times):
-    printers = [Printer(name=f"p{i}", lost_s=at_s) for i, at_s in enumerate(times)]
+    printers = [Printer(name=f"p{i}", disconnected_at_s=at_s) for i, at_s in enumerate(times)]
     groups = {printer.name: lost_together(printer.name, printers) for printer in printers}
     for name, group in groups.items():
         assert name in group

@@ -6,7 +6,7 @@ from farm.errors import ErrorCode
 from farm.model import Bed, JobState, PrintState, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.state.plate_state import ATTEMPTS, Standing
+from farm.state.plate_state import ATTEMPTS, PlateState
 from make_books import ended, printing, run
 
 CANCELLED = {"reason": "because", "state": PrintState.CANCELLED}
@@ -40,14 +40,14 @@ def failed(books, times, printer="a", plate="1/01", start=0):
 
 
 def stands(books, plate="1/01"):
-    return books.standing(books.plates[plate])
+    return books.plate_state(books.plates[plate])
 
 
 def test_a_job_is_done_when_a_person_has_found_every_part_good():
     books = printed(2)
-    assert (books.jobs[1].state, stands(books)) == (JobState.PRINTED, Standing.PRINTED)
+    assert (books.jobs[1].state, stands(books)) == (JobState.PRINTED, PlateState.PRINTED)
     books, _ = run(books, cleared("a"))
-    assert (books.jobs[1].state, stands(books)) == (JobState.PRINTED, Standing.GOOD)
+    assert (books.jobs[1].state, stands(books)) == (JobState.PRINTED, PlateState.GOOD)
     books, _ = run(books, cleared("b"))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 200.0)
 
@@ -58,7 +58,7 @@ def test_a_bad_part_is_printed_again_and_costs_no_attempt():
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
     assert (books.prints["a"].verdict, books.prints["a"].verdict_why) == (Verdict.BAD, "stringy")
     books = failed(books, ATTEMPTS - 1)
-    assert stands(books) is Standing.WAITING
+    assert stands(books) is PlateState.WAITING
     books, _ = run(books, cleared("a"), assigned("1/01", "a", "x"), ended("x", at_s=900.0), cleared("a"))
     assert (books.jobs[1].state, books.jobs[1].ended_s) == (JobState.DONE, 900.0)
 
@@ -70,39 +70,39 @@ def test_clearing_a_bed_judges_only_what_was_printed_last():
 
 @pytest.mark.parametrize("end", [PrintState.CANCELLED, PrintState.DONE])
 def test_a_print_that_a_person_saw_go_wrong_is_made_again(end):
-    asked = ev.PrintFailAsked(at_s=50.0, print_id="x", why="a blob", by="ann")
+    asked = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     books, told = run(printing(plates=1), assigned("1/01", "a", "x"), asked, ended("x", end))
     assert told[1] == ev.SendCancel(print_id="x", printer="a", reason="a blob")
-    assert stands(books) is Standing.WAITING
+    assert stands(books) is PlateState.WAITING
     assert books.printers["a"].bed is Bed.NOT_CLEAR
     if end is PrintState.CANCELLED:
         print_ = books.prints["x"]
         assert (print_.state, print_.fault, print_.reason) == (PrintState.FAILED, "by_a_person", "a blob")
         assert not print_.charged
-        assert books.printers["a"].look == "a blob"
+        assert books.printers["a"].attention_reason == "a blob"
 
 
 def test_a_fault_while_a_print_is_ended_by_a_person_is_charged_to_nobody():
-    asked = ev.PrintFailAsked(at_s=50.0, print_id="x", why="a blob", by="ann")
+    asked = ev.PrintFailRequested(at_s=50.0, print_id="x", why="a blob", by="ann")
     hot = ended("x", PrintState.FAILED, fault="heater_stuck_on", reason="it does not cool")
     books, _ = run(printing(plates=1), assigned("1/01", "a", "x"), asked, hot)
     assert (books.prints["x"].fault, books.prints["x"].charged) == ("heater_stuck_on", False)
-    assert books.printers["a"].look == "it does not cool"
+    assert books.printers["a"].attention_reason == "it does not cool"
 
 
 def test_a_plate_out_of_attempts_stops_none_of_the_others():
     books, _ = run(printing(plates=2), assigned("1/02", "b", "y"))
     books = failed(books, ATTEMPTS)
-    assert stands(books) is Standing.OUT_OF_ATTEMPTS
+    assert stands(books) is PlateState.OUT_OF_ATTEMPTS
     assert books.jobs[1].state is JobState.PRINTING
-    assert books.prints["y"].cancel_asked is None
+    assert books.prints["y"].cancel_reason is None
     books, _ = run(books, ended("y", at_s=500.0))
     assert (books.jobs[1].state, books.jobs[1].error) == (JobState.FAILED, ErrorCode.ATTEMPTS)
     assert "1/01 failed 3 times, last on a: no heat" in books.jobs[1].reason
 
 
 def test_a_person_asks_again_for_what_failed_was_cancelled_or_was_good():
-    again = ev.ReprintAsked(at_s=400.0, plate="1/01", why="it broke", by="ann")
+    again = ev.ReprintRequested(at_s=400.0, plate="1/01", why="it broke", by="ann")
     for books in (
         failed(printing(plates=1), ATTEMPTS),
         run(printing(plates=1), ev.JobCancelled(at_s=5.0, job=1))[0],
@@ -113,9 +113,9 @@ def test_a_person_asks_again_for_what_failed_was_cancelled_or_was_good():
         books, _ = run(books, again)
         job = books.jobs[1]
         assert (job.state, job.error, job.reason, job.ended_s) == (JobState.PRINTING, None, None, None)
-        assert stands(books) is Standing.WAITING
-        assert stands(failed(books, ATTEMPTS - 1, start=10)) is Standing.WAITING
-        assert stands(failed(books, ATTEMPTS, start=10)) is Standing.OUT_OF_ATTEMPTS
+        assert stands(books) is PlateState.WAITING
+        assert stands(failed(books, ATTEMPTS - 1, start=10)) is PlateState.WAITING
+        assert stands(failed(books, ATTEMPTS, start=10)) is PlateState.OUT_OF_ATTEMPTS
 
 
 def test_what_a_person_cancelled_is_not_tried_again_though_the_rest_goes_on():
@@ -148,10 +148,10 @@ def test_a_printer_is_in_maintenance_until_a_person_has_done_it():
     books, _ = run(
         Books(),
         ev.PrinterAdded(at_s=0.0, name="a", bed=Bed.CLEAR),
-        ev.MaintenanceBegun(at_s=1.0, printer="a", why="a new nozzle", by="ann"),
+        ev.MaintenanceStarted(at_s=1.0, printer="a", why="a new nozzle", by="ann"),
     )
     assert books.printers["a"].maintenance == "a new nozzle"
-    books, _ = run(books, ev.MaintenanceDone(at_s=2.0, printer="a", by="ann"))
+    books, _ = run(books, ev.MaintenanceEnded(at_s=2.0, printer="a", by="ann"))
     assert books.printers["a"].maintenance is None
 
 
@@ -160,7 +160,7 @@ def test_a_print_that_began_unheard_and_was_cancelled_by_nobody_here_has_failed(
     assigned = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
     books, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, started_s=10.0))
     assert books.prints["x"].state is PrintState.FAILED
-    assert (books.printer("a").look is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
+    assert (books.printer("a").attention_reason is None, books.printer("a").bed) == (False, Bed.NOT_CLEAR)
     never, _ = run(printing(1), assigned, ended("x", PrintState.CANCELLED, 50.0, False, started_s=None))
     assert never.prints["x"].state is PrintState.CANCELLED
-    assert (never.printer("a").look, never.printer("a").bed) == (None, Bed.CLEAR)
+    assert (never.printer("a").attention_reason, never.printer("a").bed) == (None, Bed.CLEAR)

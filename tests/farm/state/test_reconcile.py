@@ -6,8 +6,8 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, 
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.faults import OwnFault
-from farm.state.plate_state import Standing
-from farm.state.reconcile import observe, owed, reconcile, unexpected
+from farm.state.plate_state import PlateState
+from farm.state.reconcile import handle_unknown_print, observe_idle_printer, pending_instructions, reconcile
 from make_books import fleet, printing, run
 
 
@@ -17,29 +17,31 @@ def test_what_happened_at_a_printer_makes_bed_and_filament_unknown_until_a_perso
         link=Link.READY,
         bed_clear=True,
         filament=FilamentState.PARKED,
-        doubt="its board was reset, and not by the farm",
+        bed_unknown_reason="its board was reset, and not by the farm",
     )
-    books, _ = run(printing(), *observe(printing().printers["a"], said, 5.0))
+    books, _ = run(printing(), *observe_idle_printer(printing().printers["a"], said, 5.0))
     printer = books.printers["a"]
     assert (printer.bed, printer.filament) == (Bed.UNKNOWN, FilamentState.UNKNOWN)
-    assert "reset" in printer.look
-    assert list(observe(printer, said, 6.0)) == []
+    assert "reset" in printer.attention_reason
+    assert list(observe_idle_printer(printer, said, 6.0)) == []
     # Not even an emulator's word makes up for the look.
-    assert list(observe(printer, said.model_copy(update={"doubt": None}), 7.0)) == []
+    assert (
+        list(observe_idle_printer(printer, said.model_copy(update={"bed_unknown_reason": None}), 7.0)) == []
+    )
 
 
 def test_an_emulator_is_asked_only_where_the_books_do_not_know():
     said = AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    books, _ = run(books, *observe(books.printers["a"], said, 5.0))
+    books, _ = run(books, *observe_idle_printer(books.printers["a"], said, 5.0))
     assert books.printers["a"].bed is Bed.CLEAR
-    assert list(observe(books.printers["a"], said, 6.0)) == []
+    assert list(observe_idle_printer(books.printers["a"], said, 6.0)) == []
 
 
 def test_a_real_printer_cannot_say_what_lies_on_its_bed():
     said = AgentSnapshot(printer="a", link=Link.READY, filament=FilamentState.PARKED)
     books, _ = run(Books(), *fleet(Bed.UNKNOWN))
-    assert list(observe(books.printers["a"], said, 5.0)) == []
+    assert list(observe_idle_printer(books.printers["a"], said, 5.0)) == []
 
 
 def word(print_id="x", state=PrintState.PRINTING, link=Link.BUSY, **changes):
@@ -75,9 +77,9 @@ def test_reconciling_follows_an_agent_and_is_quiet_when_nothing_is_new():
 def test_an_agent_that_was_not_told_is_told_again_and_one_that_forgot_has_lost_the_print():
     books = assigned()
     assert list(reconcile(books.prints["x"], empty(), 3.0)) == []
-    assert list(owed(books.prints["x"], empty())) == [ev.SendStart(print_id="x", printer="a")]
+    assert list(pending_instructions(books.prints["x"], empty())) == [ev.SendStart(print_id="x", printer="a")]
     books, _ = run(books, *reconcile(books.prints["x"], word(), 3.0))
-    assert list(owed(books.prints["x"], empty())) == []
+    assert list(pending_instructions(books.prints["x"], empty())) == []
     books, _ = run(books, *reconcile(books.prints["x"], empty(), 9.0))
     assert books.prints["x"].state is PrintState.FAILED
     assert books.prints["x"].fault == OwnFault.PRINT_LOST
@@ -91,10 +93,10 @@ def empty(link=Link.READY, pid=9, **changes):
 def test_a_print_that_was_cancelled_ends_when_its_agent_has_heard_of_it():
     """Until then the start may be on its way beside an older word of the agent's."""
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
-    stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_asked)
+    stop = ev.SendCancel(print_id="x", printer="a", reason=books.prints["x"].cancel_reason)
     assert list(reconcile(books.prints["x"], empty(), 4.0)) == []
-    assert list(owed(books.prints["x"], empty())) == [stop]
-    assert list(owed(books.prints["x"], empty(Link.STARTING))) == []  # nobody would hear it
+    assert list(pending_instructions(books.prints["x"], empty())) == [stop]
+    assert list(pending_instructions(books.prints["x"], empty(Link.STARTING))) == []  # nobody would hear it
     assert list(reconcile(books.prints["x"], empty(heard_cancel="another"), 4.0)) == []
     books, _ = run(books, *reconcile(books.prints["x"], empty(heard_cancel="x"), 4.0))
     assert books.prints["x"].state is PrintState.CANCELLED
@@ -111,7 +113,9 @@ def test_what_a_printer_cannot_begin_goes_elsewhere_only_when_its_agent_has_hear
     assert list(reconcile(books.prints["x"], stale, 4.0)) == []
     # It began all the same, and is ended: its plate is free then, and nobody is to blame.
     began, _ = run(books, *reconcile(books.prints["x"], word(state=PrintState.HEATING, extruded=False), 5.0))
-    assert [type(one) for one in owed(began.prints["x"], word(state=PrintState.HEATING))] == [ev.SendCancel]
+    assert [type(one) for one in pending_instructions(began.prints["x"], word(state=PrintState.HEATING))] == [
+        ev.SendCancel
+    ]
     last = word(state=PrintState.CANCELLED, link=Link.READY, extruded=False, ended_s=9.0)
     began, _ = run(began, *reconcile(began.prints["x"], last, 9.0))
     assert began.prints["x"].state is PrintState.CANCELLED
@@ -144,15 +148,15 @@ def restored(*states):
 @pytest.mark.parametrize("state", [PrintState.ASSIGNED, PrintState.PRINTING])
 def test_what_an_agent_prints_is_taken_over_by_books_that_are_a_copy(state):
     books = restored(state)
-    assert list(owed(books.prints["a"], empty())) == []  # it is not begun (again)
+    assert list(pending_instructions(books.prints["a"], empty())) == []  # it is not begun (again)
     said = word("a")
     books, sent = run(books, *reconcile(books.prints["a"], said, 51.0))
-    assert (sent, list(owed(books.prints["a"], said))) == ([], [])
+    assert (sent, list(pending_instructions(books.prints["a"], said))) == ([], [])
     assert (books.prints["a"].state, books.prints["a"].restored) == (PrintState.PRINTING, False)
     assert list(reconcile(books.prints["a"], said, 52.0)) == []
     last = word("a", state=PrintState.DONE, link=Link.READY, ended_s=90.0)
     books, _ = run(books, *reconcile(books.prints["a"], last, 100.0))
-    assert books.standing(books.plates["1/01"]) is Standing.PRINTED
+    assert books.plate_state(books.plates["1/01"]) is PlateState.PRINTED
     assert books.jobs[1].state is JobState.HELD
     books, _ = run(books, ev.JobApproved(at_s=101.0, job=1, by="ann"))
     assert [plate.id for plate in books.waiting_plates()] == ["1/02"]
@@ -165,7 +169,7 @@ def test_what_no_agent_knows_any_more_is_no_outage_and_costs_no_attempt():
         books, _ = run(books, *reconcile(books.prints[name], said, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
-    assert "look what became of it" in books.printers["a"].look
+    assert "look what became of it" in books.printers["a"].attention_reason
     fresh = restored(PrintState.ASSIGNED)
     fresh, _ = run(fresh, *reconcile(fresh.prints["a"], empty(), 51.0))
     assert fresh.prints["a"].state is PrintState.CANCELLED
@@ -175,21 +179,21 @@ def test_a_print_that_the_books_have_ended_is_ended_at_the_printer_too():
     books = assigned()
     books, _ = run(books, *reconcile(books.prints["x"], empty(Link.ABSENT, None), 3.0))
     heating = word(state=PrintState.HEATING, extruded=False)
-    told = list(unexpected(books.printers["a"], books.prints["x"], heating, 4.0))
+    told = list(handle_unknown_print(books.printers["a"], books.prints["x"], heating, 4.0))
     assert [type(one) for one in told] == [ev.SendCancel]
     for said in (word(), word(state=PrintState.CANCELLED, link=Link.READY, ended_s=9.0)):
-        doubted, _ = unexpected(books.printers["a"], books.prints["x"], said, 4.0)
+        doubted, _ = handle_unknown_print(books.printers["a"], books.prints["x"], said, 4.0)
         assert run(books, doubted)[0].printers["a"].bed is Bed.UNKNOWN  # something lies on it by now
 
 
 def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
     books, _ = run(Books(), *fleet())
-    told = list(unexpected(books.printers["a"], None, word("stranger"), 4.0))
-    assert [type(one) for one in told] == [ev.PrinterDoubted]
+    told = list(handle_unknown_print(books.printers["a"], None, word("stranger"), 4.0))
+    assert [type(one) for one in told] == [ev.BedBecameUnknown]
     books, _ = run(books, *told)
     assert books.printers["a"].bed is Bed.UNKNOWN
     last = word("stranger", state=PrintState.DONE, ended_s=9.0)
-    assert list(unexpected(books.printers["a"], None, last, 9.0)) == [
+    assert list(handle_unknown_print(books.printers["a"], None, last, 9.0)) == [
         ev.SendForget(print_id="stranger", printer="a")
     ]
 
@@ -206,16 +210,16 @@ def test_a_print_that_the_books_never_had_goes_on_and_leaves_the_bed_in_doubt():
     ],
 )
 def test_a_pause_that_an_agent_does_not_know_of_is_told_again(wanted, state, told):
-    books, sent = run(assigned(), ev.PauseAsked(at_s=3.0, print_id="x", wanted=wanted))
+    books, sent = run(assigned(), ev.PauseRequested(at_s=3.0, print_id="x", wanted=wanted))
     assert sent == [ev.SendPause(print_id="x", printer="a", wanted=wanted)]
-    again = list(owed(books.prints["x"], word(state=state)))
+    again = list(pending_instructions(books.prints["x"], word(state=state)))
     assert again == ([] if told is None else [ev.SendPause(print_id="x", printer="a", wanted=told)])
 
 
 def test_what_is_cancelled_is_not_paused_any_more():
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
-    books, sent = run(books, ev.PauseAsked(at_s=3.0, print_id="x", wanted=True))
-    assert (sent, books.prints["x"].pause_asked) == ([], False)
+    books, sent = run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
+    assert (sent, books.prints["x"].pause_requested) == ([], False)
 
 
 @pytest.mark.parametrize("known", ["bed", "filament"])
@@ -224,7 +228,7 @@ def test_an_emulator_is_asked_for_the_one_of_bed_and_filament_that_is_not_known(
     unknown = {"bed": Bed.UNKNOWN, "filament": FilamentState.UNKNOWN}
     unknown[known] = Bed.NOT_CLEAR if known == "bed" else FilamentState.AT_NOZZLE
     printer = Printer(name="a", **unknown)
-    (seen,) = observe(printer, said, 5.0)
+    (seen,) = observe_idle_printer(printer, said, 5.0)
     books, _ = run(Books.of([printer]), seen)
     took = books.printers["a"]
     bed = Bed.NOT_CLEAR if known == "bed" else Bed.CLEAR

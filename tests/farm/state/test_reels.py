@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from farm.config import Fleet
 from farm.model import HoldCode, Printer, PrintState, Reel
 from farm.state import events as ev
-from farm.state.reels import used_grams, with_reels
+from farm.state.reels import fleet_with_reels, used_grams
 from farm.views.operator_requests import list_requests
 from make_books import ended, printing, run
 from scheduling_examples import printer
@@ -52,7 +52,7 @@ def test_the_fleet_has_what_was_loaded():
     written = {"name": "a", "model": "ultimaker2_plus", "port": "sim://ultimaker2_plus", "colour": "red"}
     fleet = Fleet.model_validate({"printers": [written, {**written, "name": "b"}]})
     abs_ = Reel(material="generic_abs", nozzle_mm=0.8)
-    now = with_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
+    now = fleet_with_reels(fleet, {"a": Printer(name="a", reel=abs_), "b": Printer(name="b")})
     has = [(section.material, section.colour, section.nozzle_mm) for section in now.printers]
     assert has == [("generic_abs", None, 0.8), ("generic_pla", "red", 0.4)]
 

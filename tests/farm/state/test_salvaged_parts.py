@@ -8,8 +8,8 @@ from farm.config import Fleet
 from farm.model import Bed, FilamentState, JobState, PrintState, Reel, Verdict
 from farm.paths import StateFolder
 from farm.state import events as ev
-from farm.state.plate_state import ATTEMPTS, Standing
-from farm.state.salvaged_parts import may_be_whole, printed_again
+from farm.state.plate_state import ATTEMPTS, PlateState
+from farm.state.salvaged_parts import possibly_whole_print, reprinting_printers
 from farm.views.context import ViewContext
 from farm.views.tasks import list_tasks
 from make_books import ended, printing, run
@@ -41,16 +41,16 @@ def asked(books):
 
 def test_a_part_that_is_whole_is_good_and_not_printed_again():
     books = died()
-    assert books.standing(books.plates["1/01"]) is Standing.WAITING
+    assert books.plate_state(books.plates["1/01"]) is PlateState.WAITING
     books, told = run(books, whole())
-    assert books.standing(books.plates["1/01"]) is Standing.GOOD
+    assert books.plate_state(books.plates["1/01"]) is PlateState.GOOD
     assert books.jobs[1].state is JobState.DONE
     assert list(books.waiting_plates()) == []
     found = books.prints["x"]
     assert (found.state, found.verdict) == (PrintState.DONE, Verdict.GOOD)
     assert "found whole by ann" in found.verdict_why and DIED["reason"] in found.verdict_why
     printer = books.printer("a")
-    assert (printer.bed, printer.look) == (Bed.CLEAR, None)
+    assert (printer.bed, printer.attention_reason) == (Bed.CLEAR, None)
     assert told == [ev.SendCleared(printer="a", filament=None)]
 
 
@@ -82,7 +82,7 @@ def test_a_reprint_that_has_not_begun_is_taken_back():
     books, told = run(books, whole())
     assert [type(one) for one in told] == [ev.SendCancel, ev.SendCleared]
     assert (told[0].print_id, told[0].printer) == ("y", "b")
-    assert printed_again(books, books.prints["x"]) == []
+    assert reprinting_printers(books, books.prints["x"]) == []
     books, _ = run(books, ended("y", PrintState.CANCELLED, 130.0, started_s=None, extruded=False))
     assert books.jobs[1].state is JobState.DONE and books.printer("b").bed is Bed.CLEAR
 
@@ -94,15 +94,15 @@ def test_a_reprint_that_has_begun_goes_on_until_a_person_ends_it():
     books, _ = run(died(), given("1/01", "b", "y", 120.0), begun)
     books, told = run(books, whole())
     assert [type(one) for one in told] == [ev.SendCleared]
-    assert printed_again(books, books.prints["x"]) == ["b"]
+    assert reprinting_printers(books, books.prints["x"]) == ["b"]
     stopped, told = run(books, ev.PlateCancelled(at_s=510.0, plate="1/01", by="ann"))
     assert [(type(one), one.print_id) for one in told] == [(ev.SendCancel, "y")]
-    assert printed_again(stopped, stopped.prints["x"]) == []
+    assert reprinting_printers(stopped, stopped.prints["x"]) == []
     assert not stopped.plates["1/01"].cancelled
     for state in (PrintState.DONE, PrintState.FAILED):
         after, _ = run(books, ended("y", state, 600.0))
         assert after.jobs[1].state is JobState.DONE
-        assert after.standing(after.plates["1/01"]) is Standing.GOOD
+        assert after.plate_state(after.plates["1/01"]) is PlateState.GOOD
 
 
 def test_a_part_that_was_cut_again_meanwhile_is_whole_with_all_its_pieces():
@@ -112,7 +112,7 @@ def test_a_part_that_was_cut_again_meanwhile_is_whole_with_all_its_pieces():
     plates = [old.model_copy(update={"id": f"1/01{x}", "parts": (f"1/p01{x}",)}) for x in "ab"]
     replaced = ev.PlateReplaced(at_s=115.0, plate="1/01", parts=tuple(parts), plates=tuple(plates))
     books, _ = run(books, replaced, given("1/01a", "b", "y", 120.0))
-    assert may_be_whole(books, "a").id == "x"
+    assert possibly_whole_print(books, "a").id == "x"
     books, told = run(books, whole())
     assert books.jobs[1].state is JobState.DONE
     assert told[0].print_id == "y"
@@ -149,12 +149,12 @@ def test_do_now_asks_after_an_outage_too():
 def test_nobody_is_asked_where_it_cannot_be_whole_or_is_not_wanted(facts):
     then = facts.pop("then", ())
     books, _ = run(died(**facts), *then)
-    assert may_be_whole(books, "a") is None
+    assert possibly_whole_print(books, "a") is None
 
 
 def test_a_print_that_a_person_ended_is_none_that_may_be_whole():
-    fail = ev.PrintFailAsked(at_s=100.0, print_id="x", why="a blob", by="ann")
+    fail = ev.PrintFailRequested(at_s=100.0, print_id="x", why="a blob", by="ann")
     gone = ended("x", PrintState.CANCELLED, 110.0, filament=FilamentState.PARKED)
     books, _ = run(printing(1), given("1/01", "a", "x"), fail, gone)
     assert books.prints["x"].state is PrintState.FAILED
-    assert may_be_whole(books, "a") is None
+    assert possibly_whole_print(books, "a") is None

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from farm.model import Bed, PrintState
 from farm.state import events as ev
-from farm.state.time_factor import LEAST, MOST, MOST_STARVED, SHORTEST_S, learned
+from farm.state.time_factor import LEAST, MOST, MOST_STARVED, SHORTEST_S, update_time_factor
 from make_books import ended, printing, run
 
 HOUR_S = 3600.0
@@ -19,7 +19,7 @@ ANY_TIME = st.floats(0.0, 1e9)
 
 def after(ratios, factor=1.0):
     for ratio in ratios:
-        factor = learned(factor, HOUR_S, ratio * HOUR_S)
+        factor = update_time_factor(factor, HOUR_S, ratio * HOUR_S)
     return factor
 
 
@@ -27,7 +27,7 @@ def after(ratios, factor=1.0):
 def test_it_converges_to_the_true_ratio_from_anywhere(start, true, expected_s):
     factor = start
     for _ in range(60):
-        nearer = learned(factor, expected_s, true * expected_s)
+        nearer = update_time_factor(factor, expected_s, true * expected_s)
         assert abs(nearer - true) <= abs(factor - true) + 1e-12
         factor = nearer
     assert factor == pytest.approx(true, abs=1e-4)
@@ -37,7 +37,7 @@ def test_it_converges_to_the_true_ratio_from_anywhere(start, true, expected_s):
 def test_whatever_happens_it_stays_in_bounds_and_one_print_moves_it_by_little(
     factor, expected_s, reached_s, starved_s
 ):
-    one = learned(factor, expected_s, reached_s, starved_s)
+    one = update_time_factor(factor, expected_s, reached_s, starved_s)
     assert LEAST <= one <= MOST
     assert abs(one - factor) <= 0.025 + 1e-12
 
@@ -64,7 +64,7 @@ def test_it_never_leaves_what_was_seen(ratios):
     ],
 )
 def test_a_print_that_says_nothing_of_the_printer_teaches_nothing(expected_s, reached_s, starved_s):
-    assert learned(1.05, expected_s, reached_s, starved_s) == 1.05
+    assert update_time_factor(1.05, expected_s, reached_s, starved_s) == 1.05
 
 
 def long_plate(books, factor):
@@ -115,8 +115,8 @@ def test_a_printer_learns_nothing_from_a_print_that_was_paused():
 
 @pytest.mark.parametrize("ratio", [0.3, 0.49, 2.01, 5.0])
 def test_a_print_that_took_twice_or_half_as_long_teaches_nothing(ratio):
-    assert learned(1.0, HOUR_S, ratio * HOUR_S) == 1.0
+    assert update_time_factor(1.0, HOUR_S, ratio * HOUR_S) == 1.0
 
 
 def test_a_print_that_waited_for_its_host_for_a_moment_only_teaches():
-    assert learned(1.0, HOUR_S, 1.1 * HOUR_S, MOST_STARVED * HOUR_S) > 1.0
+    assert update_time_factor(1.0, HOUR_S, 1.1 * HOUR_S, MOST_STARVED * HOUR_S) > 1.0

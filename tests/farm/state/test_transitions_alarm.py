@@ -8,7 +8,7 @@ from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
-from farm.state.reconcile import alarmed
+from farm.state.reconcile import detect_alarm
 from farm.views.context import ViewContext
 from farm.views.notices import list_due_notices
 from farm.views.printers import describe_printer
@@ -46,7 +46,7 @@ def context(books, said):
 
 
 def heard(books, said, at_s=50.0):
-    return run(books, *alarmed(books.printers["a"], said, at_s))[0]
+    return run(books, *detect_alarm(books.printers["a"], said, at_s))[0]
 
 
 def test_it_is_the_first_thing_to_do_with_state_and_temperatures():
@@ -65,7 +65,7 @@ def test_it_is_the_first_thing_to_do_with_state_and_temperatures():
 def test_nothing_else_that_is_known_of_the_printer_hides_it(hand: str):
     books = heard(begun(), word())
     if hand == "maintenance":
-        books, _ = run(books, ev.MaintenanceBegun(at_s=51.0, printer="a", why="a nozzle", by="ann"))
+        books, _ = run(books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann"))
     else:
         lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "ab"]
         books, _ = run(books, *lost)
@@ -92,9 +92,11 @@ def test_a_person_who_has_cleared_it_hears_of_the_next_one():
         ended_s=60.0, extruded=True, filament="unknown",
     )  # fmt: skip
     books, _ = run(books, failed)
-    assert books.printers["a"].look == CUT
+    assert books.printers["a"].attention_reason == CUT
     books, _ = run(books, ev.BedCleared(at_s=70.0, printer="a", by="ann", filament=None))
     entry = books.printers["a"]
-    assert (entry.look, entry.alarm) == (None, None) and list_due_notices(books, 70.0, 70.0, ()) == []
+    assert (entry.attention_reason, entry.alarm) == (None, None) and list_due_notices(
+        books, 70.0, 70.0, ()
+    ) == []
     books = heard(books, word(), 80.0)
-    assert books.printers["a"].look == FOUND
+    assert books.printers["a"].attention_reason == FOUND

@@ -4,7 +4,7 @@ from farm.model import HoldCode, PrintState, Verdict
 from farm.scheduling.situation_builder import own_holds
 from farm.state import events as ev
 from farm.state.books import Books, put
-from farm.state.plate_state import Standing
+from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
 from farm.views.notices import list_due_notices
@@ -28,12 +28,12 @@ def test_a_verdict_is_on_the_last_print_also_where_the_clock_was_set_back_before
             before = books
             books, _ = apply(event, books)
             store.commit(event, before, books)
-        assert books.to_judge("a").id == "y"
+        assert books.print_to_judge("a").id == "y"
         first = books.prints["x"].model_copy(update={"verdict_why": "as it should be"})
         store.commit(earlier[0], books, put(books, first))  # written last
-        assert store.load().to_judge("a").id == "y"
+        assert store.load().print_to_judge("a").id == "y"
     books, _ = run(books, ev.BedCleared(at_s=1600.0, printer="a", by="ann", verdict=Verdict.BAD))
-    assert books.standing(books.plates["1/02"]) is Standing.WAITING
+    assert books.plate_state(books.plates["1/02"]) is PlateState.WAITING
 
 
 def test_what_was_lost_before_the_clock_was_set_back_is_told_and_tried_again():

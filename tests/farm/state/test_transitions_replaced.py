@@ -8,7 +8,7 @@ from example_night import view_context_of
 from farm.model import Bed, Hold, HoldCode, JobState, PrintState, Verdict
 from farm.planning.plan import file_names
 from farm.state import events as ev
-from farm.state.plate_state import ATTEMPTS, Standing
+from farm.state.plate_state import ATTEMPTS, PlateState
 from farm.views.accounting import summarise_job
 from farm.views.jobs import describe_job
 from make_books import ended, printing, run
@@ -61,8 +61,8 @@ def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
         name = f"y{attempt}"
         events = (clear("b"), begun("1/02a", "b", name), ended(name, PrintState.FAILED, fault="mintemp"))
         books, _ = run(books, *events)
-    assert books.standing(books.plates["1/02a"]) is Standing.OUT_OF_ATTEMPTS
-    assert books.standing(books.plates["1/02b"]) is Standing.WAITING
+    assert books.plate_state(books.plates["1/02a"]) is PlateState.OUT_OF_ATTEMPTS
+    assert books.plate_state(books.plates["1/02b"]) is PlateState.WAITING
 
 
 def test_a_part_that_is_sliced_again_keeps_its_name_and_its_story():
@@ -117,7 +117,7 @@ def test_no_part_is_lost_and_none_is_printed_twice(taken):
             state = PrintState.DONE if what == "done" else PrintState.FAILED
             books, _ = run(books, ended(attempt.id, state, 200.0 + number, fault="mintemp"))
         elif what in ("clear", "bad") and attempt is None:
-            bad = what == "bad" and books.to_judge(printer) is not None
+            bad = what == "bad" and books.print_to_judge(printer) is not None
             books, _ = run(books, clear(printer, Verdict.BAD if bad else Verdict.GOOD))
     job = books.jobs[1]
     assert len(set(job.plates)) == len(job.plates)
@@ -133,7 +133,7 @@ def test_no_part_is_lost_and_none_is_printed_twice(taken):
         ]
         assert len(kept) <= 1
     if job.state in (JobState.PRINTED, JobState.DONE):
-        assert {books.standing(p) for p in books.plates_of(job)} <= {Standing.PRINTED, Standing.GOOD}
+        assert {books.plate_state(p) for p in books.plates_of(job)} <= {PlateState.PRINTED, PlateState.GOOD}
 
 
 def _share(books, part, whole):

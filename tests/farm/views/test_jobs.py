@@ -55,7 +55,7 @@ def test_no_printer_waited_for_longer_than_it_printed():
         given = ev.PlateAssigned(at_s=begun_s, plate="1/01", printer="a", print_id=name)
         done = ended(name, at_s=begun_s + 100.0, started_s=begun_s, starved_s=80.0)
         cleared = ev.BedCleared(at_s=begun_s + 150.0, printer="a", by="ann", filament=None)
-        again = ev.ReprintAsked(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
+        again = ev.ReprintRequested(at_s=begun_s + 160.0, plate="1/01", why="", by="ann")
         books, _ = run(books, given, done, cleared, again)
     assert view(books).starved_share == pytest.approx(0.8)
 

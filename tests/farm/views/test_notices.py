@@ -43,7 +43,9 @@ def test_a_printed_job_and_an_empty_queue_are_told_once():
 
 def test_what_failed_by_itself_is_told_and_what_a_person_ended_is_not():
     failed = ended("x", PrintState.FAILED, fault="heater_timeout", reason="it does not get warm")
-    books, _ = run(begun(), failed, ev.PrintFailAsked(at_s=5.0, print_id="y", why="it came off", by="ann"))
+    books, _ = run(
+        begun(), failed, ev.PrintFailRequested(at_s=5.0, print_id="y", why="it came off", by="ann")
+    )
     books, _ = run(books, ended("y", PrintState.CANCELLED))
     assert told(books) == ["1/p01 failed on a: it does not get warm"]
 

@@ -98,7 +98,7 @@ def test_who_says_so_is_told_where_it_is_printed_again_already_and_how_to_end_th
         "a: bed clear; part 1/p01 is good; b prints it again already: `farm cancel b` ends that\n"
     )
     assert ask("cancel", "b").exit_code == 0
-    assert farm.core.books.open_print_on("b").cancel_asked is not None
+    assert farm.core.books.open_print_on("b").cancel_reason is not None
     said(farm, "b", PrintState.CANCELLED, ended_s=farm.core.clock.now())
     assert farm.core.books.jobs[1].state is JobState.DONE
 
@@ -109,7 +109,7 @@ def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
     said(farm, "b", PrintState.HEATING, started_s=farm.core.clock.now())
     ask("cleared", "a", "--good", "1/p01")
     farm.core.abort_all()
-    assert farm.core.books.open_print_on("b").cancel_asked is not None
+    assert farm.core.books.open_print_on("b").cancel_reason is not None
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def test_it_begins_with_what_a_person_has_to_do_now():
 
 
 def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
-    doubt = ev.PrinterDoubted(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
+    doubt = ev.BedBecameUnknown(at_s=6.5 * 3600.0, printer="um2-03", reason="used at its LCD")
     books, _ = run(night_books(), doubt)
     lines = shown(status_of(books))
     assert lines[1].startswith(
@@ -42,7 +42,7 @@ def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
 
 
 def test_what_a_person_wrote_is_shown_as_it_was_written():
-    begun = ev.MaintenanceBegun(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
+    begun = ev.MaintenanceStarted(at_s=1.0, printer="um2-03", why="[/b] new [belt]", by="ann")
     books, _ = run(night_books(), begun)
     assert any(line.endswith("maintenance --done ([/b] new [belt])") for line in shown(status_of(books), 200))
 
@@ -68,7 +68,7 @@ def test_a_night_of_which_everything_was_cancelled_is_no_count_of_nothing():
 
 
 def test_a_printer_in_maintenance_says_why():
-    books, _ = run(night_books(), ev.MaintenanceBegun(at_s=300.0, printer="um2-01", why="belt", by="ann"))
+    books, _ = run(night_books(), ev.MaintenanceStarted(at_s=300.0, printer="um2-01", why="belt", by="ann"))
     (row,) = (line for line in shown(status_of(books)) if line.startswith("um2-01"))
     assert row.endswith("maintenance --done (belt)")
 

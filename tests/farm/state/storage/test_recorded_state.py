@@ -3,7 +3,7 @@
 from drivers.agent.journal import JOURNAL, Journal
 from drivers.messages import PrintPhase
 from farm.model import Bed, JobState, PrintState, Verdict
-from farm.state.plate_state import Standing
+from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
 from recorded_state import unpack_state
 
@@ -23,7 +23,7 @@ def test_the_books_of_the_first_release_open(tmp_path):
     (printing,) = books.open_prints()
     assert (printing.job, printing.printer, printing.state) == (2, "um2x-01", PrintState.PRINTING)
     (plate,) = books.plates_of(books.job(4))
-    assert books.standing(plate) is Standing.PRINTED
+    assert books.plate_state(plate) is PlateState.PRINTED
     assert round(plate.estimated_s / 60) == 18 and plate.kin == "ultimaker2_plus"
     (part,) = (books.parts[name] for name in plate.parts)
     assert part.volume_mm3 > 2000.0 and part.stands
