@@ -1,4 +1,4 @@
-"""Options that commands share: where the farm is, which printer, and in what form to answer."""
+"""Options and arguments that several commands share."""
 
 from __future__ import annotations
 
@@ -18,16 +18,27 @@ P = ParamSpec("P")
 State = Annotated[Path | None, typer.Option("--state", help="The state folder (FARM_STATE).")]
 Socket = Annotated[
     Path | None, typer.Option("--socket", help="The daemon's socket (FARM_SOCKET).", readable=False)
-]  # who may not use it is told so by whoever connects
+]  # not readable: a user without access to it gets the error of the connection
 FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout, and nothing else.")]
-Why = Annotated[str, typer.Option(help="What you saw; it goes into the history.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
+Why = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
 Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=completion.printers)]
 Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.jobs)]
 
 
 def placed(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
-    """A command that takes `--state`, `--socket` and `--fleet`, and gets the places that they name."""
+    """Give a command the options `--state`, `--socket` and `--fleet`.
+
+    Parameters
+    ----------
+    command
+        A command that takes the places named by these options as its first parameter.
+
+    Returns
+    -------
+    callable
+        The command for typer, with the three options after its own.
+    """
     own = inspect.signature(command, eval_str=True)
     options = [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
@@ -39,7 +50,27 @@ def placed(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]
     def run(*, state: Path | None, socket: Path | None, fleet: Path | None, **given: Any) -> None:
         command(find_places(state, socket, fleet), **given)  # type: ignore[call-arg]
 
-    seen: Any = run  # what typer reads
-    seen.__signature__ = own.replace(parameters=parameters)
-    seen.__annotations__ = {one.name: one.annotation for one in parameters} | {"return": None}
+    shown: Any = run  # typer reads its signature
+    shown.__signature__ = own.replace(parameters=parameters)
+    shown.__annotations__ = {one.name: one.annotation for one in parameters} | {"return": None}
     return run  # type: ignore[return-value]
+
+
+def parse_printer_count(text: str) -> int | None:
+    """Parse `--printers`.
+
+    Returns
+    -------
+    int or None
+        The number of printers; None for ``auto``.
+
+    Raises
+    ------
+    typer.BadParameter
+        It is neither.
+    """
+    if text == "auto":
+        return None
+    if not text.isdigit() or int(text) < 1:
+        raise typer.BadParameter("must be a whole number of at least 1, or auto", param_hint="--printers")
+    return int(text)

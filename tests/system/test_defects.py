@@ -140,7 +140,7 @@ def test_a_port_that_is_not_there(make_farm, tmp_path):
     farm.fleet.write_text(farm.fleet.read_text().replace("time_scale: 150", "time_scale: 1"))
     result = farm.run("up")
     assert result.returncode == 0, result.stderr
-    assert "one: port" in one_line(result.stderr)
+    assert "one: there is no port" in one_line(result.stderr)
     wait_for("the agent's word", lambda: farm.printer("one")["state"] == "absent")
     assert farm.status()["todo"][0]["code"] == "connect"
 

@@ -55,7 +55,7 @@ def test_from_a_model_to_its_last_part(farm, bar):
     todo = farm.status()["todo"]
     assert [item["code"] for item in todo] == ["clear"]
     text = farm.ok("status")
-    assert "take off 2: one two" in text and "printed 2/2" in text
+    assert "clear 2 beds: one two" in text and "printed 2/2" in text
     farm.ok("cleared", "all")
     assert farm.status()["todo"] == []
     # Nothing prints: the farm goes down when it is told to, and the simulated printers with it.

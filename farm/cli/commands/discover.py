@@ -1,8 +1,7 @@
-"""`farm discover`: what is plugged in, and whether the farm can stop it."""
+"""`farm discover`: serial ports, and a test whether the farm can stop the printer on one."""
 
 from __future__ import annotations
 
-import json as jsonlib
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ from drivers.errors import DriverError
 from drivers.locks import AGENT_LOCK, held
 from drivers.ports.port import NET
 from drivers.printers.profiles import PROFILES
+from farm.cli.display.console import print_json
 from farm.cli.options import Json, placed
 from farm.config import PrinterSection, load_fleet
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
@@ -25,17 +25,17 @@ def discover(
     places: Places,
     commission: Annotated[
         str | None,
-        typer.Option(help="A printer of the fleet, or a port: reset its board and see it start again."),
+        typer.Option(help="Test the reset of this printer or port: its board has to restart."),
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="It is idle: do not ask.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="The printer is idle: do not ask.")] = False,
     json: Json = False,
 ) -> None:
-    """List the serial ports that are plugged in, and which printer each is; opens none of them."""
+    """List the plugged-in serial ports and their printers, without opening any of them."""
     sections = _printers(places)
     if commission is not None:
         _commission(places, sections, commission, yes)
         return
-    from drivers.discovery import plugged  # slow to load, and an emergency stop does without it
+    from drivers.discovery import plugged  # slow to load
 
     rows = plugged((section.name, section.port) for section in sections if section.host is None)
     if json:
@@ -43,31 +43,31 @@ def discover(
             {"port": str(row.port), "device": str(row.device), "what": row.what, "printer": row.printer}
             for row in rows
         ]
-        print(jsonlib.dumps({"schema": 1, "ports": ports}, indent=2))
+        print_json({"schema": 1, "ports": ports})
         return
     if not rows:
-        print("no serial port is plugged in; is the printer's cable in, and the printer switched on?")
+        print("no serial port found: check the USB cable, and that the printer is switched on")
     for row in rows:
         print(f"{row.port}  {row.what}  {row.printer or 'not in fleet.yaml'}")
     new = [row for row in rows if row.printer is None]
     if new:
-        print(f"\nfor the printers among them, under `printers` in {places.fleet}:")
+        print(f"\nlines for the new printers, to go under `printers` in {places.fleet}:")
     taken = {section.name for section in sections}
     for row in new:
         print(_line(_name(taken), _MODEL, str(row.port)))
     if new:
-        print("then `farm discover --commission PORT` says its model, and whether it can be stopped")
+        print("then `farm discover --commission PORT` tests the emergency stop and names the model")
 
 
 def _printers(places: Places) -> tuple[PrinterSection, ...]:
-    """The fleet's; none where there is no fleet file yet."""
+    """List the printers of the fleet file; none where there is no file yet."""
     if not places.fleet.exists():
         return ()
     return load_fleet(places.fleet, frozenset(PROFILES)).printers
 
 
 def _same_port(wanted: str, section: PrinterSection) -> bool:
-    """Whether that is this host's port of a printer, by any of its names."""
+    """Whether a path is the port of a printer on this host, by any of its names."""
     if section.host is not None:
         return False
     same = wanted.startswith("/") and Path(wanted).resolve() == Path(section.port).resolve()
@@ -75,7 +75,7 @@ def _same_port(wanted: str, section: PrinterSection) -> bool:
 
 
 def _name(taken: set[str]) -> str:
-    """A name that no printer has."""
+    """Make up a name that no printer has."""
     name = next(name for number in range(1, 1000) if (name := f"um2-{number:02}") not in taken)
     taken.add(name)
     return name
@@ -86,34 +86,39 @@ def _line(name: str, model: str, port: str) -> str:
 
 
 def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: str, yes: bool) -> None:
-    """Reset the board of an idle printer, by its agent where that is running."""
-    from drivers import discovery as drv
+    """Reset the board of an idle printer and see it restart, through its agent where one is running."""
+    from drivers.discovery import commission, commission_by_agent
 
     section = next((one for one in sections if wanted == one.name or _same_port(wanted, one)), None)
     if section is None and not wanted.startswith(("/", NET)):
         names = " ".join(one.name for one in sections)
-        raise NoSuchThing(f"there is no printer {wanted}; the fleet has {names or 'none'}; or name a port")
+        raise NoSuchThing(
+            f"there is no printer {wanted}; the fleet has {names or 'none'}; or give a port like /dev/ttyUSB0"
+        )
     if section is not None and section.host is not None:
         raise Refused(
-            f"{section.name}: is on {section.host}: `farm cleared {section.name}` tries its reset there"
+            f"{section.name} is on {section.host}: `farm cleared {section.name}` tests its reset there"
         )
     if section is not None and section.simulated:
-        print(f"{section.name}: is simulated: nothing to see to")
+        print(f"{section.name} is simulated: nothing to test")
         return
     if not yes:
-        print(f"This resets the board of {wanted}, which ends what it prints from its card.")
-        typer.confirm("Is it idle, and its bed as you want it?", abort=True)
+        print(f"This resets the board of {wanted}, which ends a print from its SD card.")
+        typer.confirm("Is the printer idle?", abort=True)
     try:
         if section is not None and held(places.state.agent(section.name) / AGENT_LOCK):
-            drv.commission_by_agent(places.state.agent(section.name))
-            print(f"{section.name}: its board starts again when DTR is pulsed: it can be stopped")
+            commission_by_agent(places.state.agent(section.name))
+            print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return
         folder = places.state.agent(section.name) if section is not None else None
-        model = drv.commission(section.port if section is not None else wanted, folder)
+        model = commission(section.port if section is not None else wanted, folder)
     except DriverError as error:
         raise Refused(str(error)) from error
-    print(f"{wanted}: its board starts again when DTR is pulsed: it can be stopped; it is an {model}")
+    print(f"{wanted}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
     if section is None:
         print(_line(_name({one.name for one in sections}), model, wanted))
     elif section.model != model:
-        raise FarmError(f"{section.name}: fleet.yaml says {section.model}: change it", ErrorCode.FLEET_FILE)
+        raise FarmError(
+            f"{section.name} is an {model}, but fleet.yaml says {section.model}: change it there",
+            ErrorCode.FLEET_FILE,
+        )

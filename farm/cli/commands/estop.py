@@ -1,8 +1,7 @@
-"""`farm estop`: it needs neither the daemon nor an agent, for both may hang."""
+"""`farm estop`: the emergency stop. It needs neither the daemon nor an agent, as both may hang."""
 
 from __future__ import annotations
 
-import json as jsonlib
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -18,6 +17,7 @@ from drivers.printers.profiles import PROFILES
 from farm.cli import completion
 from farm.cli.client import estop_socket
 from farm.cli.client.estop_socket import Said, Say
+from farm.cli.display.console import print_json
 from farm.cli.options import Json, placed
 from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
@@ -25,9 +25,9 @@ from farm.paths import Places
 from farm.text import one_line
 
 if TYPE_CHECKING:
-    from drivers.safety import estop as drv
+    from drivers.safety.estop import Stopped, Target, Tell
 
-    Stop = Callable[[drv.Tell], drv.Stopped]
+    Stop = Callable[[Tell], Stopped]
 
 
 @placed
@@ -35,12 +35,12 @@ def estop(
     places: Places,
     printers: Annotated[
         list[str] | None,
-        typer.Argument(help="The printers to stop; all where none.", autocompletion=completion.printers),
+        typer.Argument(help="The printers to stop; none: all.", autocompletion=completion.printers),
     ] = None,
     asked: Annotated[bool, typer.Option("--asked", hidden=True)] = False,
     json: Json = False,
 ) -> None:
-    """Stop printers at once by resetting their boards, even where daemon and agents hang."""
+    """Stop printers at once by resetting their boards, even if the daemon and the agents hang."""
     if asked:
         estop_socket.answer(sys.stdin, sys.stdout, partial(stop_all, places))
         return
@@ -61,7 +61,7 @@ def estop(
     finally:
         if json:
             rows = [said.model_dump() for said in sorted(ended, key=lambda said: said.printer)]
-            print(jsonlib.dumps({"schema": 1, "printers": rows}, indent=2))
+            print_json({"schema": 1, "printers": rows})
 
 
 def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
@@ -82,9 +82,9 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
     wanted = {name: targets[name] for name in names or targets if name in targets}
     say = one_at_a_time(say)
     hot, moving = [], []
-    with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as hands:
+    with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as pool:
         tells = {name: partial(_go_on, say, name) for name in wanted}
-        for done in as_completed([hands.submit(stop, tells[name]) for name, stop in wanted.items()]):
+        for done in as_completed([pool.submit(stop, tells[name]) for name, stop in wanted.items()]):
             result = done.result()
             after_s = None if result.cut_s is None else round(result.cut_s - began_s, 3)
             say(
@@ -104,9 +104,13 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
     if unknown:
         raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the farm has {' '.join(targets)}")
     if hot:
-        raise FarmError(f"not seen off: {' '.join(sorted(hot))}: switch them off by hand")
+        raise FarmError(
+            f"heaters not confirmed off: {' '.join(sorted(hot))}: switch these printers off by hand"
+        )
     if moving:
-        raise FarmError(f"not seen to stand still: {' '.join(sorted(moving))}: look whether they move")
+        raise FarmError(
+            f"standstill not confirmed: {' '.join(sorted(moving))}: check whether these printers still move"
+        )
 
 
 def print_line(said: Said) -> None:
@@ -128,10 +132,10 @@ def one_at_a_time(say: Say) -> Say:
 
 def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
     """How to stop every printer of the state folder and of `fleet.yaml`; a bad file hides no agent's."""
-    from drivers.safety import estop as drv  # slow to load, and every other command does without
+    from drivers.safety.estop import Target, known  # slow to load
 
-    known = drv.known(places.state.root / "agents")
-    targets: dict[str, Stop] = {name: _here(target) for name, target in known.items()}
+    agents = known(places.state.root / "agents")
+    targets: dict[str, Stop] = {name: _here(target) for name, target in agents.items()}
     try:
         fleet = load_fleet(places.fleet, frozenset(PROFILES))
     except FleetFileError as error:
@@ -143,21 +147,21 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
             way = (section.host, section.host_command, fleet.fleet.name)
             targets[name] = _there(*way, start)
         elif section.enabled and name not in targets:
-            target = drv.Target(name, section.port, places.state.agent(name), relay)
+            target = Target(name, section.port, places.state.agent(name), relay)
             targets[name] = _here(target)
     return targets, None
 
 
-def _here(target: drv.Target) -> Stop:
-    from drivers.safety import estop as drv
+def _here(target: Target) -> Stop:
+    from drivers.safety.estop import stop
 
-    return lambda tell: drv.stop(target, tell=tell)
+    return lambda tell: stop(target, tell=tell)
 
 
 def _there(host: str, command: str, farm: str, start: Start) -> Stop:
-    from drivers.remote import bridge  # slow to load, and most printers are on this host
+    from drivers.remote.bridge import stop_there  # slow to load, and most printers are on this host
 
-    return lambda _: bridge.stop_there(host, command, farm, start)
+    return lambda _: stop_there(host, command, farm, start)
 
 
 def _go_on(say: Say, printer: str, text: str) -> None:

@@ -1,4 +1,4 @@
-"""`farm pause` and `farm resume`: prints that wait for a person."""
+"""`farm pause` and `farm resume`: prints, jobs and parts that wait for a person."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import typer
 
 from farm.cli import completion
 from farm.cli.client.daemon_client import Client
-from farm.cli.commands.operate import place_of
+from farm.cli.commands.operate import target_path
 from farm.cli.options import placed
 from farm.paths import Places
 
@@ -18,38 +18,41 @@ Targets = Annotated[
 
 Again = Annotated[
     list[str] | None,
-    typer.Argument(help="Printers, jobs or parts; none after an outage.", autocompletion=completion.targets),
+    typer.Argument(
+        help="Printers, jobs or parts; none: the whole farm after an outage.",
+        autocompletion=completion.targets,
+    ),
 ]
 
 
 @placed
 def pause(places: Places, targets: Targets) -> None:
-    """Let prints wait: filament parked, head aside, nozzle off, bed warm; at most two hours.
+    """Pause prints: filament retracted, head aside, nozzle off, bed warm; at most two hours.
 
-    A part that waits for a printer, and what waits of a job, is kept from every printer.
+    Paused parts that wait for a printer, and the waiting parts of a paused job, do not start.
     """
     client = Client(places.socket)
     for target in targets:
-        place = place_of(target)
+        place = target_path(target)
         printer = client.tell(f"{place}/pause")
-        what = "pausing, and nothing more of it starts" if target.isdigit() else "pausing"
+        what = "pausing; none of its waiting parts starts" if target.isdigit() else "pausing"
         if "/parts/" in place:
-            what = f"pausing on {printer}" if printer else "goes to no printer"
-        print(f"{_named(target)}: {what}; `farm resume {target}` lets it go on")
+            what = f"pausing on {printer}" if printer else "will not start"
+        print(f"{_named(target)}: {what}; continue with `farm resume {target}`")
 
 
 @placed
 def resume(places: Places, targets: Again = None) -> None:
-    """Let paused prints go on (the nozzle is heated first); without a name, the farm after an outage."""
+    """Resume paused prints (the nozzle heats up first), or without a name the farm after an outage."""
     client = Client(places.socket)
     if not targets:
         lost = client.tell("/outage/confirm")
-        print(f"the farm goes on; {lost} were lost: `farm cleared PRINTER` for each, once looked at")
+        print(f"the farm goes on; inspect the lost printers ({lost}), then `farm cleared PRINTER` for each")
     for target in targets or ():
-        client.tell(f"{place_of(target)}/resume")
-        print(f"{_named(target)}: goes on")
+        client.tell(f"{target_path(target)}/resume")
+        print(f"{_named(target)}: resumed")
     for item in client.status().todo:
-        if item.code == "hours":  # it goes on, but not to its end
+        if item.code == "hours":  # resumed, but it will not reach its end
             print(item.text)
 
 

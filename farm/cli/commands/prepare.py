@@ -1,4 +1,4 @@
-"""What is settled before a night: `farm load` (reels) and `farm approve` (plans)."""
+"""Preparations for a print: `farm load` (filament) and `farm approve` (plans)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import typer
 
 from farm.api import ApproveRequest, LoadRequest
 from farm.cli.client.daemon_client import Client
-from farm.cli.display import night_timeline
+from farm.cli.display.night_timeline import show_night
 from farm.cli.options import Job, Printer, placed
 from farm.errors import Refused
 from farm.paths import Places
@@ -18,17 +18,17 @@ from farm.paths import Places
 def load(
     places: Places,
     printer: Printer,
-    material: Annotated[str | None, typer.Option(help="The new reel's, by Cura's name.")] = None,
-    colour: Annotated[str | None, typer.Option(help="The new reel's.")] = None,
-    grams: Annotated[float | None, typer.Option(help="What is on it.", min=0)] = None,
-    nozzle: Annotated[float | None, typer.Option(help="The nozzle that is on now, mm.", min=0.1)] = None,
+    material: Annotated[str | None, typer.Option(help="Material of the new reel, by Cura's name.")] = None,
+    colour: Annotated[str | None, typer.Option(help="Colour of the new reel.")] = None,
+    grams: Annotated[float | None, typer.Option(help="Filament on the new reel, g.", min=0)] = None,
+    nozzle: Annotated[float | None, typer.Option(help="Size of the mounted nozzle, mm.", min=0.1)] = None,
 ) -> None:
-    """Say what is on a printer: each print takes its grams off, and none starts on too little."""
+    """Record a new reel or nozzle. Prints are deducted from the reel; none starts with too little left."""
     if material is None and colour is None and grams is None and nozzle is None:
-        raise typer.BadParameter("say what is on it: --material, --colour, --grams, --nozzle")
+        raise typer.BadParameter("give at least one of --material, --colour, --grams and --nozzle")
     request = LoadRequest(material=material, colour=colour, grams=grams, nozzle_mm=nozzle)
     reel = Client(places.socket).load(printer, request)
-    amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", grams not known"
+    amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", amount not known"
     colours = f" {reel.colour}" if reel.colour else ""
     print(f"{printer}: {reel.material}{colours}{amount}, nozzle {reel.nozzle_mm:g} mm")
 
@@ -37,14 +37,14 @@ def load(
 def approve(
     places: Places,
     job: Job,
-    plan: Annotated[str | None, typer.Option(help="Only if this is its plan (`farm status JOB`).")] = None,
+    plan: Annotated[str | None, typer.Option(help="Approve only this plan (see `farm status JOB`).")] = None,
 ) -> None:
-    """Let a held job print exactly as it was planned."""
+    """Release a held job, to print exactly as planned."""
     client = Client(places.socket)
     held = client.job(job).job
     if not held.plates:
         raise Refused(f"job {job} has no plan yet: it is {held.state}")
-    seen = client.night(job)
+    timeline = client.night(job)
     client.approve(job, ApproveRequest(plan=plan or held.plan or ""))
-    night_timeline.show(seen)
-    print(f"job {job} is approved: plan {held.plan or 'of an older farm'}")
+    show_night(timeline)
+    print(f"job {job} is approved: plan {held.plan or 'without a number'}")

@@ -1,22 +1,49 @@
-"""Consoles and tables for people: what they, and printers, have written is text there and never markup."""
+"""Consoles, tables and colours of everything that the CLI prints.
+
+What people and printers have written is printed as text, never as markup.
+"""
 
 from __future__ import annotations
 
+import json
 import sys
+from typing import Any
 
+from pydantic import BaseModel
 from rich.console import Console
 from rich.table import Table
 
+HEADING = "bold"
+URGENT = "bold red"
+ERROR = "red"
+WARNING = "yellow"
+NOTE = "dim"
 
-def console(stderr: bool = False) -> Console:
-    """As wide as the terminal; into a file or a pipe as wide as it takes."""
-    wide = None if (sys.stderr if stderr else sys.stdout).isatty() else 200
-    return Console(stderr=stderr, highlight=False, markup=False, soft_wrap=True, width=wide)
+_PIPE_WIDTH = 200
 
 
-def table(*headings: str) -> Table:
-    """Columns without lines between them."""
-    columns = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+def open_console(stderr: bool = False) -> Console:
+    """Open a console as wide as the terminal, or `_PIPE_WIDTH` columns for a file or a pipe."""
+    width = None if (sys.stderr if stderr else sys.stdout).isatty() else _PIPE_WIDTH
+    return Console(stderr=stderr, highlight=False, markup=False, soft_wrap=True, width=width)
+
+
+def make_table(*headings: str) -> Table:
+    """Make a table without lines between its columns."""
+    columns = Table(box=None, pad_edge=False, header_style=HEADING, padding=(0, 2, 0, 0))
     for heading in headings:
         columns.add_column(heading, no_wrap=True)
     return columns
+
+
+def print_json(answer: BaseModel | dict[str, Any]) -> None:
+    """Print one JSON object on stdout."""
+    if isinstance(answer, BaseModel):
+        print(answer.model_dump_json(by_alias=True, indent=2))
+    else:
+        print(json.dumps(answer, indent=2))
+
+
+def print_notice(line: str) -> None:
+    """Print one line for a person on stderr."""
+    print(f"farm: {line}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""What `farm decompose` says: at most six lines."""
+"""The summary that `farm decompose` prints: at most six lines."""
 
 from __future__ import annotations
 
@@ -8,35 +8,48 @@ from typing import Any
 from farm.text import count, span
 
 
-def decomposition_lines(report: dict[str, Any], printers: int, out: Path) -> list[str]:
-    """The lines for a person, from the report as `--json` gives it.
+def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) -> list[str]:
+    """Summarise a decomposition.
 
-    E is how well the printers are used: the time of the model as it stands, over printers times makespan.
+    Parameters
+    ----------
+    report
+        The report, as `--json` prints it.
+    printers
+        The number of printers that it was made for.
+    out
+        The folder with its files.
+
+    Returns
+    -------
+    list of str
+        At most six lines. The efficiency E in the first is the paper's: the time of the uncut model over
+        printers times makespan.
     """
     parts, makespan_s = report["parts"], report["makespan_s"]
     used = report["serial_as_is_s"] / (printers * makespan_s)
-    alone = span(report["serial_s"])
+    single = span(report["serial_s"])
     lines = [" ".join(report["repairs"])] if report["repairs"] else []
     lines.append(
         f"{count(len(parts), 'part')}: {span(makespan_s)} on {count(printers, 'printer')}, "
-        f"{alone} on one large one; E {used:.2f}"
+        f"{single} on a single large one; efficiency E {used:.2f}"
     )
-    least = f"at most {report['gap']:.0%} above the least that is possible"
-    askew = f", turned by {report['yaw_deg']:.0f} degrees about z" if report["yaw_deg"] else ""
-    along = ", by cuts along its grid" if report["cells"] else ""
-    lines.append(f"By {report['engine']}{askew}: {least}{along}")
+    gap = f"at most {report['gap']:.0%} above the lower bound"
+    askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
+    along = " for cuts along its grid" if report["cells"] else ""
+    lines.append(f"By {report['engine']}{askew}: {gap}{along}")
     glued = [joint for joint in report["joints"] if joint["glued"]]
     if glued:
         small = min(glued, key=lambda joint: float(joint["area_mm2"]))
         lines.append(
             f"{count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
-            f"{small['area_mm2']:.0f} mm2 of glue and is {small['width_mm']:.1f} mm wide"
+            f"{small['area_mm2']:.0f} mm2 of glue area and is {small['width_mm']:.1f} mm wide"
         )
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
-    warnings += [f"{part['id']} may not stand while it is printed" for part in parts if not part["stands"]]
+    warnings += [f"{part['id']} may fall over while it is printed" for part in parts if not part["stands"]]
     if warnings:
         more = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
-        lines.append(f"Look at: {'; '.join(warnings[:3])}{more}")
+        lines.append(f"Check: {'; '.join(warnings[:3])}{more}")
     ends = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
     lines.append(f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json")
     return lines

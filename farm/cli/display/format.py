@@ -1,47 +1,48 @@
-"""Moments and amounts as a person reads them."""
+"""Times and amounts as people read them."""
 
 from __future__ import annotations
 
-import sys
 from datetime import datetime
 
 from farm.model import PlanProgress, PlanStep
 from farm.text import count
 
 
-def say(line: str) -> None:
-    """One line for a person, on stderr."""
-    print(f"farm: {line}", file=sys.stderr)
-
-
-def off_plan(share: float) -> str:
-    """How much longer or shorter than planned."""
+def format_deviation(share: float) -> str:
+    """Format how much longer (+) or shorter (-) than planned something took, in percent."""
     return f"{round(100 * share):+d} %"
 
 
-def filament(grams: float, length_mm: float, price: float | None = None, currency: str | None = None) -> str:
-    """How much filament, and what it costs where that is known."""
+def format_share(share: float) -> str:
+    """Format a share of 1 in percent."""
+    return f"{100 * share:.0f} %"
+
+
+def format_filament(
+    grams: float, length_mm: float, price: float | None = None, currency: str | None = None
+) -> str:
+    """Format an amount of filament, with its price where that is known."""
     parts = [f"{_short(grams)} g", f"{_short(length_mm / 1000)} m"]
     if price is not None:
         parts.append(f"{price:.2f} {currency}" if currency else f"price {price:.2f}")
     return ", ".join(parts)
 
 
-def planning(progress: PlanProgress) -> str:
-    """Where the planning of a job is."""
+def format_planning(progress: PlanProgress) -> str:
+    """Say which step the planning of a job has reached."""
     if progress.step is PlanStep.DECOMPOSING:
         return "decomposing"
     if progress.step is PlanStep.LEVELLING:
-        return "levelling what was sliced"
+        return "balancing the parts by their sliced times"
     if progress.step is PlanStep.NO_ROOM:
-        return "waiting for room on the disk"
+        return "waiting for space on the disk"
     return f"slicing {progress.done} of {progress.of}" + (
-        f" ({from_cache(progress.cached)})" if progress.cached else ""
+        f" ({format_cached(progress.cached)})" if progress.cached else ""
     )
 
 
-def from_cache(plates: int) -> str:
-    """That the engine did not run for these plates."""
+def format_cached(plates: int) -> str:
+    """Say how many plates were taken from the cache instead of being sliced."""
     return f"{count(plates, 'plate')} from the cache"
 
 
@@ -50,6 +51,6 @@ def _short(amount: float) -> str:
     return f"{amount:.{decimals}f}"
 
 
-def moment(iso: str | None) -> str:
-    """The time of day, with the weekday."""
+def format_time(iso: str | None) -> str:
+    """Format a time of day with its weekday; a dash where there is none."""
     return "-" if iso is None else datetime.fromisoformat(iso).strftime("%a %H:%M")

@@ -1,4 +1,4 @@
-"""The night of a job as text: a table, and a line of time for each printer."""
+"""The timeline of a planned job as text: a table, and a bar chart with a row for each printer."""
 
 from __future__ import annotations
 
@@ -8,48 +8,49 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import console, table
-from farm.cli.display.format import moment
+from farm.cli.display.console import ERROR, make_table, open_console
+from farm.cli.display.format import format_time
 from farm.text import count, span
 
-_WIDTH = 64  # characters of the line of time
+_WIDTH = 64  # characters of a row of the chart
 
 
-def show(view: api.Night) -> None:
-    console().print(night(view))
+def show_night(view: api.Night) -> None:
+    """Print the timeline of a job."""
+    open_console().print(render_night(view))
 
 
-def night(view: api.Night) -> RenderableType:
-    """Parts, printers, times, grams and price; then who prints when."""
-    times = table("PARTS", "PRINTER", "STARTS", "ENDS", "TAKES", "GRAMS", "PRICE")
+def render_night(view: api.Night) -> RenderableType:
+    """Lay out the times, grams and prices of the plates, and the bar chart."""
+    times = make_table("PARTS", "PRINTER", "STARTS", "ENDS", "DURATION", "GRAMS", "PRICE")
     for slot in view.slots:
-        takes_s = (_at(slot.ends) - _at(slot.starts)).total_seconds()
+        duration_s = (_at(slot.ends) - _at(slot.starts)).total_seconds()
         times.add_row(
             " ".join(slot.parts),
             slot.printer,
-            moment(slot.starts),
-            moment(slot.ends),
-            span(takes_s),
+            format_time(slot.starts),
+            format_time(slot.ends),
+            span(duration_s),
             f"{slot.grams:.0f}",
             _money(slot.price, view.currency),
         )
     price = f", {_money(view.price, view.currency)}" if view.price is not None else ""
     rows: list[RenderableType] = [*map(Text, view.notices), times, Text()]
-    rows += [Text(line) for line in gantt(view.slots)]
+    rows += [Text(line) for line in draw_gantt(view.slots)]
     rows.append(Text())
     rows.append(
         Text(
-            f"{count(len(view.slots), 'plate')}, {span(view.makespan_s)} (no order of them takes less than "
+            f"{count(len(view.slots), 'plate')}, {span(view.makespan_s)} (lower bound "
             f"{span(view.lower_bound_s)}), {view.grams:.0f} g{price}"
         )
     )
     if view.left:
-        rows.append(Text(f"no printer can take: {' '.join(view.left)}", style="red"))
+        rows.append(Text(f"no printer can print: {' '.join(view.left)}", style=ERROR))
     return Group(*rows)
 
 
-def gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
-    """A line for each printer: a bar for each plate with its number in it, and a scale of time below."""
+def draw_gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
+    """Draw a row for each printer with a bar for each plate, and a time axis below."""
     if not slots:
         return []
     begin = min(_at(slot.starts) for slot in slots)
@@ -60,8 +61,8 @@ def gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
         cells = [" "] * width
         for slot in (one for one in slots if one.printer == printer):
             first, last = (
-                round((_at(moment) - begin).total_seconds() / whole_s * width)
-                for moment in (slot.starts, slot.ends)
+                round((_at(iso) - begin).total_seconds() / whole_s * width)
+                for iso in (slot.starts, slot.ends)
             )
             first = min(first, width - 1)
             bar = slot.plate.rpartition("/")[2].center(max(1, last - first), "-")
@@ -69,8 +70,8 @@ def gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
                 bar = f"[{bar[1:-1]}]"
             cells[first : first + len(bar)] = bar[: max(1, last - first)]
         lines.append(f"{printer:<{name_width}}  {''.join(cells).rstrip()}")
-    ends = moment(max(slots, key=lambda slot: _at(slot.ends)).ends)
-    starts = moment(begin.isoformat())
+    ends = format_time(max(slots, key=lambda slot: _at(slot.ends)).ends)
+    starts = format_time(begin.isoformat())
     lines.append(f"{'':<{name_width}}  {starts}{ends:>{width - len(starts)}}")
     return lines
 

@@ -1,4 +1,4 @@
-"""Following a job to its end: a progress bar on a terminal, plain lines elsewhere."""
+"""Progress of a job up to its end: a progress bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from farm import api
 from farm.cli.client.daemon_client import Client
-from farm.cli.display.console import console
-from farm.cli.display.format import filament, from_cache, planning
+from farm.cli.display.console import open_console
+from farm.cli.display.format import format_cached, format_filament, format_planning
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanStep, PrintState
 from farm.text import count, span
 
 T = TypeVar("T")
-_PATIENCE_S = 60.0  # a daemon that is being restarted comes back within this
-_EVERY_S = 0.5
+_RESTART_S = 60.0  # within which a restarted daemon answers again
+_POLL_S = 0.5
 
 
-def patiently(ask: Callable[[], T]) -> T:
-    """Ask the daemon, over a restart of it.
+def retry_over_restart(ask: Callable[[], T]) -> T:
+    """Ask the daemon again and again while it is restarted.
 
     Raises
     ------
     DaemonUnreachable
-        When it has been away for a minute.
+        It has not answered for a minute.
     """
     give_up: float | None = None
     while True:
@@ -37,53 +37,56 @@ def patiently(ask: Callable[[], T]) -> T:
             return ask()
         except DaemonUnreachable:
             now = time.monotonic()
-            give_up = give_up or now + _PATIENCE_S
+            give_up = give_up or now + _RESTART_S
             if now > give_up:
                 raise
-            time.sleep(_EVERY_S)
+            time.sleep(_POLL_S)
 
 
-def job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
-    """Follow a job until its last part is printed, or until it ends otherwise. Ctrl-C leaves it running."""
-    screen = console(stderr=True)
-    lines = Lines(screen, quiet)
+def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatus:
+    """Show a job's progress until its last part is printed, or it fails. Ctrl-C leaves the job running."""
+    screen = open_console(stderr=True)
+    lines = ProgressLines(screen, quiet)
     columns = (TextColumn("{task.description}"), BarColumn(40), TextColumn("{task.fields[text]}"))
     with Progress(*columns, console=screen, disable=quiet or not sys.stderr.isatty()) as bar:
         task = bar.add_task(f"job {number}", total=1.0, text="")
         while True:
-            answer = patiently(lambda: client.job(number))
+            answer = retry_over_restart(lambda: client.job(number))
             view = answer.job
-            lines.tell(view)
+            lines.update(view)
             share, text = _progress(view)
             bar.update(task, completed=share, text=text)
             if JobState(view.state).ended:
                 return answer
-            time.sleep(_EVERY_S)
+            time.sleep(_POLL_S)
 
 
-class Lines:
-    """Says each thing once, when it becomes true."""
+class ProgressLines:
+    """Lines on a job's progress, each printed once."""
 
     def __init__(self, screen: Console, quiet: bool) -> None:
         self._screen = screen
         self._quiet = quiet
         self._said: set[str] = set()
 
-    def tell(self, view: api.JobView) -> None:
+    def update(self, view: api.JobView) -> None:
+        """Print what has become true since the last call."""
         if view.waits_for_person:
             holds = [view.hold, *(plate.hold for plate in view.plates)]
             for text in sorted({hold.text for hold in holds if hold is not None}):
-                self._say(f"waits for a person: {text}", loud=True)
+                self._say(f"waits for you: {text}", loud=True)
         elif view.hold is not None and view.state == JobState.QUEUED:
             self._say(f"waits: {view.hold.text}")
         if view.progress is not None:
             slicing = view.progress.step is PlanStep.SLICING
-            self._say(f"slicing {count(view.progress.of, 'plate')}" if slicing else planning(view.progress))
+            self._say(
+                f"slicing {count(view.progress.of, 'plate')}" if slicing else format_planning(view.progress)
+            )
         if view.estimated_s is not None:
-            amount = filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
+            amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
             parts = count(len(view.parts), "part")
             cached = sum(plate.cached for plate in view.plates)
-            sliced = f"; {from_cache(cached)}" if cached else ""
+            sliced = f"; {format_cached(cached)}" if cached else ""
             self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}{sliced}")
         if view.printed:
             self._say(f"printed {view.printed} of {len(view.plates)} parts")
@@ -99,7 +102,7 @@ class Lines:
 
 def _progress(view: api.JobView) -> tuple[float, str]:
     if view.progress is not None:
-        return view.progress.done / (view.progress.of or 1), planning(view.progress)
+        return view.progress.done / (view.progress.of or 1), format_planning(view.progress)
     if view.state != JobState.PRINTING or not view.estimated_s:
         return (1.0 if view.state in (JobState.PRINTED, JobState.DONE) else 0.0), str(view.state)
     share = min(1.0, (view.elapsed_s or 0.0) / view.estimated_s)

@@ -1,4 +1,4 @@
-"""What `farm status` shows: what a person has to do now, the night, the jobs, the printers."""
+"""The status page: what a person has to do now, the last night, the jobs, the printers."""
 
 from __future__ import annotations
 
@@ -11,28 +11,31 @@ from rich.table import Table
 from rich.text import Text
 
 from farm import api
-from farm.cli.display.console import table
-from farm.cli.display.format import moment, off_plan, planning
+from farm.cli.display.console import ERROR, HEADING, NOTE, URGENT, make_table
+from farm.cli.display.format import format_deviation, format_planning, format_share, format_time
 from farm.model import Bed, HoldCode, JobState, Link, PrintState
 from farm.text import count, mass, span
 
-_INDENT = 9  # of what stands after DO NOW, NIGHT and JOB
-_APART = "     "  # between two things to do on one line
-_LABELS = {
-    "look": "look at",
-    "replace": "replace",
+_INDENT = 9  # columns of DO NOW, NIGHT and JOB
+_TASK_GAP = "     "  # between two tasks on one line
+_TASK_LABELS = {
+    "look": "inspect",
+    "replace": "replace agent",
     "connect": "connect",
-    "reel": "reels",
+    "reel": "filament",
     "approve": "approve",
 }
-_HEADINGS = ("PRINTER", "STATE", "PART", "ENDED", "VS PLAN", "FACTOR", "REEL", "NOZZLE", "BED", "NEEDS")
-_NAME_WIDTH = 32
-_THIS_NIGHT = timedelta(hours=20)
+_HEADINGS = ("PRINTER", "STATE", "PART", "ENDS", "VS PLAN", "FACTOR", "REEL", "NOZZLE", "BED", "ACTION")
+_STATES = {"look": "inspect"}
+"""Where the table uses another word than `state` in `--json`."""
+_NAME_WIDTH = 32  # columns of a model's name
+_SAME_NIGHT = timedelta(hours=20)
+"""A time that is not further back needs no weekday."""
 
 
-def names(printers: Iterable[str]) -> str:
-    """Names in a row, with those that only count on drawn together: um2-01..12 um2x-01."""
-    runs: list[tuple[str, str, str]] = []  # what they share, the first number, the last
+def shorten_names(printers: Iterable[str]) -> str:
+    """List names with consecutive numbers as ranges: um2-01..12 um2x-01."""
+    runs: list[tuple[str, str, str]] = []  # common stem, first number, last number
     for name in sorted(printers, key=lambda name: (name.rstrip("0123456789"), len(name), name)):
         match = re.fullmatch(r"(.*?)(\d+)", name)
         stem, digits = match.groups() if match else (name, "")
@@ -43,51 +46,53 @@ def names(printers: Iterable[str]) -> str:
     return " ".join(stem + first + (f"..{last}" if last != first else "") for stem, first, last in runs)
 
 
-def board(view: api.Status, width: int) -> RenderableType:
-    """The whole status, on lines no longer than a terminal is wide where that can be."""
-    now = Text(f"{view.fleet.name}: {moment(view.fleet.now)}", style="bold")
+def render_status(view: api.Status, width: int) -> RenderableType:
+    """Lay out the status page on lines of `width` columns, where the texts are short enough."""
+    now = Text(f"{view.fleet.name}: {format_time(view.fleet.now)}", style=HEADING)
     if view.fleet.time_scale != 1:
-        now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style="dim")
-    rows: list[RenderableType] = [now, *_do_now(view.todo, width)]
+        now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style=NOTE)
+    rows: list[RenderableType] = [now, *_task_lines(view.todo, width)]
     if view.night is not None:
-        rows.append(_line("NIGHT", night(view.night)))
+        rows.append(_line("NIGHT", format_night(view.night)))
     for job in view.jobs:
         rows += _job_lines(job, width)
-    return Group(*rows, _printers(view.printers, datetime.fromisoformat(view.fleet.now)))
+    return Group(*rows, _printers_table(view.printers, datetime.fromisoformat(view.fleet.now)))
 
 
-def _line(head: str, text: str, style: str = "bold") -> Text:
+def _line(head: str, text: str, style: str = HEADING) -> Text:
     return Text.assemble((head.ljust(_INDENT), style), text)
 
 
-def _do_now(todo: list[api.Todo], width: int) -> list[Text]:
-    """Everything that waits for a person, in as few lines as it takes."""
-    others = [item for item in todo if item.code not in _LABELS]
-    things = [
-        f"take off {len(item.printers)}: {names(item.printers)}" if item.code == "clear" else item.text
+def _task_lines(todo: list[api.Todo], width: int) -> list[Text]:
+    """List everything that waits for a person, on as few lines as possible."""
+    others = [item for item in todo if item.code not in _TASK_LABELS]
+    tasks = [
+        f"clear {count(len(item.printers), 'bed')}: {shorten_names(item.printers)}"
+        if item.code == "clear"
+        else item.text
         for item in sorted(others, key=lambda item: item.code == "clear")
     ]
-    for code, label in _LABELS.items():
+    for code, label in _TASK_LABELS.items():
         briefs = [item.brief or item.text for item in todo if item.code == code]
         if briefs:
-            things.append(f"{label}: {', '.join(briefs)}")
-    return _folded("DO NOW", things or ["nothing"], _APART, width, "bold red")
+            tasks.append(f"{label}: {', '.join(briefs)}")
+    return _fold("DO NOW", tasks or ["nothing"], _TASK_GAP, width, URGENT)
 
 
-def _folded(head: str, things: list[str], apart: str, width: int, style: str = "bold") -> list[Text]:
-    """Things in a row, on as few lines as it takes."""
+def _fold(head: str, texts: list[str], gap: str, width: int, style: str = HEADING) -> list[Text]:
+    """Put texts side by side on as few lines as possible."""
     lines: list[str] = []
-    for thing in things:
-        if lines and _INDENT + len(lines[-1]) + len(apart) + len(thing) <= width:
-            lines[-1] += apart + thing
+    for text in texts:
+        if lines and _INDENT + len(lines[-1]) + len(gap) + len(text) <= width:
+            lines[-1] += gap + text
         else:
-            lines.append(thing)
+            lines.append(text)
     heads = [head, *[""] * len(lines)]
     return [_line(one, text.rstrip(), style) for one, text in zip(heads, lines, strict=False)]
 
 
-def night(view: api.NightView) -> str:
-    """What became of the plates since the afternoon before."""
+def format_night(view: api.NightView) -> str:
+    """Count what became of the plates since the afternoon before."""
     rest = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
     counts = "".join(f", {count} {words}" for words, count in rest.items() if count)
     waste = f" + {mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
@@ -96,25 +101,25 @@ def night(view: api.NightView) -> str:
 
 
 def _job_lines(job: api.JobView, width: int) -> list[Text]:
-    first, *more = _course(job)
-    course = [f"{job.name[:_NAME_WIDTH]}: {first}", *more]
-    parts = [f"{part};" for part in course[:-1]] + course[-1:]
-    lines = _folded(f"JOB {job.id}", parts, " ", width)
+    first, *more = _job_facts(job)
+    facts = [f"{job.name[:_NAME_WIDTH]}: {first}", *more]
+    texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
+    lines = _fold(f"JOB {job.id}", texts, " ", width)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
-        lines.append(_line("", job.reason, "red"))
+        lines.append(_line("", job.reason, ERROR))
     waiting: dict[str, list[str]] = {}
     for plate in job.plates:
         if plate.hold is not None:
             waiting.setdefault(plate.hold.text, []).append(plate.id)
     for text, plates in waiting.items():
-        lines.append(_line("", f"{names(plates)} {'waits' if len(plates) == 1 else 'wait'}: {text}"))
+        lines.append(_line("", f"{shorten_names(plates)} {'waits' if len(plates) == 1 else 'wait'}: {text}"))
     return lines
 
 
-def _course(job: api.JobView) -> list[str]:
-    """How a job goes, thing by thing."""
+def _job_facts(job: api.JobView) -> list[str]:
+    """List the progress and the figures of a job."""
     if job.progress is not None:
-        return [planning(job.progress)]
+        return [format_planning(job.progress)]
     if not job.parts:
         return [f"{job.state}, waits: {job.hold.text}" if job.hold is not None else str(job.state)]
     of = len(job.plates)
@@ -125,12 +130,12 @@ def _course(job: api.JobView) -> list[str]:
         parts.append(f"paused, `farm resume {job.id}`")
     parts.append(f"expected {span(job.estimated_s)}")
     if job.elapsed_s is not None and job.current_s is not None:
-        parts[-1] += f", {'reached' if JobState(job.state).ended else 'now'} {span(job.current_s)}"
+        parts[-1] += f", {'actual' if JobState(job.state).ended else 'now'} {span(job.current_s)}"
     if job.state == JobState.PRINTING and job.eta:
-        parts[-1] += f" (ends {moment(job.eta)})"
+        parts[-1] += f" (ends {format_time(job.eta)})"
     if job.speedup and job.utilisation:
-        alone = f"alone {span(job.serial_s)}, speed-up {job.speedup:.1f}"
-        parts.append(f"{alone}, use {100 * job.utilisation:.0f} %")
+        single = f"single printer {span(job.serial_s)}, speed-up {job.speedup:.1f}"
+        parts.append(f"{single}, utilisation {format_share(job.utilisation)}")
     if job.wasted_s > 0:
         parts.append(f"wasted {span(job.wasted_s)}, {mass(job.wasted_grams)}")
     if job.hold is not None:
@@ -140,38 +145,38 @@ def _course(job: api.JobView) -> list[str]:
     return parts
 
 
-def _printers(printers: list[api.PrinterView], now: datetime) -> Table:
-    rows = table(*_HEADINGS)
+def _printers_table(printers: list[api.PrinterView], now: datetime) -> Table:
+    rows = make_table(*_HEADINGS)
     for printer in printers:
-        part, end, off = "", "", ""
-        state, last = printer.state, printer.last
+        part, ends, deviation = "", "", ""
+        state, last = _STATES.get(printer.state, printer.state), printer.last
         if printer.print is not None:
             part = printer.print.plate
-            end = f"in {span(printer.print.remaining_s)} {printer.print.progress:4.0%}"
+            ends = f"in {span(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
         elif last is not None and printer.bed != Bed.CLEAR:
-            part, end = last.plate, _ended(last.ended, now)
-            off = off_plan(last.off) if last.off is not None else ""
+            part, ends = last.plate, f"at {_format_end(last.ended, now)}"
+            deviation = format_deviation(last.off) if last.off is not None else ""
             if state == "idle":
                 state = "remove" if last.state == PrintState.DONE else "to clear"
         rows.add_row(
             printer.name,
             state,
             part,
-            end,
-            off,
+            ends,
+            deviation,
             f"{printer.time_factor:.2f}",
             _reel(printer.reel),
             _nozzle(printer),
             _degrees(printer.bed_c, printer.targets.bed_c),
-            _needs(printer),
+            _action(printer),
         )
     return rows
 
 
-def _ended(iso: str | None, now: datetime) -> str:
-    """The time of day; with the day, where it may be another's."""
-    if iso is None or now - datetime.fromisoformat(iso) > _THIS_NIGHT:
-        return moment(iso)
+def _format_end(iso: str | None, now: datetime) -> str:
+    """Format a time of day, with the weekday where it may be that of another night."""
+    if iso is None or now - datetime.fromisoformat(iso) > _SAME_NIGHT:
+        return format_time(iso)
     return datetime.fromisoformat(iso).strftime("%H:%M")
 
 
@@ -182,8 +187,8 @@ def _reel(reel: api.Reel) -> str:
     return " ".join(filter(None, words))
 
 
-def _needs(printer: api.PrinterView) -> str:
-    """What a person would have to do for it to print on."""
+def _action(printer: api.PrinterView) -> str:
+    """Say what a person has to do before the printer prints again."""
     if printer.state == PrintState.PAUSED:
         return "resume"
     if printer.print is not None or printer.hold is None:
@@ -193,16 +198,16 @@ def _needs(printer: api.PrinterView) -> str:
     if printer.maintenance is not None:
         return f"maintenance --done ({printer.maintenance})"
     words = {
-        HoldCode.NEEDS_A_LOOK: "a look, cleared",
-        HoldCode.BED_NOT_CLEAR: "cleared",
-        HoldCode.FILAMENT_UNKNOWN: "cleared --filament",
-        HoldCode.PRINTER_ABSENT: "connecting",
+        HoldCode.NEEDS_A_LOOK: "inspect, then clear",
+        HoldCode.BED_NOT_CLEAR: "clear",
+        HoldCode.FILAMENT_UNKNOWN: "clear with --filament",
+        HoldCode.PRINTER_ABSENT: "wait (connecting)",
     }
     return words.get(printer.hold.code, "")
 
 
 def _nozzle(printer: api.PrinterView) -> str:
-    """Its size, and how hot it is while it is heated."""
+    """Show the nozzle's size in mm, and its temperature while it is heated."""
     heat = _degrees(printer.nozzle_c, printer.targets.nozzle_c) if printer.targets.nozzle_c else ""
     return f"{printer.reel.nozzle_mm:g} {heat}".rstrip()
 

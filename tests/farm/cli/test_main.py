@@ -9,7 +9,7 @@ from farm.cli.main import main
     ("words", "said"),
     [
         (["submit"], "Missing argument"),
-        (["submit", "x.stl", "--printers", "0"], "a number from 1, or auto; `farm submit --help`"),
+        (["submit", "x.stl", "--printers", "0"], "of at least 1, or auto; see `farm submit --help`"),
         (["submit", "x.stl", "--engine", "saw"], "--engine': 'saw' is not one of"),
         (["nonsense"], "No such command 'nonsense'"),
         (["history", "--last", "0"], "greater than or equal to 1"),

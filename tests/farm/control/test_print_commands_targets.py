@@ -5,7 +5,7 @@ import asyncio
 import httpx
 import pytest
 
-from farm.cli.commands.operate import place_of
+from farm.cli.commands.operate import target_path
 from farm.http.app import make_app
 from farm.model import JobOptions, JobState, PrintState
 from farm.paths import StateFolder
@@ -40,7 +40,7 @@ def farm(tmp_path):
         async def call():
             transport = httpx.ASGITransport(app)
             async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
-                return await client.post(f"{place_of(target)}/{verb}")
+                return await client.post(f"{target_path(target)}/{verb}")
 
         farm.hands.told.clear()
         return asyncio.run(call())

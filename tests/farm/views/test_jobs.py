@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from farm.cli.display import tables
+from farm.cli.display.job_page import render_job
 from farm.config import Fleet
 from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, PrintState, Verdict
 from farm.paths import StateFolder
@@ -71,7 +71,7 @@ def test_what_will_not_be_printed_is_shown_with_the_job():
     seen = view(dataclasses.replace(books, plates={name: plate.model_copy(update={"warnings": (thin,)})}))
     assert seen.plates[0].warnings == [thin]
     console = Console(width=120, record=True, file=io.StringIO())
-    console.print(tables._job(seen))
+    console.print(render_job(seen))
     assert f"plate {name}: {thin}" in console.export_text()
 
 

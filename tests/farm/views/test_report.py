@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import trimesh
 
 from example_night import night_books, view_context_of
-from farm.cli.commands.history import facts
+from farm.cli.commands.history import list_figures
 from farm.model import Verdict
 from farm.state import events as ev
 from farm.views.history import list_history
@@ -65,7 +65,7 @@ def test_other_jobs_are_drawn_on_the_same_fleet():
 
 def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
     view, rows, now = report_of(night_books(), name="<script>bunny</script>")
-    text = render_page(view, rows, now, facts(view), {"1/p01": PNG}, PNG)
+    text = render_page(view, rows, now, list_figures(view), {"1/p01": PNG}, PNG)
     assert "<script" not in text
     assert not re.search(r"(src|href)=\"(?!data:)", text)
     assert text.count("data:image/png;base64,") == 2
@@ -79,7 +79,7 @@ def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
 
 def test_a_job_of_which_nothing_is_printed_has_a_page_too():
     view, rows, now = report_of(night_books(), parts=[], plates=[])
-    text = render_page(view, rows, now, facts(view), {}, None)
+    text = render_page(view, rows, now, list_figures(view), {}, None)
     assert "Nothing of it has been printed" in text
 
 

@@ -179,7 +179,7 @@ def test_lines_of_several_printers_are_said_one_after_the_other(tmp_path, monkey
 
 @pytest.mark.parametrize(
     ("seen_off", "still", "said"),
-    [(False, True, "not seen off: a"), (True, False, "not seen to stand still: a")],
+    [(False, True, "heaters not confirmed off: a"), (True, False, "standstill not confirmed: a")],
 )
 def test_a_printer_that_was_not_seen_to_stop_is_an_error_that_names_it(
     tmp_path, monkeypatch, seen_off, still, said

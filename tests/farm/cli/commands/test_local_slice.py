@@ -47,7 +47,7 @@ def test_json_is_one_object_and_slicing_again_is_from_the_cache(box, env, tmp_pa
 def test_a_mistake_is_one_line(box, env, tmp_path):
     result = farm(env, box, "-o", tmp_path / "a.gcode", "--set", "layer_height")
     assert (result.returncode, result.stdout) == (2, "")
-    assert result.stderr == "farm: --set layer_height: write KEY=VALUE\n"
+    assert result.stderr == "farm: --set layer_height: must be KEY=VALUE\n"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

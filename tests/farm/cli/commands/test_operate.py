@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from farm.api import JobStatus, JobView, PlateStatus, PrinterView
 from farm.cli.commands import operate, submit
-from farm.cli.commands.operate import place_of, waiting_for_it
+from farm.cli.commands.operate import select_beds_to_clear, target_path
 from farm.cli.main import app
 from farm.model import Hold, HoldCode
 
@@ -21,7 +21,7 @@ from farm.model import Hold, HoldCode
     ],
 )
 def test_a_target_is_a_job_a_part_or_a_printer(target, path):
-    assert place_of(target) == path
+    assert target_path(target) == path
 
 
 def test_all_beds_are_those_that_a_person_was_asked_to_clear():
@@ -29,15 +29,21 @@ def test_all_beds_are_those_that_a_person_was_asked_to_clear():
     states = ("idle", "maintenance", "look", "absent", "connecting")
     fleet = [PrinterView.model_construct(name=state, state=state, print=None, hold=hold) for state in states]
     clear = PrinterView.model_construct(name="clear", state="idle", print=None, hold=None)
-    assert waiting_for_it([*fleet, clear]) == ["idle", "look", "connecting"]
+    assert select_beds_to_clear([*fleet, clear]) == ["idle", "look", "connecting"]
 
 
 @pytest.mark.parametrize(
     ("printers", "said"),
     [
         ([], "job 3 is cancelled"),
-        (["a"], "job 3 is cancelled; a ends safely, its bed has to be cleared"),
-        (["b", "a"], "job 3 is cancelled; a b end safely, their beds have to be cleared"),
+        (
+            ["a"],
+            "job 3 is cancelled; a: the print ends safely; remove the parts, then `farm cleared PRINTER`",
+        ),
+        (
+            ["b", "a"],
+            "job 3 is cancelled; a b: the prints end safely; remove the parts, then `farm cleared PRINTER`",
+        ),
     ],
 )
 def test_who_cancels_a_job_is_told_which_beds_are_to_be_cleared(printers, said, monkeypatch):
@@ -65,4 +71,4 @@ def test_who_interrupts_an_upload_is_told_that_it_may_have_come(tmp_path, monkey
     (tmp_path / "part.stl").touch()
     ended = CliRunner().invoke(app, ["submit", str(tmp_path / "part.stl")])
     assert ended.exit_code == 130
-    assert "part.stl may be a job all the same" in ended.stderr
+    assert "part.stl may have been submitted" in ended.stderr

@@ -81,7 +81,7 @@ def flat(text):
 def test_a_part_that_is_whole_is_not_printed_again(farm, part):
     assert "if part 1/p01 is whole and good: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
     answer = ask("cleared", "a", "--good", part)
-    assert answer.stdout == "a: bed clear; part 1/p01 is good, and not printed again\n"
+    assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
     assert farm.core.books.jobs[1].state is JobState.DONE
     assert farm.core.books.printer("a").bed is Bed.CLEAR
     farm.core.clock.ahead_s += 60.0
@@ -95,7 +95,7 @@ def test_who_says_so_is_told_where_it_is_printed_again_already_and_how_to_end_th
     said(farm, "b", PrintState.HEATING, started_s=farm.core.clock.now())
     answer = ask("cleared", "a", "--good", "1/p01")
     assert answer.stdout == (
-        "a: bed clear; part 1/p01 is good; b prints it again already: `farm cancel b` ends that\n"
+        "a: bed clear; part 1/p01 is good; b already prints it again: stop that with `farm cancel b`\n"
     )
     assert ask("cancel", "b").exit_code == 0
     assert farm.core.books.open_print_on("b").cancel_reason is not None
@@ -118,9 +118,9 @@ def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
         (("a", "--good", "1/p02"), "what lies on a is part 1/p01, not 1/p02"),
         (("a", "--good", "2/p01"), "what lies on a is part 1/p01, not 2/p01"),
         (("b", "--good", "1/p01"), "no part is known to lie on b"),
-        (("a", "--good", "1/p01", "--bad"), "leave one out"),
-        (("a", "b", "--good", "1/p01"), "name the one printer"),
-        (("all", "--good", "1/p01"), "name the one printer"),
+        (("a", "--good", "1/p01", "--bad"), "exclude each other"),
+        (("a", "b", "--good", "1/p01"), "exactly one printer"),
+        (("all", "--good", "1/p01"), "exactly one printer"),
     ],
 )
 def test_what_does_not_lie_there_is_not_called_good(farm, words, said):

@@ -26,16 +26,16 @@ class Daemon:
 def test_a_print_that_goes_on_but_not_to_its_end_is_warned_of(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pause, "Client", Daemon)
     said = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
-    assert said == ["a: goes on", "a needs until Fri 19:00"]
+    assert said == ["a: resumed", "a needs until Fri 19:00"]
 
 
 @pytest.mark.parametrize(
     ("target", "said"),
     [
-        ("3", "job 3: pausing, and nothing more of it starts; `farm resume 3` lets it go on"),
-        ("3/p01", "3/p01: pausing on um2-01; `farm resume 3/p01` lets it go on"),
-        ("3/p02", "3/p02: goes to no printer; `farm resume 3/p02` lets it go on"),
-        ("um2-01", "um2-01: pausing; `farm resume um2-01` lets it go on"),
+        ("3", "job 3: pausing; none of its waiting parts starts; continue with `farm resume 3`"),
+        ("3/p01", "3/p01: pausing on um2-01; continue with `farm resume 3/p01`"),
+        ("3/p02", "3/p02: will not start; continue with `farm resume 3/p02`"),
+        ("um2-01", "um2-01: pausing; continue with `farm resume um2-01`"),
     ],
 )
 def test_what_is_paused_is_said(target: str, said: str, monkeypatch: pytest.MonkeyPatch):

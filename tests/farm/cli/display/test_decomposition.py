@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from farm.cli.commands import local
-from farm.cli.display.decomposition import decomposition_lines
+from farm.cli.display.decomposition import summarise_decomposition
 
 
 def report(**more: Any) -> dict[str, Any]:
@@ -35,40 +35,42 @@ def report(**more: Any) -> dict[str, Any]:
 
 
 def test_a_good_result() -> None:
-    assert decomposition_lines(report(), 4, Path("out")) == [
-        "3 parts: 1h00 on 4 printers, 2h30 on one large one; E 0.75",
-        "By guillotine: at most 8% above the least that is possible, by cuts along its grid",
-        "2 joints; the smallest, p01 to p02, has 120 mm2 of glue and is 8.0 mm wide",
+    assert summarise_decomposition(report(), 4, Path("out")) == [
+        "3 parts: 1h00 on 4 printers, 2h30 on a single large one; efficiency E 0.75",
+        "By guillotine: at most 8% above the lower bound for cuts along its grid",
+        "2 joints; the smallest, p01 to p02, has 120 mm2 of glue area and is 8.0 mm wide",
         "In out: p01.stl to p03.stl, assembly.png, assembly.glb, decomposition.json",
     ]
 
 
 def test_cuts_askew_are_told() -> None:
-    (_, said, *_) = decomposition_lines(report(yaw_deg=15.0), 4, Path("out"))
-    assert said.startswith("By guillotine, turned by 15 degrees about z: at most 8%")
+    (_, said, *_) = summarise_decomposition(report(yaw_deg=15.0), 4, Path("out"))
+    assert said.startswith("By guillotine, turned by 15 degrees about Z: at most 8%")
 
 
 def test_all_that_can_be_said_is_six_lines() -> None:
     parts = [{"id": f"p0{i}", "file": f"p0{i}.stl", "stands": i == 1} for i in range(1, 7)]
     fault = {"part": "p03", "what": "is 5.0 mm thin where it was cut, of 8 mm that are wanted"}
-    lines = decomposition_lines(
+    lines = summarise_decomposition(
         report(repairs=["Closed it.", "Turned it."], faults=[fault], parts=parts), 4, Path("out")
     )
     assert len(lines) == 6
     assert lines[0] == "Closed it. Turned it."
     assert lines[4] == (
-        "Look at: p03 is 5.0 mm thin where it was cut, of 8 mm that are wanted; "
-        "p02 may not stand while it is printed; p03 may not stand while it is printed, and 3 more"
+        "Check: p03 is 5.0 mm thin where it was cut, of 8 mm that are wanted; "
+        "p02 may fall over while it is printed; p03 may fall over while it is printed, and 3 more"
     )
 
 
 def test_two_parts_have_one_joint() -> None:
-    (_, _, joint, _) = decomposition_lines(report(joints=report()["joints"][1:]), 4, Path("out"))
-    assert joint == "1 joint; the smallest, p02 to p03, has 900 mm2 of glue and is 30.0 mm wide"
+    (_, _, joint, _) = summarise_decomposition(report(joints=report()["joints"][1:]), 4, Path("out"))
+    assert joint == "1 joint; the smallest, p02 to p03, has 900 mm2 of glue area and is 30.0 mm wide"
 
 
 def test_one_part_has_no_joint() -> None:
-    lines = decomposition_lines(report(parts=report()["parts"][:1], joints=[], cells=None), 1, Path("out"))
+    lines = summarise_decomposition(
+        report(parts=report()["parts"][:1], joints=[], cells=None), 1, Path("out")
+    )
     assert [line.split()[0] for line in lines] == ["1", "By", "In"]
     assert lines[0].startswith("1 part: 1h00 on 1 printer, ")
     assert lines[2] == "In out: p01.stl, assembly.png, assembly.glb, decomposition.json"

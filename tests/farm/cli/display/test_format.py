@@ -2,7 +2,7 @@
 
 import pytest
 
-from farm.cli.display.format import filament, moment, planning
+from farm.cli.display.format import format_filament, format_planning, format_time
 from farm.model import PlanProgress, PlanStep
 from farm.text import span
 
@@ -24,20 +24,24 @@ def test_spans(seconds, words):
 
 
 def test_filament_has_a_price_where_one_is_known():
-    assert filament(123.6, 15640.0) == "124 g, 15.6 m"
-    assert filament(123.6, 15640.0, 3.5226) == "124 g, 15.6 m, price 3.52"
-    assert filament(0.081, 12.0) == "0.08 g, 0.01 m"
-    assert filament(123.6, 15640.0, 0.0, "EUR") == "124 g, 15.6 m, 0.00 EUR"
+    assert format_filament(123.6, 15640.0) == "124 g, 15.6 m"
+    assert format_filament(123.6, 15640.0, 3.5226) == "124 g, 15.6 m, price 3.52"
+    assert format_filament(0.081, 12.0) == "0.08 g, 0.01 m"
+    assert format_filament(123.6, 15640.0, 0.0, "EUR") == "124 g, 15.6 m, 0.00 EUR"
 
 
 def test_moments():
-    assert moment(None) == "-"
-    assert moment("2026-11-21T07:05:09+00:00") == "Sat 07:05"
+    assert format_time(None) == "-"
+    assert format_time("2026-11-21T07:05:09+00:00") == "Sat 07:05"
 
 
 def test_how_far_a_plan_is():
-    assert planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
-    assert planning(PlanProgress(step=PlanStep.LEVELLING)) == "levelling what was sliced"
+    assert format_planning(PlanProgress(step=PlanStep.DECOMPOSING)) == "decomposing"
+    assert (
+        format_planning(PlanProgress(step=PlanStep.LEVELLING)) == "balancing the parts by their sliced times"
+    )
     slicing = PlanProgress(step=PlanStep.SLICING, done=3, of=8)
-    assert planning(slicing) == "slicing 3 of 8"
-    assert planning(slicing.model_copy(update={"cached": 1})) == "slicing 3 of 8 (1 plate from the cache)"
+    assert format_planning(slicing) == "slicing 3 of 8"
+    assert (
+        format_planning(slicing.model_copy(update={"cached": 1})) == "slicing 3 of 8 (1 plate from the cache)"
+    )

@@ -5,7 +5,7 @@ import io
 from rich.console import Console
 
 from farm import api
-from farm.cli.display.night_timeline import gantt, night
+from farm.cli.display.night_timeline import draw_gantt, render_night
 
 
 def slot(number, printer, starts, ends):
@@ -28,7 +28,7 @@ SLOTS = [
 
 
 def test_each_printer_has_a_line_of_time():
-    assert gantt(SLOTS, width=32) == [
+    assert draw_gantt(SLOTS, width=32) == [
         "um2-01  [------01------]",
         "um2-02  [--02--]                [--03--]",
         "        Sat 10:00              Sat 14:00",
@@ -36,10 +36,10 @@ def test_each_printer_has_a_line_of_time():
 
 
 def test_a_short_plate_in_a_long_night_is_still_seen():
-    lines = gantt([slot(1, "a", "00:00", "00:01"), slot(2, "b", "00:00", "23:59")], width=20)
+    lines = draw_gantt([slot(1, "a", "00:00", "00:01"), slot(2, "b", "00:00", "23:59")], width=20)
     assert lines[0].startswith("a  ") and lines[0].strip() != "a"
     assert len(lines[1]) == len("b  ") + 20
-    assert gantt([]) == []
+    assert draw_gantt([]) == []
 
 
 def test_the_night_says_what_it_takes():
@@ -47,9 +47,9 @@ def test_the_night_says_what_it_takes():
     facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
     view = api.Night(job=4, slots=SLOTS, grams=90.0, price=2.7, **facts)
     console = Console(record=True, width=120, file=io.StringIO())
-    console.print(night(view))
+    console.print(render_night(view))
     text = console.export_text()
-    assert "3 plates, 4h00 (no order of them takes less than 2h00), 90 g, 2.70 GBP" in text
-    assert "no printer can take: 4/04" in text
+    assert "3 plates, 4h00 (lower bound 2h00), 90 g, 2.70 GBP" in text
+    assert "no printer can print: 4/04" in text
     assert text.startswith("Scaled.")
     assert "4/p03  um2-02   Sat 13:00  Sat 14:00  1h00   30     0.90 GBP" in text

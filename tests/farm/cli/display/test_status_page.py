@@ -6,8 +6,8 @@ import pytest
 
 from example_night import PRINTERS, night_books, status_of, view_context_of
 from farm import api
-from farm.cli.display.console import console
-from farm.cli.display.status_page import board, names, night
+from farm.cli.display.console import open_console
+from farm.cli.display.status_page import format_night, render_status, shorten_names
 from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
@@ -16,20 +16,20 @@ from make_books import job, plan, run
 
 
 def shown(view, width=120):
-    screen = console()
+    screen = open_console()
     screen.width, screen.file, screen.record = width, io.StringIO(), True
-    screen.print(board(view, width))
+    screen.print(render_status(view, width))
     return [line.rstrip() for line in screen.export_text().splitlines()]
 
 
 def test_it_begins_with_what_a_person_has_to_do_now():
     lines = shown(status_of(night_books()))
-    assert lines[1] == "DO NOW   take off 3: um2-01..03     look at: um2-04 it does not get warm 00:00"
+    assert lines[1] == "DO NOW   clear 3 beds: um2-01..03     inspect: um2-04 it does not get warm 00:00"
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
     assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
     table = [line.split() for line in lines if line.startswith("um2-")]
-    assert table[0][:7] == ["um2-01", "remove", "1/01", "00:01", "+2", "%", "1.00"]
-    assert [row[1] for row in table] == ["remove"] * 3 + ["look", "printing"]
+    assert table[0][:8] == ["um2-01", "remove", "1/01", "at", "00:01", "+2", "%", "1.00"]
+    assert [row[1] for row in table] == ["remove"] * 3 + ["inspect", "printing"]
 
 
 def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
@@ -37,7 +37,7 @@ def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
     books, _ = run(night_books(), doubt)
     lines = shown(status_of(books))
     assert lines[1].startswith(
-        "DO NOW   take off 2: um2-01..02     look at: um2-03 used at its LCD 06:30, um2-04"
+        "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03 used at its LCD 06:30, um2-04"
     )
 
 
@@ -52,9 +52,11 @@ def test_a_job_that_has_not_begun_says_only_what_is_known():
     printers = (ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS)
     held = plan(1, 1).model_copy(update={"held": True, "plan": "abc"})
     books, _ = run(Books(), *printers, *events, held)
-    lines = shown(status_of(books), width=160)
+    lines = shown(status_of(books), width=200)
     assert lines[1] == "DO NOW   approve: job 1 (1 part, 3 g)"
-    assert lines[2].startswith("JOB 1    bracket.stl: held, printed 0/1; expected 100 s; alone 8 min")
+    assert lines[2].startswith(
+        "JOB 1    bracket.stl: held, printed 0/1; expected 100 s; single printer 8 min"
+    )
     assert lines[2].endswith("its plan is frozen until `farm approve 1` releases it")
     books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
     assert shown(status_of(books))[2] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
@@ -64,7 +66,7 @@ def test_a_night_of_which_everything_was_cancelled_is_no_count_of_nothing():
     view = api.NightView.model_construct(
         plates=0, printed=0, failed=0, printing=0, waiting=0, grams=0.0, wasted_grams=26.0
     )
-    assert night(view) == "nothing printed; 0 g + 26 g wasted"
+    assert format_night(view) == "nothing printed; 0 g + 26 g wasted"
 
 
 def test_a_printer_in_maintenance_says_why():
@@ -73,7 +75,7 @@ def test_a_printer_in_maintenance_says_why():
     assert row.endswith("maintenance --done (belt)")
 
 
-@pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "connecting")])
+@pytest.mark.parametrize(("link", "needs"), [("absent", "connect"), ("starting", "wait (connecting)")])
 def test_a_printer_that_is_away_has_to_be_connected_and_one_that_comes_has_not(link, needs):
     hold = Hold(code=HoldCode.PRINTER_ABSENT, text="")
     seen = status_of(night_books()).printers[0].model_copy(update={"state": link, "hold": hold})
@@ -103,8 +105,8 @@ def test_what_has_been_looked_at_is_good_or_bad():
 def test_things_to_do_share_a_line_only_where_it_is_long_enough():
     narrow = shown(status_of(night_books()), width=60)
     assert narrow[1:3] == [
-        "DO NOW   take off 3: um2-01..03",
-        "         look at: um2-04 it does not get warm 00:00",
+        "DO NOW   clear 3 beds: um2-01..03",
+        "         inspect: um2-04 it does not get warm 00:00",
     ]
     books, _ = run(Books(), *(ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS))
     assert shown(status_of(books))[1] == "DO NOW   nothing"
@@ -120,7 +122,7 @@ def test_things_to_do_share_a_line_only_where_it_is_long_enough():
     ],
 )
 def test_names_that_count_on_are_drawn_together(printers, text):
-    assert names(printers) == text
+    assert shorten_names(printers) == text
 
 
 def test_jobs_that_are_over_leave_the_board_but_those_to_be_judged_stay():

@@ -1,0 +1,150 @@
+"""`farm up`, `farm down` and `farm daemon`: the farm's start and end."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from drivers.printers.profiles import PROFILES
+from farm.cli import completion
+from farm.cli.client.daemon_client import Client
+from farm.cli.display.console import print_notice
+from farm.cli.options import placed
+from farm.config import Fleet, load_fleet
+from farm.errors import DaemonUnreachable, FarmError
+from farm.paths import Places
+from farm.text import count
+
+_START_TIMEOUT_S = 60.0
+_END_TIMEOUT_S = 180.0
+_READABLE_BY_ALL = 0o004
+
+
+@placed
+def up(
+    places: Places,
+    replace: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Replace the agent of this idle printer by a new one.", autocompletion=completion.printers
+        ),
+    ] = None,
+) -> None:
+    """Start the daemon, which starts an agent for each printer or connects to the running ones."""
+    fleet = _load_fleet(places)
+    _warn(fleet, places)
+    client = Client(places.socket)
+    try:
+        running = client.status()
+    except DaemonUnreachable:
+        _start_daemon(places, client)
+        running = client.status()
+        printers = count(len(running.printers), "printer")
+        print(f"farm {running.daemon.version} is up: {printers}, pid {running.daemon.pid}")
+    else:
+        print(f"farm {running.daemon.version} is already up: pid {running.daemon.pid}")
+    for name in replace or ():
+        client.tell(f"/printers/{name}/replace")
+        print(f"{name}: its agent is replaced")
+
+
+def _load_fleet(places: Places) -> Fleet:
+    from farm.planning.fleet_check import mistake_in
+
+    return load_fleet(places.fleet, frozenset(PROFILES), mistake_in)
+
+
+def _warn(fleet: Fleet, places: Places) -> None:
+    """Name ports that are missing, and a fleet file that shows passwords to everybody."""
+    for printer in fleet.printers:
+        here = printer.enabled and printer.host is None and printer.port.startswith("/")
+        if here and not Path(printer.port).exists():
+            print_notice(
+                f"{printer.name}: there is no port {printer.port}: check its USB cable and power; the other "
+                "printers start without it"
+            )
+    if fleet.fleet.notify and places.fleet.stat().st_mode & _READABLE_BY_ALL:
+        print_notice(
+            f"{places.fleet} may hold passwords under `notify`, and every user can read it: `chmod o-r` it"
+        )
+
+
+def _start_daemon(places: Places, client: Client) -> None:
+    """Start the daemon in the background, and return when it answers.
+
+    Raises
+    ------
+    FarmError
+        It ended or did not answer in time; the message has the last line of its log.
+    """
+    places.state.make()
+    command = [sys.executable, "-P", "-m", "farm.cli.main", "daemon"]
+    command += ["--state", str(places.state.root)]
+    command += ["--socket", str(places.socket)]
+    command += ["--fleet", str(places.fleet)]
+    with places.state.log.open("ab") as log:
+        start = log.tell()
+        child = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True, cwd="/"
+        )
+    give_up = time.monotonic() + _START_TIMEOUT_S
+    while time.monotonic() < give_up:
+        try:
+            client.status()
+            return
+        except DaemonUnreachable:
+            if child.poll() is not None:
+                break
+            time.sleep(0.1)
+    with places.state.log.open("rb") as log:
+        log.seek(start)
+        lines = log.read().decode(errors="replace").strip().splitlines()
+    last = lines[-1].removeprefix("farm: ") if lines else "it logged nothing"
+    raise FarmError(f"the daemon did not start: {last}; its log is {places.state.log}")
+
+
+@placed
+def daemon(places: Places) -> None:
+    """Run the daemon in the foreground (`farm up` runs it in the background)."""
+    from farm.daemon import run
+
+    run(_load_fleet(places), places)
+
+
+@placed
+def down(
+    places: Places,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Let the prints end first; start no new ones.")
+    ] = False,
+    now: Annotated[bool, typer.Option("--now", help="End all prints safely first.")] = False,
+) -> None:
+    """Stop the agents and the daemon. Refused while a printer prints, unless --wait or --now."""
+    if wait and now:
+        raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
+    client = Client(places.socket)
+    pid = client.status().daemon.pid
+    client.down(now, wait)
+    give_up = time.monotonic() + _END_TIMEOUT_S
+    while wait or time.monotonic() < give_up:
+        if not _is_running(pid):
+            print("farm is down")
+            return
+        time.sleep(0.1)
+    raise FarmError(
+        f"the daemon (pid {pid}) has not ended within {_END_TIMEOUT_S:.0f} s; look at `farm status` and "
+        f"at its log {places.state.log}"
+    )
+
+
+def _is_running(pid: int) -> bool:
+    """Whether a process exists and is no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

@@ -1,0 +1,175 @@
+"""The page of one job. Everything shown here is in `--json` too."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from farm import api
+from farm.cli.display.console import ERROR, HEADING, WARNING, make_table, open_console
+from farm.cli.display.format import (
+    format_cached,
+    format_deviation,
+    format_filament,
+    format_planning,
+    format_share,
+    format_time,
+)
+from farm.model import JobState, PrintState
+from farm.text import mass, span
+
+_LEAST_STARVED_SHARE = 0.01
+"""A simulated print that waited longer for its host took longer than a real one would."""
+
+
+def show_job(view: api.JobView) -> None:
+    """Print the page of a job."""
+    open_console().print(render_job(view))
+
+
+def show_submitted(view: api.JobView, wait: bool) -> None:
+    """Print what was done to a submitted model and, unless the command waits, how to follow the job."""
+    screen = open_console()
+    screen.print(f"job {view.id}: {view.name} submitted")
+    for line in _changes(view):
+        screen.print(_change(line))
+    if not wait:
+        if view.hold is not None:
+            screen.print(f"  waits: {view.hold.text}")
+        screen.print(f"  `farm status {view.id}` shows its progress")
+
+
+def show_result(view: api.JobView) -> None:
+    """Print the page of a job that has ended, and what to do now."""
+    screen = open_console()
+    screen.print(render_job(view))
+    if view.state in (JobState.PRINTED, JobState.DONE):
+        printers = " ".join(sorted({plate.printer for plate in view.plates}))
+        screen.print(f"Next: remove the parts, then `farm cleared {printers}`.")
+
+
+def render_job(view: api.JobView) -> RenderableType:
+    """Lay out a job: what was done to its model, its figures, its parts, what failed and what waits."""
+    rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING)]
+    if view.reason:
+        rows.append(Text(f"  {view.reason}", style=ERROR))
+    rows += [_change(line) for line in _changes(view)]
+    rows += [
+        Text(f"  plate {plate.id}: {line}", style=WARNING) for plate in view.plates for line in plate.warnings
+    ]
+    figures = Table.grid(padding=(0, 2, 0, 0))
+    figures.add_column(no_wrap=True)
+    figures.add_column(overflow="fold")
+    for name, figure in _figures(view):
+        figures.add_row(name, figure)
+    rows.append(figures)
+    if view.parts:
+        rows.append(_parts_table(view))
+    if view.folder:
+        rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
+    for one in view.prints:
+        if one.fault or one.why:
+            why = one.reason or one.why or one.fault
+            rows.append(
+                Text(f"part {one.part} on {one.printer}, {format_time(one.ended)}: {why}", style=ERROR)
+            )
+    rows += _waiting_lines(view)
+    return Group(*rows)
+
+
+def _changes(view: api.JobView) -> list[str]:
+    """List what the farm did to the model."""
+    scaled = [f"Scaled by {view.scale:g}."] if view.scale is not None and view.scale != 1 else []
+    return [*view.repairs, *scaled]
+
+
+def _change(line: str) -> Text:
+    return Text(f"  {line}", style=WARNING if line.startswith("Warning: ") else "")
+
+
+def _figures(view: api.JobView) -> list[tuple[str, str]]:
+    """List the figures of a job, each with its name."""
+    rows: list[tuple[str, str]] = []
+    if view.submitted_by is not None:
+        rows.append(("submitted", f"{format_time(view.submitted)} by {view.submitted_by}"))
+    if view.progress is not None:
+        rows.append(("planning", format_planning(view.progress)))
+    if view.plan is not None and view.state == JobState.HELD:
+        rows.append(("plan", view.plan))
+    if cached := sum(plate.cached for plate in view.plates):
+        rows.append(("slices", format_cached(cached)))
+    rows += _times(view)
+    if view.wasted_s > 0:
+        rows.append(("wasted", f"{span(view.wasted_s)}, {mass(view.wasted_grams)}"))
+    if view.grams is not None and view.filament_mm is not None:
+        amount = format_filament(view.grams, view.filament_mm, view.price, view.currency)
+        rows.append(("filament", amount))
+    if view.starved_share is not None and view.starved_share > _LEAST_STARVED_SHARE:
+        waited = f"simulated printers waited {view.starved_share:.1%} of the time for this computer"
+        rows.append(("times not valid", waited))
+    return rows
+
+
+def _times(view: api.JobView) -> list[tuple[str, str]]:
+    """List how long a job takes, and how well it uses its printers."""
+    rows: list[tuple[str, str]] = []
+    if view.estimated_s is not None:
+        rows.append(("parallel printing time, expected", span(view.estimated_s)))
+    if view.elapsed_s is not None:
+        reached = view.state in (JobState.PRINTED, JobState.DONE)
+        ended = "parallel printing time, actual" if reached else "printed for"
+        deviation = ""
+        if reached and view.estimated_s:
+            deviation = f"  ({format_deviation(view.elapsed_s / view.estimated_s - 1)} of expected)"
+        rows.append((ended if view.state.ended else "printing for", span(view.elapsed_s) + deviation))
+    if view.eta and view.state == JobState.PRINTING:
+        rows.append(("ends", format_time(view.eta)))
+    if view.serial_s is not None:
+        rows.append(("single large printer", span(view.serial_s)))
+    if view.speedup is not None:
+        rows.append(("speed-up", f"{view.speedup:.1f}"))
+    if view.utilisation is not None:
+        rows.append(("utilisation", format_share(view.utilisation)))
+    return rows
+
+
+def _parts_table(view: api.JobView) -> Table:
+    rows = make_table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "FILAMENT")
+    plates = {plate.id: plate for plate in view.plates}
+    for part in view.parts:
+        plate = plates[part.plate]
+        last = part.own_prints[-1] if part.own_prints else None
+        rows.add_row(
+            part.id,
+            plate.printer,
+            _part_state(part),
+            span(plate.estimated_s),
+            format_time(last.started if last else None),
+            format_time(last.ended if last else None),
+            format_filament(plate.grams, plate.filament_mm, plate.price, view.currency),
+        )
+    return rows
+
+
+def _part_state(part: api.PartView) -> str:
+    """Name the state of a part's last print, or the verdict on it."""
+    prints = part.own_prints
+    if not prints:
+        return "waiting"
+    last = prints[-1]
+    state = str(part.verdict) if part.verdict and last.state == PrintState.DONE else str(last.state)
+    attempt = f", attempt {len(prints)}" if len(prints) > 1 else ""
+    return state + attempt
+
+
+def _waiting_lines(view: api.JobView) -> list[RenderableType]:
+    lines = []
+    if view.hold is not None:
+        lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING))
+    lines += [
+        Text(f"plate {plate.id} waits: {plate.hold.text}", style=WARNING)
+        for plate in view.plates
+        if plate.hold is not None
+    ]
+    return list(lines)
