@@ -40,10 +40,11 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers.profiles import BEDS, PROFILES, part_room
 from farm.errors import FarmError
 from farm.planning.parts.slice_part import slice_part
 from farm.planning.plan_records import SliceTask
+from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
@@ -138,7 +139,7 @@ def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None
 
 def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, jobs: int) -> list[float | None]:
     """CuraEngine's time of every part in seconds; None where its slice is not accepted."""
-    request = SettingsRequest(printer_model=PRINTER, quality=run.quality)
+    request = SettingsRequest(slicing_printer(BEDS[PRINTER]), quality=run.quality)
     settings = resolve_settings(request, find_resources())
     room = part_room(PROFILES[PRINTER], settings.brim_width_mm)
 
@@ -171,7 +172,9 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     mesh = trimesh.Trimesh(vertices - [*(lo + hi)[:2] / 2.0, lo[2]], faces, process=False)
     stl = results / f"{run.path.stem}-whole.stl"
     mesh.export(stl)
-    settings = resolve_settings(SettingsRequest(printer_model=PRINTER, quality=run.quality), find_resources())
+    settings = resolve_settings(
+        SettingsRequest(slicing_printer(BEDS[PRINTER]), quality=run.quality), find_resources()
+    )
     out = stl.with_suffix(".gcode")
     request = PlateRequest(stl, settings, out, find_engine(), ANYWHERE, WHOLE_TIMEOUT_S, cache)
     try:

@@ -11,6 +11,8 @@ import argparse
 import json
 import sys
 
+from drivers.printers.profiles import BEDS
+from farm.planning.slicing_printers import slicing_printer
 from slicing.settings.layer_heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_mm
 from slicing.settings.limits import LAYER_SHARE
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
@@ -45,7 +47,7 @@ def main() -> int:
     for quality in (name for name, quality in OURS.items() if quality.exact_height):
         for printer, nozzles in PRINTERS.items():
             for nozzle_mm in nozzles:
-                request = SettingsRequest(printer, quality, nozzle_mm=nozzle_mm)
+                request = SettingsRequest(slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)
                 settings = resolve_settings(request, find_resources())
                 wanted = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
                 found = shares(wanted, nozzle_mm, hundredths)

@@ -35,8 +35,9 @@ from decompose.pieces import find_cut_faces
 from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, find_best_pose, measure_pose
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers.profiles import BEDS, PROFILES, part_room
 from farm.planning.parts.print_recipe import recipe
+from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings.plate_settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
@@ -44,7 +45,7 @@ from slicing.settings.resources import find_engine, find_resources
 
 Shapes = Mapping[str, Callable[[], Solid]]
 
-REQUEST = SettingsRequest(PRINTER, "glue")
+REQUEST = SettingsRequest(slicing_printer(BEDS[PRINTER]), "glue")
 AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
 
 

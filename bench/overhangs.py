@@ -20,7 +20,9 @@ import numpy as np
 import trimesh
 
 from bench.print_time_parts import ANYWHERE, PRINTER, kind_seconds
+from drivers.printers.profiles import BEDS
 from farm.planning.parts.print_recipe import recipe
+from farm.planning.slicing_printers import slicing_printer
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
 from slicing.settings.resources import find_engine, find_resources
@@ -52,7 +54,9 @@ def is_supported(block: trimesh.Trimesh, settings: Settings, folder: Path) -> bo
 def row(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict[str, Any]:
     """The angles that are bare and supported, as close as they were told apart."""
     overrides = {"layer_height": layer_mm, "support_angle": angle_deg}
-    settings = resolve_settings(SettingsRequest(PRINTER, "paper", overrides=overrides), find_resources())
+    settings = resolve_settings(
+        SettingsRequest(slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()
+    )
     bare_deg, supported_deg = angle_deg - BELOW_DEG, angle_deg
     for _ in range(STEPS):
         middle_deg = (bare_deg + supported_deg) / 2.0

@@ -20,9 +20,10 @@ import trimesh
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
-from drivers.printers.profiles import PROFILES
+from drivers.printers.profiles import BEDS, PROFILES
 from drivers.remote.client import AgentClient, spawn
 from farm.planning.plate_times import plate_seconds
+from farm.planning.slicing_printers import slicing_printer
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
 from slicing.settings.resources import find_engine, find_resources
@@ -77,7 +78,7 @@ def main() -> None:
     parser.add_argument("--scale", type=float, default=60.0)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    settings = resolve_settings(SettingsRequest(printer_model=MODEL), find_resources())
+    settings = resolve_settings(SettingsRequest(slicing_printer(BEDS[MODEL])), find_resources())
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         for side_mm in SIDES_MM:

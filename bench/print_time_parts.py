@@ -25,8 +25,9 @@ from decompose.geometry import Model, Solid, load_model, round_triangles, write_
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, pose_features
 from decompose.printers import PrinterRoom
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers.profiles import BEDS, PROFILES, part_room
 from farm.planning.parts.print_recipe import recipe
+from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
@@ -106,7 +107,9 @@ class Row:
 def settings_of(name: str) -> Settings:
     """One of SETTINGS, resolved."""
     quality, nozzle_mm, overrides = SETTINGS[name]
-    request = SettingsRequest(PRINTER, quality, nozzle_mm=nozzle_mm, overrides=overrides)
+    request = SettingsRequest(
+        slicing_printer(BEDS[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
+    )
     return resolve_settings(request, find_resources())
 
 

@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from drivers.printers.profiles import BEDS
+from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SliceRejected
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
@@ -105,7 +107,9 @@ def main() -> None:
     options = parser.parse_args()
     models = {str(path): trimesh.load_mesh(path) for path in options.stl} or made()
     overrides = dict(pair.split("=", 1) for pair in options.set)
-    wanted = SettingsRequest("ultimaker2_plus", options.quality, "generic_pla", options.nozzle, overrides)
+    wanted = SettingsRequest(
+        slicing_printer(BEDS["ultimaker2_plus"]), options.quality, "generic_pla", options.nozzle, overrides
+    )
     settings = resolve_settings(wanted, find_resources())
     with tempfile.TemporaryDirectory() as name:
         one("first", trimesh.creation.box((5, 5, 5)), settings, Path(name))  # imports and caches

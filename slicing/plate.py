@@ -27,7 +27,6 @@ from slicing.engine import Progress, check_versions, engine_version, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.mesh_waves import waved
 from slicing.settings.plate_settings import Settings
-from slicing.start_code import PARKED_MM
 
 _FORMAT = "farm-slice-4"
 """Part of the cache's key: changes where what is stored or checked changes."""
@@ -182,15 +181,18 @@ def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progr
     )
     output.check_log(run.log)
     path = read_toolpath(run.gcode)
-    facts, removed, lines = output.facts_of(path), output.removed_layers(run.log), lines_of(settings)
+    limits, code = settings.printer.limits, settings.printer.code
+    facts = output.facts_of(path, limits.min_extrusion_c)
+    removed, lines = output.removed_layers(run.log), lines_of(settings)
     output.check(
         facts,
         height_mm=triangles.max_z_mm,
         cut_mm=removed * settings.layer_height_mm,
         top_checked=lines is not None,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
+        min_extrusion_c=limits.min_extrusion_c,
     )
-    output.check_parking(facts, PARKED_MM)
+    output.check_parking(facts, code.parked_mm)
     unprinted: tuple[Unprinted, ...] = ()
     if lines is not None:
         unprinted = check_outline(

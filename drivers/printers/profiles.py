@@ -85,6 +85,27 @@ class HeaterModel:
         return self.tau_s * math.log((top_c - start_c) / (top_c - target_c))
 
 
+_START_CODE = (
+    "G21",
+    "G90",
+    "M82",
+    "M107",
+    "M220 S100",
+    "M221 S100",
+    "M140 S{bed_c:g}",
+    "G28",
+    "G1 F12000 X5 Y10",
+    "M190 S{bed_c:g}",
+    "M109 S{nozzle_c:g}",
+    "G1 F2400 Z20",
+    "G92 E0",
+    "G1 F47 E{prime_mm:.1f}",
+    "G92 E0",
+    "G0 F3000 Y50",
+)
+_END_CODE = ("M104 S0", "M140 S0", "M107", "G91", "G1 F1500 E{park_mm:g}", "G90", "G28", "M84")
+
+
 @dataclass(frozen=True, slots=True)
 class Profile:
     """What is fixed for a printer model. `model` is Cura's definition id."""
@@ -101,6 +122,21 @@ class Profile:
     jerk_mm_s: tuple[float, float, float] = (20.0, 0.4, 5.0)  # XY, Z, E
     nozzle: HeaterModel = HeaterModel(gain_c=380.0, tau_s=180.0)
     bed: HeaterModel = HeaterModel(gain_c=105.0, tau_s=520.0)
+    max_nozzle_c: float = 260.0  # where the firmware's own menu ends
+    max_bed_c: float = 115.0
+    min_extrusion_c: float = 170.0  # colder, the firmware drops the filament (``EXTRUDE_MINTEMP``)
+    gcode_flavor: str = "RepRap (Marlin/Sprinter)"  # Cura's name; E in mm
+    start_code: tuple[str, ...] = _START_CODE  # with the fields bed_c, nozzle_c and prime_mm
+    end_code: tuple[str, ...] = _END_CODE  # with the field park_mm
+    ready_mm: tuple[float, float, float] = (5.0, 50.0, 20.0)  # where the start code leaves the head
+    prime_mm3: float = 50.0  # the firmware's ``PRIMING_MM3``
+    parked_mm: float = 20.0  # where a print leaves the filament (``END_OF_PRINT_RETRACTION``)
+    head_mm: tuple[float, float, float, float] = (-44.0, 64.0, -34.0, 14.0)
+    """Left, right, front and back of the head with its fans, from the nozzle: Cura's
+    ``machine_head_with_fans_polygon`` of the 2+."""
+    retraction_mm: float = 6.5  # of G10: Cura's figures, and the 2+ firmware's (a UM2's has 4.5 mm)
+    retraction_mm_s: float = 25.0
+    head_above_nozzle_mm: float = 5.0  # Cura's ``machine_nozzle_head_distance`` of the 2+
     banner_suffix: str = ""  # how the firmware's author line ends: "ex" on the Extended
 
     @property

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from drivers.printers.profiles import PROFILES
 from farm.config import PrinterSection
+from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import BadSetting, SlicingError
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
 from slicing.settings.resources import find_resources
@@ -14,7 +16,7 @@ def mistake_in(section: PrinterSection) -> tuple[str, str] | None:
     None where all is well, or where there are no files of Cura's to look into (a submission says so).
     """
     request = SettingsRequest(
-        printer_model=section.model, material=section.material, nozzle_mm=section.nozzle_mm
+        slicing_printer(PROFILES[section.model]), material=section.material, nozzle_mm=section.nozzle_mm
     )
     try:
         resources = find_resources()

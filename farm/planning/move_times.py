@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from drivers.emulator.planner import CAPACITY, Limits, Planner
 from drivers.printers.profiles import Profile
-from slicing.start_code import READY_MM
 
 
 class FirmwareTime:
     """The time that the firmware's own planner takes over moves that never wait for the host."""
 
     def __init__(self, profile: Profile) -> None:
-        self._planner = Planner(Limits.of(profile), (*READY_MM, 0.0), lambda _e_mm, _z_mm: None)
+        self._planner = Planner(Limits.of(profile), (*profile.ready_mm, 0.0), lambda _e_mm, _z_mm: None)
         self._now_s = 0.0
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:

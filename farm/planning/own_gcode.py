@@ -25,6 +25,7 @@ from farm.state.storage.file_store import sha256_of, store_file
 from slicing.errors import GcodeRefused
 from slicing.own_gcode.accept import ForeignGcode, accept
 from slicing.own_gcode.lines import LONGEST, shown
+from slicing.own_gcode.target import PrintTarget
 from slicing.settings.plate_settings import Settings
 from slicing.settings.resources import find_resources
 
@@ -157,11 +158,14 @@ def _accept(path: Path, section: PrinterSection, nozzle_mm: float | None, name: 
     try:
         accepted = accept(
             _Lines(path),
+            PrintTarget(
+                printer=settings.printer,
+                filament_mm2=settings.filament_mm2,
+                nozzle_mm=nozzle_mm,
+                nozzle_c=settings.nozzle_c,
+                bed_c=settings.bed_c,
+            ),
             stopwatch=FirmwareTime(PROFILES[section.model]),
-            filament_mm2=settings.filament_mm2,
-            nozzle_mm=nozzle_mm,
-            nozzle_c=settings.nozzle_c,
-            bed_c=settings.bed_c,
         )
         wire.strip(io.BytesIO(accepted.gcode))
     except (GcodeRefused, BadGcode) as error:

@@ -12,6 +12,7 @@ from farm.model import Part, Plate
 from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.part_rooms import printer_room
 from farm.planning.plate_times import plate_seconds
+from farm.planning.slicing_printers import slicing_printer
 from farm.state.storage.file_store import store_file
 from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
 from slicing.settings.resources import Resources, find_engine
@@ -93,7 +94,11 @@ class SliceTask:
 def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
     """What the slicer is asked for on a printer of the fleet: parts lie in poses that count on supports."""
     return SettingsRequest(
-        section.model, quality, section.material, nozzle_mm=section.nozzle_mm, supported=True
+        slicing_printer(PROFILES[section.model]),
+        quality,
+        section.material,
+        nozzle_mm=section.nozzle_mm,
+        supported=True,
     )
 
 

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from slicing.checks.toolpath import NO_LAYER, Toolpath, read_toolpath
+from slicing.checks.toolpath import NO_LAYER, Toolpath
 from slicing.errors import Rule, SliceRejected
 
-MIN_EXTRUSION_C = 170.0
-"""Below it the firmware drops the filament's move and still makes the others (``EXTRUDE_MINTEMP``)."""
 PARK_TOLERANCE_MM = 0.1
 TOP_MM = 1.0
 """What may be missing of the height without a look at the outline."""
@@ -45,16 +43,18 @@ class Facts:
     parked_mm: float  # how far the filament is drawn back at the end
 
 
-def walk(gcode: bytes) -> Facts:
-    """Go through a G-code file of the Marlin flavour, as the firmware of the Ultimaker 2+ would.
+def facts_of(path: Toolpath, min_extrusion_c: float) -> Facts:
+    """Gather the facts of a G-code file of the Marlin flavour.
 
     Distances and the bounding box are of the moves' centre lines.
+
+    Parameters
+    ----------
+    path
+        The file's moves and commands.
+    min_extrusion_c
+        Nozzle temperature, in C, below which the firmware does not extrude.
     """
-    return facts_of(read_toolpath(gcode))
-
-
-def facts_of(path: Toolpath) -> Facts:
-    """What a file's toolpath says; see `walk`."""
     pushed_mm, moved = path.pushed_mm, path.moved
     prints = (pushed_mm > 0) & moved & (path.layer != NO_LAYER)
     layers = path.layer[prints]
@@ -63,7 +63,7 @@ def facts_of(path: Toolpath) -> Facts:
     low = ends.min(axis=0, initial=math.inf)
     high = ends.max(axis=0, initial=-math.inf)
     homed = next((command.move for command in path.commands if command.code == "G28"), len(moved))
-    cold, heaters_off = _heat(path, pushed_mm > 0)
+    cold, heaters_off = _heat(path, pushed_mm > 0, min_extrusion_c)
     return Facts(
         flavour=_noted(path, "FLAVOR:"),
         print_time_s=float(_noted(path, "TIME_ELAPSED:") or 0.0),
@@ -86,7 +86,7 @@ def _noted(path: Toolpath, name: str) -> str:
     return next((n.text[len(name) :] for n in reversed(path.notes) if n.text.startswith(name)), "")
 
 
-def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_]) -> tuple[bool, bool]:
+def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
     """Whether filament is pushed where the nozzle was not waited for, and whether all heat is off at last."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
@@ -94,14 +94,14 @@ def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_]) -> tuple[bool, bool]:
     for command in path.commands:
         if command.code not in ("M104", "M109", "M140", "M190"):
             continue
-        if min(reached_c, target_c["M104"]) < MIN_EXTRUSION_C:
+        if min(reached_c, target_c["M104"]) < min_extrusion_c:
             cold |= bool(pushes[done : command.move].any())
         done = command.move
         set_c = command.word("S") or 0.0
         target_c["M104" if command.code in ("M104", "M109") else "M140"] = set_c
         if command.code == "M109":
             reached_c = set_c
-    if min(reached_c, target_c["M104"]) < MIN_EXTRUSION_C:
+    if min(reached_c, target_c["M104"]) < min_extrusion_c:
         cold |= bool(pushes[done:].any())
     return cold, not any(target_c.values())
 
@@ -124,6 +124,7 @@ def check(
     cut_mm: float,
     top_checked: bool,
     layer_height_mm: float,
+    min_extrusion_c: float,
 ) -> None:
     """Raise SliceRejected, with the rule, unless the file may be printed, on a bed that holds it.
 
@@ -137,6 +138,8 @@ def check(
         Whether what is missing at the top was looked at by its outline; else `TOP_MM` of it may be missing.
     layer_height_mm
         The thickest layer: what a flat top may be off by is half of it.
+    min_extrusion_c
+        Nozzle temperature, in C, below which the firmware does not extrude.
     """
     if facts.filament_mm <= 0 or facts.layers == 0:
         raise SliceRejected(
@@ -173,7 +176,7 @@ def check(
         (
             Rule.COLD,
             not facts.extruded_cold,
-            f"extrudes before the nozzle was waited for at {MIN_EXTRUSION_C:g} C; set a higher "
+            f"extrudes before the nozzle was waited for at {min_extrusion_c:g} C; set a higher "
             "material_print_temperature",
         ),
         (

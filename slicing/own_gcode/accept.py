@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from slicing.errors import GcodeRefused
 from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.extent import Extent
-from slicing.own_gcode.interpreter import Walk
+from slicing.own_gcode.interpreter import Interpreter
 from slicing.own_gcode.machine import check_machine
 from slicing.own_gcode.survey import survey
+from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch, Writer
-from slicing.start_code import end_code, start_code
 
 PLAUSIBLE = (0.2, 2.5)
 """What may be extruded in the mean, as a multiple of a line's section (a nozzle wide, a layer high). Slicers
@@ -68,15 +68,7 @@ class ForeignGcode:
     notices: tuple[str, ...]
 
 
-def accept(
-    lines: Iterable[bytes],
-    *,
-    stopwatch: Stopwatch,
-    filament_mm2: float,
-    nozzle_mm: float | None,
-    nozzle_c: float,
-    bed_c: float,
-) -> ForeignGcode:
+def accept(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch) -> ForeignGcode:
     """Read a file of the Marlin flavour or UltiGCode, and write the print in it anew.
 
     The file's own start and end are left out. What it prints between them keeps its path, speeds, fan and
@@ -87,44 +79,41 @@ def accept(
     ----------
     lines
         The file's lines. They are gone through twice: a list, or an object that opens its file anew.
+    target
+        Printer and material for which it is read.
     stopwatch
         Fresh; it tells the time that the print takes, which makes the program's timeline.
-    filament_mm2
-        The filament's cross-section.
-    nozzle_mm
-        The nozzle in use, for files that do not say theirs; None where several are in use.
-    nozzle_c, bed_c
-        The material's temperatures, for UltiGCode, which leaves them to the printer.
 
     Raises
     ------
     GcodeRefused
         With the line, the reason, and what to do.
     """
-    found = survey(lines)
-    line_mm = found.nozzle_mm or nozzle_mm
+    found = survey(lines, target.filament_mm)
+    line_mm = found.nozzle_mm or target.nozzle_mm
     if line_mm is None:
         raise GcodeRefused(
             "it does not say for which nozzle it was sliced, and the printers have several: write a comment "
             "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
         )
     writer = Writer(stopwatch)
-    clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm)
-    walk = Walk(found, writer, clearance, filament_mm2, nozzle_c, bed_c)
+    clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm, target.printer.head)
+    interpreter = Interpreter(found, writer, clearance, target)
     for number, raw in enumerate(lines, 1):
-        walk.follow(raw, number)
-    walk.finish()
-    extent = walk.extent
-    ratio = _section_ratio(extent, writer.layers, filament_mm2, line_mm)
+        interpreter.run_line(raw, number)
+    interpreter.finish()
+    nozzle_c, bed_c, extent = interpreter.nozzle_c, interpreter.bed_c, interpreter.head.extent
+    ratio = _section_ratio(extent, writer.layers, target, line_mm)
     missing = (found.warning,) if found.warning is not None else ()
-    warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio)
+    warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio, target)
     seconds = writer.finish()
-    head = f";FLAVOR:Marlin\n{start_code(walk.nozzle_c, walk.bed_c, filament_mm2)}\n"
+    code = target.printer.code
+    start = f";FLAVOR:Marlin\n{code.start_code(nozzle_c, bed_c, target.filament_mm2)}\n"
     return ForeignGcode(
-        gcode=head.encode() + writer.text + end_code(0.0).encode() + b"\n",
+        gcode=start.encode() + writer.text + code.end_code(0.0).encode() + b"\n",
         nozzle_mm=found.nozzle_mm,
-        nozzle_c=walk.nozzle_c,
-        bed_c=walk.bed_c,
+        nozzle_c=nozzle_c,
+        bed_c=bed_c,
         print_time_s=seconds,
         filament_mm=extent.filament_mm,
         layers=writer.layers,
@@ -133,11 +122,11 @@ def accept(
         reach_min_mm=_three(extent.reach_low),
         reach_max_mm=_three(extent.reach_high),
         filament_type=found.machine.filament_type,
-        notices=_notices(found.ulticode, walk.left_out) + warnings,
+        notices=_notices(found.ulticode, interpreter.left_out) + warnings,
     )
 
 
-def _section_ratio(extent: Extent, layers: int, filament_mm2: float, nozzle_mm: float) -> float:
+def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
     """Section of the lines, as a multiple of a line's as wide as the nozzle and as high as a layer.
 
     Raises
@@ -145,7 +134,7 @@ def _section_ratio(extent: Extent, layers: int, filament_mm2: float, nozzle_mm: 
     GcodeRefused
         Where E means something else than mm of this filament.
     """
-    section_mm2 = extent.filament_mm * filament_mm2 / extent.path_mm
+    section_mm2 = extent.filament_mm * target.filament_mm2 / extent.path_mm
     # one spiral has no flat layers: its turns are marked, or they are as high as a nozzle's lines can be
     mean_mm = min(extent.high[2] / max(1, layers), HIGHEST_LAYER * nozzle_mm)
     layer_mm = max(extent.layer_mm, mean_mm)
@@ -154,8 +143,8 @@ def _section_ratio(extent: Extent, layers: int, filament_mm2: float, nozzle_mm: 
     if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
         raise GcodeRefused(
             f"its lines have {section_mm2:.3f} mm2 in the mean, and layers of {layer_mm:.3g} mm with a "
-            f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to 2.85 mm in "
-            "your slicer, and let it count E in mm, not in mm3"
+            f"nozzle of {nozzle_mm:g} mm about {usual_mm2:.3f}: set the filament's diameter to "
+            f"{target.filament_mm:.4g} mm in your slicer, and let it count E in mm, not in mm3"
         )
     return ratio
 

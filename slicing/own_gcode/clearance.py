@@ -1,4 +1,4 @@
-"""Heights of what is printed, and whether the head of an Ultimaker 2+ can move over it."""
+"""Heights of what is printed, and whether the head can move over it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-HEAD_MM = (-44.0, 64.0, -34.0, 14.0)
-"""Left, right, front and back of the head with its fans, from the nozzle: Cura's
-`machine_head_with_fans_polygon` of the 2+."""
-HEAD_ABOVE_NOZZLE_MM = 5.0
-"""Height of its underside above the nozzle's tip: Cura's `machine_nozzle_head_distance` of the 2+."""
+from slicing.printer import HeadShape
 
 _CELL_MM = 1.0
 _LOWEST_MM = -20.0  # where the grid begins, on X and Y
@@ -32,9 +28,12 @@ class Clearance:
     ----------
     slack_mm
         How far below what is printed the nozzle may be: within a layer slicers go up and down.
+    head
+        The printer's head.
     """
 
-    def __init__(self, slack_mm: float) -> None:
+    def __init__(self, slack_mm: float, head: HeadShape) -> None:
+        self._head = head
         self._slack_mm = slack_mm
         self._lines = array("d")  # x, y, z of both ends
         self._height_mm = np.zeros((_CELLS, _CELLS))  # [y, x]
@@ -56,13 +55,13 @@ class Clearance:
         if self._above_nozzle is None or self._printed_since_mm > lowest_mm + self._slack_mm:
             self._flush()
             self._above_nozzle = ndimage.maximum_filter(self._height_mm, 3)
-            self._above_head = _highest_below_head(self._height_mm)
+            self._above_head = _highest_below_head(self._height_mm, self._head)
             self._printed_since_mm = 0.0
         assert self._above_head is not None
         xy, z = _samples(np.array([[*old, *target]]))
         y, x = _cells(xy)
         nozzle_mm, head_mm = self._above_nozzle[y, x], self._above_head[y, x]
-        hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + HEAD_ABOVE_NOZZLE_MM + self._slack_mm)
+        hit = (nozzle_mm > z + self._slack_mm) | (head_mm > z + self._head.above_nozzle + self._slack_mm)
         return float(np.maximum(nozzle_mm, head_mm)[hit].max()) if hit.any() else None
 
     def _flush(self) -> None:
@@ -90,9 +89,11 @@ def _cells(xy: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]
     return cells[:, 1], cells[:, 0]
 
 
-def _highest_below_head(height_mm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """For each place of the nozzle the highest cell within the head's outline."""
-    left, right, front, back = (round(edge / _CELL_MM) for edge in HEAD_MM)
+def _highest_below_head(height_mm: NDArray[np.float64], head: HeadShape) -> NDArray[np.float64]:
+    """Find the highest cell within the head's outline for each place of the nozzle."""
+    left, right, front, back = (
+        round(edge / _CELL_MM) for edge in (head.left, head.right, head.front, head.back)
+    )
     size = (back - front + 1, right - left + 1)
     # a filter reaches from -(size // 2) - origin on: moved so that it begins at the head's front and left
     origin = (-(size[0] // 2) - front, -(size[1] // 2) - left)

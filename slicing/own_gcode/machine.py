@@ -1,4 +1,4 @@
-"""Reads which machine a file was sliced for, and checks whether it fits an Ultimaker 2+ all the same."""
+"""Machine that a file was sliced for, and whether the file fits the farm's printer all the same."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
 from slicing.own_gcode.lines import shown
+from slicing.own_gcode.target import PrintTarget
 
 _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
 """Cura; PrusaSlicer and its kin; KISSlicer; and, where no model is named, the name of a person's settings."""
@@ -28,7 +29,7 @@ FOREIGN_START = {
     "M862.2": "checks its model",
     "M862.3": "checks its model",
 }
-"""Commands of start scripts for what an Ultimaker 2+ has not."""
+"""Commands of start scripts for what the farm's printers do not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class Machine:
     bed_corner
         The first corner of its bed, as written; None where the file does not say.
     start
-        The line and the command in its start that an Ultimaker 2+ has not; None where there is none.
+        Line and command in its start that the farm's printers do not have; None where there is none.
     """
 
     name: str | None
@@ -73,7 +74,9 @@ def find_machine(
     )
 
 
-def check_machine(machine: Machine, nozzle_mm: float | None, section_ratio: float) -> tuple[str, ...]:
+def check_machine(
+    machine: Machine, nozzle_mm: float | None, section_ratio: float, target: PrintTarget
+) -> tuple[str, ...]:
     """Check a file for another machine, except its size; return warnings where it fits.
 
     Parameters
@@ -82,13 +85,15 @@ def check_machine(machine: Machine, nozzle_mm: float | None, section_ratio: floa
         The nozzle that it was sliced for; None where it does not say.
     section_ratio
         Section of its lines, as a multiple of a line's as wide as the nozzle.
+    target
+        The printer that is to print it.
 
     Raises
     ------
     GcodeRefused
         Where it does not fit, or nothing shows that it does.
     """
-    name, why = machine.name, None
+    name, why, title = machine.name, None, target.printer.title
     usual = _USUAL[0] < section_ratio < _USUAL[1]
     if name is None and (usual or nozzle_mm is not None):
         return ()
@@ -103,11 +108,12 @@ def check_machine(machine: Machine, nozzle_mm: float | None, section_ratio: floa
     elif machine.bed_corner not in (None, "0x0"):
         why = f"its bed begins at {shown(machine.bed_corner or '')}"
     elif machine.filament_mm is None and not usual:
-        why = f"its lines have {section_ratio:.1f} times the usual section, with filament of 2.85 mm"
+        filament = f"filament of {target.filament_mm:.4g} mm"
+        why = f"its lines have {section_ratio:.1f} times the usual section, with {filament}"
     if why is not None:
-        raise GcodeRefused(f"it was sliced for {shown(name)} ({why}): slice it for an Ultimaker 2+")
+        raise GcodeRefused(f"it was sliced for {shown(name)} ({why}): slice it for the {title}")
     return (
-        f"Warning: it was sliced for {shown(name)}. What it prints fits an Ultimaker 2+, by its size, its "
+        f"Warning: it was sliced for {shown(name)}. What it prints fits the {title}, by its size, its "
         "filament and its start; speeds and temperatures are that machine's.",
     )
 

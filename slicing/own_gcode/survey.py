@@ -12,8 +12,8 @@ from slicing.own_gcode.completeness import Completeness
 from slicing.own_gcode.lines import plain_move, split
 from slicing.own_gcode.machine import FOREIGN_START, Machine, find_machine
 
-FILAMENT_MM = (2.75, 3.05)
-"""Sold as 2.85 mm, and also as 3 mm."""
+FILAMENT_SLACK_MM = (-0.1, 0.2)
+"""Filament of 2.85 mm is also sold as 3 mm."""
 INCOMPLETE = "export it once more, or copy it again"
 _LAYER = re.compile(
     rb"LAYER:\s*-?\d+\Z|LAYER_CHANGE\b|CHANGE_LAYER\b|layer \d+, Z ?=|BEGIN_LAYER_OBJECT\b", re.IGNORECASE
@@ -65,8 +65,15 @@ def is_layer(comment: bytes) -> bool:
     return _LAYER.match(comment) is not None
 
 
-def survey(lines: Iterable[bytes]) -> Survey:
+def survey(lines: Iterable[bytes], filament_mm: float) -> Survey:
     """Find a file's facts in one pass.
+
+    Parameters
+    ----------
+    lines
+        The file's lines.
+    filament_mm
+        Diameter of the printer's filament.
 
     Raises
     ------
@@ -103,7 +110,7 @@ def survey(lines: Iterable[bytes]) -> Survey:
             waited = number if code == "M109" else waited
             homed = number if code == "G28" else homed
             ready = number if code in ("M109", "M190", "G28") else ready
-    ulticode = _is_ulticode(facts)
+    ulticode = _is_ulticode(facts, filament_mm)
     if not layer and (ulticode or not (waited and homed)):
         raise GcodeRefused(
             "it cannot be told where its print begins: let your slicer write ;LAYER:0 where a layer begins "
@@ -122,7 +129,7 @@ def survey(lines: Iterable[bytes]) -> Survey:
     )
 
 
-def _is_ulticode(facts: dict[str, bytes]) -> bool:
+def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:
     flavour = (facts.get("flavor") or facts.get("gcode_flavor") or b"Marlin").decode("ascii", "replace")
     if flavour == "UltiGCode":
         return True
@@ -134,9 +141,11 @@ def _is_ulticode(facts: dict[str, bytes]) -> bool:
     if facts.get("use_volumetric_e") == b"1":
         raise GcodeRefused("it counts filament in mm3: switch off `Use volumetric E` in your slicer")
     diameter_mm = _number(facts, *_FILAMENT)
-    if diameter_mm is not None and not FILAMENT_MM[0] <= diameter_mm <= FILAMENT_MM[1]:
+    thinner_mm, thicker_mm = FILAMENT_SLACK_MM
+    if diameter_mm is not None and not thinner_mm <= round(diameter_mm - filament_mm, 3) <= thicker_mm:
         raise GcodeRefused(
-            f"it was sliced for filament of {diameter_mm:g} mm: set the filament's diameter to 2.85 mm"
+            f"it was sliced for filament of {diameter_mm:g} mm: set the filament's diameter to "
+            f"{filament_mm:.4g} mm"
         )
     return False
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from slicing.errors import BadSetting
+from slicing.printer import PrinterModel
 from slicing.settings.resolver import Resolver, Scope
 from slicing.settings.shrinkage import NONE, compensation
-from slicing.start_code import end_code, start_code
 
 SHRINKAGE = (
     "material_shrinkage_percentage",
@@ -33,7 +33,7 @@ _DIRECTIONS = {
 class Settings:
     """Every setting as CuraEngine reads it, and the numbers that others need."""
 
-    printer_model: str
+    printer: PrinterModel
     global_: dict[str, str]
     extruder: dict[str, str]
     layer_height_mm: float
@@ -78,7 +78,9 @@ def print_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
     return compensation(kind) if scale == NONE else scale
 
 
-def tell_engine(model: str, resolver: Resolver, density_g_cm3: float, scale: tuple[float, float]) -> Settings:
+def tell_engine(
+    printer: PrinterModel, resolver: Resolver, density_g_cm3: float, scale: tuple[float, float]
+) -> Settings:
     """Every value of both stacks as text, with start and end code, and the numbers that others need.
 
     Raises
@@ -109,12 +111,13 @@ def tell_engine(model: str, resolver: Resolver, density_g_cm3: float, scale: tup
     bed_c = number("material_bed_temperature_layer_0") if flag("machine_heated_bed") else 0.0
     # The engine's Marlin header does not name the nozzle: whoever gets the file could not tell.
     nozzle = f";NOZZLE_DIAMETER:{number('machine_nozzle_size'):g}"
-    global_["machine_start_gcode"] = f"{nozzle}\n{start_code(nozzle_c, bed_c, filament_mm2)}"
-    global_["machine_end_gcode"] = end_code(number("retraction_amount") if flag("retraction_enable") else 0.0)
+    global_["machine_start_gcode"] = f"{nozzle}\n{printer.code.start_code(nozzle_c, bed_c, filament_mm2)}"
+    retracted_mm = number("retraction_amount") if flag("retraction_enable") else 0.0
+    global_["machine_end_gcode"] = printer.code.end_code(retracted_mm)
     directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
     support = flag("support_enable")
     return Settings(
-        printer_model=model,
+        printer=printer,
         global_=global_,
         extruder=extruder,
         layer_height_mm=number("layer_height"),

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any
 
+from slicing.printer import PrinterModel
 from slicing.settings.definitions import fits_type
 from slicing.settings.resolver import Resolver, Scope
-from slicing.start_code import PARKED_MM
 
-NOZZLE_MAX_C = 260.0  # the firmware's own menu ends there
-BED_MAX_C = 115.0
 LAYER_SHARE = 0.8  # of the nozzle, where Cura warns
 _LINE_SHARE = 2.0  # of the nozzle, where Cura warns
 _MOST_HOP_MM = 10.0
@@ -104,16 +102,18 @@ class Violation:
     ours: bool  # a limit of ours: Cura's own profiles have to keep it too
 
 
-def violations(resolver: Resolver, chosen: Collection[str] = ()) -> Iterator[Violation]:
+def violations(
+    resolver: Resolver, printer: PrinterModel, chosen: Collection[str] = ()
+) -> Iterator[Violation]:
     """What is wrong in either stack: first of the keys that a person has chosen, then of all that count."""
     for scope in Scope:
         for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
-            for found in _violations(resolver, scope, key):
+            for found in _violations(resolver, printer, scope, key):
                 if key in chosen or found.ours or resolver.is_enabled(key):
                     yield found
 
 
-def _violations(resolver: Resolver, scope: Scope, key: str) -> Iterator[Violation]:
+def _violations(resolver: Resolver, printer: PrinterModel, scope: Scope, key: str) -> Iterator[Violation]:
     setting = resolver.setting(key)
     value = resolver.value(scope, key)
     if value is None and setting.default is None:
@@ -126,21 +126,22 @@ def _violations(resolver: Resolver, scope: Scope, key: str) -> Iterator[Violatio
         return
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return
-    for (least, greatest), ours in ((_our_bounds(resolver, key), True), (resolver.bounds(scope, key), False)):
+    ours, curas = _our_bounds(resolver, printer, key), resolver.bounds(scope, key)
+    for (least, greatest), is_ours in ((ours, True), (curas, False)):
         low, high = (-inf if least is None else least), (inf if greatest is None else greatest)
         if not low <= value <= high:
             ends = (("at least", low), ("at most", high))
             allowed = ", ".join(f"{word} {_shown(end)}" for word, end in ends if isfinite(end))
-            yield Violation(scope, key, value, allowed, ours)
+            yield Violation(scope, key, value, allowed, is_ours)
 
 
-def _our_bounds(resolver: Resolver, key: str) -> tuple[float | None, float | None]:
+def _our_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[float | None, float | None]:
     nozzle_mm = float(resolver.value(Scope.EXTRUDER, "machine_nozzle_size"))
     match key:
         case "layer_height" | "layer_height_0":
             return None, LAYER_SHARE * nozzle_mm
         case "retraction_amount":
-            return 0.0, PARKED_MM
+            return 0.0, printer.code.parked_mm
         case "retraction_extra_prime_amount" | "wipe_retraction_extra_prime_amount":
             return -_MOST_EXTRA_MM3, _MOST_EXTRA_MM3
         case "retraction_hop" | "wipe_hop_amount":
@@ -154,9 +155,9 @@ def _our_bounds(resolver: Resolver, key: str) -> tuple[float | None, float | Non
         case _ if "material_flow" in key or key == "ironing_flow":
             return None, _MOST_FLOW_PERCENT
         case _ if "bed_temperature" in key:
-            return 0.0, BED_MAX_C
+            return 0.0, printer.limits.max_bed_c
         case _ if "print_temperature" in key or key == "material_standby_temperature":
-            return 0.0, NOZZLE_MAX_C
+            return 0.0, printer.limits.max_nozzle_c
     return None, None
 
 

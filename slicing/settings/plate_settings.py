@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from slicing.errors import BadSetting, DefinitionError
+from slicing.printer import PrinterModel
 from slicing.settings.definitions import parse_value
 from slicing.settings.engine_settings import SHRINKAGE, Settings, print_scale, tell_engine
 from slicing.settings.formula import Formula
@@ -17,13 +18,11 @@ from slicing.settings.qualities import DEFAULT_QUALITY, OURS, SUPPORTED
 from slicing.settings.resolver import Layer, Place, Resolver
 from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
-from slicing.start_code import FLAVOR
 
 __all__ = ["ANY_PART", "PartSettings", "Settings", "SettingsRequest", "resolve_settings"]
 
 # What a file that is streamed needs.
 _FIXED: Mapping[str, Any] = {
-    "machine_gcode_flavor": FLAVOR,
     "machine_firmware_retract": False,
     "machine_center_is_zero": False,
     "material_bed_temp_prepend": False,
@@ -34,12 +33,12 @@ _FIXED: Mapping[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class SettingsRequest:
-    """How to print, in the user's words. `printer_model` is Cura's definition id.
+    """How to print, in the user's words.
 
     `supported`: print supports also where the quality has none, as Cura's own have; `overrides` win over it.
     """
 
-    printer_model: str
+    printer: PrinterModel
     quality: str = DEFAULT_QUALITY
     material: str = "generic_pla"
     nozzle_mm: float = 0.4
@@ -107,7 +106,7 @@ def _has_own_heights(request: SettingsRequest) -> bool:
 class _Words:
     """A request that can be looked up."""
 
-    printer_model: str
+    printer: PrinterModel
     quality: str
     material: str
     nozzle_mm: float
@@ -118,7 +117,7 @@ class _Words:
     def of(cls, request: SettingsRequest) -> _Words:
         overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
         return cls(
-            printer_model=request.printer_model,
+            printer=request.printer,
             quality=request.quality,
             material=request.material,
             nozzle_mm=request.nozzle_mm,
@@ -131,11 +130,11 @@ class _Words:
 def _resolve(
     resources: Resources, words: _Words, part: PartSettings, heights: LayerHeights | None
 ) -> Settings:
-    stacks = find_stacks(resources, words.printer_model, words.nozzle_mm, words.material, words.quality)
+    stacks = find_stacks(resources, words.printer.name, words.nozzle_mm, words.material, words.quality)
     resolver = _resolver(stacks, words, part, heights)
     user_keys = [key for key, _ in words.overrides]
     try:
-        for found in violations(resolver, chosen=user_keys):
+        for found in violations(resolver, words.printer, chosen=user_keys):
             if found.ours or not _is_cura_s(found, resources, words):
                 raise BadSetting(_refusal(found, words))
     except DefinitionError as error:
@@ -145,13 +144,13 @@ def _resolve(
     quality = OURS.get(words.quality)
     ours = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
     scale = print_scale(resolver, stacks.material.kind if ours else "")
-    return tell_engine(words.printer_model, resolver, stacks.material.density_g_cm3, scale)
+    return tell_engine(words.printer, resolver, stacks.material.density_g_cm3, scale)
 
 
 def _is_cura_s(found: Violation, resources: Resources, words: _Words) -> bool:
     """Whether Cura's own profiles go beyond the limits of its definitions here: it prints all the same."""
     bare = replace(words, overrides=())
-    stacks = find_stacks(resources, words.printer_model, words.nozzle_mm, words.material, words.quality)
+    stacks = find_stacks(resources, words.printer.name, words.nozzle_mm, words.material, words.quality)
     return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
 
 
@@ -174,7 +173,7 @@ def _resolver(stacks: Stacks, words: _Words, part: PartSettings, heights: LayerH
     quality = OURS.get(words.quality)
     if quality is not None:
         user |= quality.changes
-    user |= {**_part_layer(part, heights), **_FIXED}
+    user |= {**_part_layer(part, heights), **_FIXED, "machine_gcode_flavor": words.printer.code.flavor}
     layers = {scope: {Place.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for key, raw in words.overrides:

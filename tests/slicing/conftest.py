@@ -10,6 +10,7 @@ from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
 from slicing.settings.resources import find_engine, find_resources
+from slicing_printers import PRINTERS
 
 WHOLE_BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 
@@ -35,7 +36,7 @@ def settings_of(resources):
     """Settings for a printer, with overrides as keyword arguments."""
 
     def resolve(quality="glue", model="ultimaker2_plus", **overrides):
-        return resolve_settings(SettingsRequest(model, quality, overrides=overrides), resources)
+        return resolve_settings(SettingsRequest(PRINTERS[model], quality, overrides=overrides), resources)
 
     return resolve
 

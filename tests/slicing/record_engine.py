@@ -20,6 +20,7 @@ import trimesh
 from slicing.engine import engine_version, run_engine
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
 from slicing.settings.resources import find_engine, find_resources
+from slicing_printers import UM2_PLUS
 
 MOVE = trimesh.transformations.translation_matrix
 
@@ -34,7 +35,7 @@ def model():
 
 
 def main():
-    settings = resolve_settings(SettingsRequest("ultimaker2_plus"), find_resources())
+    settings = resolve_settings(SettingsRequest(UM2_PLUS), find_resources())
     engine = find_engine()
     stl = model().export(file_type="stl")
     with tempfile.TemporaryDirectory() as folder:

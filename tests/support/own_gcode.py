@@ -9,7 +9,8 @@ from drivers.gcode.program import HeaterName, strip
 from make_gcode import FILAMENT_MM2, Summed
 from slicing.errors import GcodeRefused
 from slicing.own_gcode.accept import accept
-from slicing.start_code import end_code, start_code
+from slicing.own_gcode.target import PrintTarget
+from slicing_printers import UM2_PLUS
 
 ON_THE_LIST = re.compile(
     rb"(G0|G1|G4|G28|G90|G91|G92|G21|M82|M84|M104|M106|M107|M109|M140|M190|M220 S100|M221 S100)( |\Z)"
@@ -19,20 +20,17 @@ ON_THE_LIST = re.compile(
 def take(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
     return accept(
         [line if isinstance(line, bytes) else line.encode() + end for line in lines],
+        PrintTarget(UM2_PLUS, FILAMENT_MM2, nozzle_mm, nozzle_c=210.0, bed_c=65.0),
         stopwatch=stopwatch or Summed(),
-        filament_mm2=FILAMENT_MM2,
-        nozzle_mm=nozzle_mm,
-        nozzle_c=210.0,
-        bed_c=65.0,
     )
 
 
 def body(accepted):
     """What stands between the farm's own start and end."""
-    start = start_code(accepted.nozzle_c, accepted.bed_c, FILAMENT_MM2)
+    start = UM2_PLUS.code.start_code(accepted.nozzle_c, accepted.bed_c, FILAMENT_MM2)
     text = accepted.gcode.decode().removeprefix(f";FLAVOR:Marlin\n{start}\n")
-    assert text.endswith(f"{end_code(0.0)}\n")
-    return text.removesuffix(f"{end_code(0.0)}\n").splitlines()
+    assert text.endswith(f"{UM2_PLUS.code.end_code(0.0)}\n")
+    return text.removesuffix(f"{UM2_PLUS.code.end_code(0.0)}\n").splitlines()
 
 
 def followed(lines):

@@ -22,6 +22,7 @@ from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.part_rooms import model_sizes
 from farm.planning.parts.print_recipe import recipe
+from farm.planning.slicing_printers import slicing_printer
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
 from slicing.settings.resources import find_resources
 
@@ -94,7 +95,7 @@ def decompose_to_folder(
     )
     _empty_for_parts(out)
     with in_farm_words():
-        settings = resolve_settings(SettingsRequest(printer_model=profile.model), find_resources())
+        settings = resolve_settings(SettingsRequest(slicing_printer(profile)), find_resources())
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
         rooms = [
             PrinterRoom(str(number), model_sizes(room, settings))

@@ -17,6 +17,7 @@ from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.slice_part import settings_of, slice_part
 from farm.planning.plan_records import SliceTask
 from farm.planning.plate_times import plate_seconds
+from farm.planning.slicing_printers import slicing_printer
 from slicing.cache import trim_cache
 from slicing.errors import nearest
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
@@ -74,7 +75,7 @@ def slice_to_file(
         hint = nearest(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
         raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
     profile = BEDS[printer_model]
-    request = SettingsRequest(printer_model, quality, material, nozzle_mm, overrides)
+    request = SettingsRequest(slicing_printer(profile), quality, material, nozzle_mm, overrides)
     _check_writable(out, path)
     with in_farm_words():
         resources, engine = find_resources(), find_engine()

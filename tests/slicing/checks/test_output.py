@@ -9,10 +9,11 @@ from slicing.checks.output import (
     check_bed,
     check_log,
     check_parking,
+    facts_of,
     removed_layers,
-    walk,
     with_header,
 )
+from slicing.checks.toolpath import read_toolpath
 from slicing.errors import Rule, SliceRejected
 
 GOOD = b""";FLAVOR:Marlin
@@ -48,8 +49,15 @@ BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 
 def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
-    facts = walk(gcode)
-    check(facts, height_mm=height_mm, cut_mm=cut_mm, top_checked=top_checked, layer_height_mm=0.27)
+    facts = facts_of(read_toolpath(gcode), 170.0)
+    check(
+        facts,
+        height_mm=height_mm,
+        cut_mm=cut_mm,
+        top_checked=top_checked,
+        layer_height_mm=0.27,
+        min_extrusion_c=170.0,
+    )
     check_bed(facts, (111.5, 111.5), bed, 0.14)
     check_parking(facts, 20.0)
     return facts

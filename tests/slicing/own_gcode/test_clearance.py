@@ -11,6 +11,7 @@ from make_stl import stl_bytes
 from own_gcode import refused, safe, take
 from slicing.engine import run_engine
 from slicing.own_gcode.clearance import Clearance
+from slicing_printers import UM2_PLUS
 
 AT = trimesh.transformations.translation_matrix
 TOWER_18 = square(layers=90)
@@ -41,7 +42,7 @@ def test_a_way_through_what_is_printed_is_refused(way, hit):
 
 
 def test_the_head_reaches_as_far_as_curas_definition_says():
-    clearance = Clearance(slack_mm=0.4)
+    clearance = Clearance(slack_mm=0.4, head=UM2_PLUS.head)
     clearance.add([100.0, 100.0, 9.0], [100.5, 100.0, 9.0])
 
     def hits(x, y, z=3.0):

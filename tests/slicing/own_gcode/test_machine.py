@@ -54,7 +54,7 @@ def test_an_ultimaker_2_plus_by_any_name_and_no_machine_are_not(comment):
 def test_another_machine_whose_start_does_not_fit_is_refused(command):
     lines = named("; printer_model = MK3S")
     lines.insert(3, command)
-    refused(lines, rf"sliced for 'MK3S' \(line 4: {command.split()[0]} .*slice it for an Ultimaker 2\+")
+    refused(lines, rf"sliced for 'MK3S' \(line 4: {command.split()[0]} .*slice it for the Ultimaker 2\+")
 
 
 def test_another_machine_with_its_origin_elsewhere_is_refused():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from slicing.plate import slice_plate
 from slicing.settings.layer_heights import CERTAIN_LAYERS, EXACT_MM, LayerHeights, fit_heights, printed_mm
 from slicing.settings.plate_settings import PartSettings, SettingsRequest, resolve_settings
+from slicing_printers import UM2_PLUS
 
 HIGHEST_MM = 320.0
 # Quality glue: half the nozzle, and Cura's first layer for it; the plain models' first layer is another.
@@ -100,7 +101,7 @@ def test_what_fits_already_stays_as_it_is():
 @pytest.mark.parametrize("height_mm", [3.0, 7.77, 25.4, 40.93, 61.13])
 def test_a_real_slice_ends_where_the_part_does(request_for, resources, height_mm):
     part = PartSettings(height_mm=height_mm)
-    settings = resolve_settings(SettingsRequest("ultimaker2_plus"), resources, part)
+    settings = resolve_settings(SettingsRequest(UM2_PLUS), resources, part)
     box = trimesh.creation.box((8, 8, height_mm))
     assert slice_plate(request_for(box, settings=settings)).height_mm == pytest.approx(
         height_mm, abs=EXACT_MM

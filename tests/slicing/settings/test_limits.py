@@ -1,18 +1,23 @@
 """What a person must not set, what is out of range, and what is said then."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from slicing.errors import BadSetting
 from slicing.settings.definitions import SettingType
-from slicing.settings.limits import BED_MAX_C, NOZZLE_MAX_C, why_reserved
+from slicing.settings.limits import why_reserved
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
+from slicing_printers import UM2_PLUS
+
+LIMITS = UM2_PLUS.limits
 
 
 def refused(resources, overrides, **rest):
     with pytest.raises(BadSetting) as error:
-        resolve_settings(SettingsRequest("ultimaker2_plus", overrides=overrides, **rest), resources)
+        resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides, **rest), resources)
     said = str(error.value)
     assert "\n" not in said
     return said
@@ -117,13 +122,13 @@ def test_a_value_that_only_follows_is_refused_with_its_cause(resources):
 
 def test_no_infill_and_whole_infill_are_within_the_limits(resources):
     for percent in ("0", "100"):
-        request = SettingsRequest("ultimaker2_plus", overrides={"infill_sparse_density": percent})
+        request = SettingsRequest(UM2_PLUS, overrides={"infill_sparse_density": percent})
         assert resolve_settings(request, resources).extruder["infill_sparse_density"] == f"{percent}.0"
 
 
 def test_what_does_not_count_is_not_held_against_a_person(resources):
     """Without support infill its zigzag would skip every 0th line, which is out of range, and not printed."""
-    request = SettingsRequest("ultimaker2_plus", overrides={"support_infill_rate": "0"})
+    request = SettingsRequest(UM2_PLUS, overrides={"support_infill_rate": "0"})
     assert resolve_settings(request, resources).extruder["support_zag_skip_count"] == "0"
 
 
@@ -132,8 +137,8 @@ def test_a_material_that_is_too_hot_for_the_printer_says_so_and_may_be_printed_c
     assert "default_material_print_temperature=270, from glue with generic_pc" in said
     assert "take another material" in said
     colder = {"default_material_print_temperature": "260"}
-    request = SettingsRequest("ultimaker2_plus", material="generic_pc", overrides=colder)
-    assert resolve_settings(request, resources).nozzle_c == NOZZLE_MAX_C
+    request = SettingsRequest(UM2_PLUS, material="generic_pc", overrides=colder)
+    assert resolve_settings(request, resources).nozzle_c == LIMITS.max_nozzle_c
 
 
 def test_limits_hold_for_every_key_that_heats(resources):
@@ -143,7 +148,7 @@ def test_limits_hold_for_every_key_that_heats(resources):
     commanded = [key for key in hot if "bed" in key or "print_temp" in key or "standby" in key]
     assert len(commanded) >= 8
     for key in commanded:
-        greatest = BED_MAX_C if "bed" in key else NOZZLE_MAX_C
+        greatest = LIMITS.max_bed_c if "bed" in key else LIMITS.max_nozzle_c
         assert f"at most {greatest:g}" in refused(resources, {key: f"{greatest + 1:g}"})
 
 
@@ -160,14 +165,21 @@ ANY_TEXT = st.one_of(
 def test_any_text_for_any_key_resolves_or_is_refused_in_one_line(resources, data):
     machine = resources.machine("ultimaker2_plus")
     key = data.draw(st.sampled_from(sorted({**machine.settings, **machine.extruder})))
-    request = SettingsRequest("ultimaker2_plus", overrides={key: data.draw(ANY_TEXT)})
+    request = SettingsRequest(UM2_PLUS, overrides={key: data.draw(ANY_TEXT)})
     try:
         told = resolve_settings(request, resources)
     except BadSetting as refused:
         assert str(refused).isprintable()
         assert len(str(refused)) < 400
     else:
-        assert 0 <= told.nozzle_c <= NOZZLE_MAX_C
-        assert 0 <= told.bed_c <= BED_MAX_C
+        assert 0 <= told.nozzle_c <= LIMITS.max_nozzle_c
+        assert 0 <= told.bed_c <= LIMITS.max_bed_c
         assert 0 < told.layer_height_mm <= 0.32
         assert told.global_["machine_gcode_flavor"] == "RepRap (Marlin/Sprinter)"
+
+
+def test_limits_are_those_of_the_printer_model(resources):
+    cooler = replace(UM2_PLUS, limits=replace(LIMITS, max_nozzle_c=230.0))
+    request = SettingsRequest(cooler, overrides={"material_print_temperature": "231"})
+    with pytest.raises(BadSetting, match="at most 230"):
+        resolve_settings(request, resources)

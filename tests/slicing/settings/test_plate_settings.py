@@ -1,6 +1,7 @@
 """Settings out of Cura's real files."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -8,6 +9,7 @@ from slicing.errors import BadSetting, EngineMissing, ResourcesMissing
 from slicing.settings.plate_settings import PartSettings, SettingsRequest, resolve_settings
 from slicing.settings.qualities import OURS
 from slicing.settings.resources import find_engine, find_resources
+from slicing_printers import UM2_PLUS
 
 
 def lines_mm(settings, width_mm):
@@ -77,7 +79,7 @@ def test_temperatures_reach_the_start_code(settings_of):
 @pytest.mark.parametrize("material", ["generic_pla", "generic_tpu", "generic_nylon", "generic_pc"])
 def test_glue_has_its_brim_also_where_cura_s_profile_counts_lines(resources, material):
     cooler = {"default_material_print_temperature": "240"}
-    request = SettingsRequest("ultimaker2_plus", material=material, overrides=cooler)
+    request = SettingsRequest(UM2_PLUS, material=material, overrides=cooler)
     s = resolve_settings(request, resources)
     assert s.brim_width_mm == pytest.approx(lines_mm(s, 8.0))
     narrow = resolve_settings(request, resources, PartSettings(brim_width_mm=3.0))
@@ -91,17 +93,17 @@ def test_without_a_brim_nothing_is_printed_around(settings_of):
 
 @pytest.mark.parametrize("nozzle_mm", [0.25, 0.6, 0.8])
 def test_other_nozzles(resources, nozzle_mm):
-    s = resolve_settings(SettingsRequest("ultimaker2_plus", nozzle_mm=nozzle_mm), resources)
+    s = resolve_settings(SettingsRequest(UM2_PLUS, nozzle_mm=nozzle_mm), resources)
     assert s.extruder["machine_nozzle_size"] == f"{nozzle_mm}"
 
 
 def test_a_brand_takes_the_profiles_of_its_kind(resources):
-    s = resolve_settings(SettingsRequest("ultimaker2_plus", "paper", "ultimaker_pla_blue"), resources)
+    s = resolve_settings(SettingsRequest(UM2_PLUS, "paper", "ultimaker_pla_blue"), resources)
     assert s.layer_height_mm == 0.25
 
 
 def test_abs_is_hotter(resources):
-    s = resolve_settings(SettingsRequest("ultimaker2_plus", "fast", "generic_abs"), resources)
+    s = resolve_settings(SettingsRequest(UM2_PLUS, "fast", "generic_abs"), resources)
     assert s.nozzle_c > 220
     assert s.density_g_cm3 == pytest.approx(1.1)
 
@@ -109,7 +111,7 @@ def test_abs_is_hotter(resources):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"printer_model": "ultimaker2_pluss"}, "did you mean ultimaker2_plus"),
+        ({"printer": replace(UM2_PLUS, name="ultimaker2_pluss")}, "did you mean ultimaker2_plus"),
         ({"quality": "glu"}, "did you mean glue"),
         ({"quality": "draft"}, "there is none for generic_pla"),
         ({"material": "generic_plaa"}, "did you mean generic_pla"),
@@ -127,7 +129,7 @@ def test_abs_is_hotter(resources):
     ],
 )
 def test_what_does_not_exist_is_refused_in_one_line(resources, change, message):
-    request = {"printer_model": "ultimaker2_plus", **change}
+    request = {"printer": UM2_PLUS, **change}
     with pytest.raises(BadSetting, match=message) as refused:
         resolve_settings(SettingsRequest(**request), resources)
     assert "\n" not in str(refused.value)
@@ -145,7 +147,7 @@ def test_what_does_not_exist_is_refused_in_one_line(resources, change, message):
     ],
 )
 def test_a_part_has_its_own_brim_within_the_qualitys(resources, overrides, chosen_mm, brim_mm, adhesion):
-    request = SettingsRequest("ultimaker2_plus", overrides=overrides)
+    request = SettingsRequest(UM2_PLUS, overrides=overrides)
     s = resolve_settings(request, resources, PartSettings(brim_width_mm=chosen_mm))
     assert s.brim_width_mm == pytest.approx(lines_mm(s, brim_mm))
     assert s.global_["adhesion_type"] == adhesion
@@ -155,7 +157,7 @@ def test_the_first_layer_of_a_part_is_wider_or_narrower_than_the_others(resource
     part = PartSettings(layer_0_expansion_mm=-0.2)
 
     def offsets_mm(**overrides):
-        settings = resolve_settings(SettingsRequest("ultimaker2_plus", overrides=overrides), resources, part)
+        settings = resolve_settings(SettingsRequest(UM2_PLUS, overrides=overrides), resources, part)
         return float(settings.extruder["xy_offset_layer_0"]), float(settings.extruder["xy_offset"])
 
     for overrides in ({}, {"xy_offset": "0.1"}):
@@ -175,7 +177,7 @@ def test_files_that_are_not_there(tmp_path):
 
 @pytest.mark.parametrize("height_mm", [2.5, 9.99, 40.93, 123.45])
 def test_skins_stay_as_thick_as_promised_where_layers_are_fitted(resources, height_mm):
-    request = SettingsRequest("ultimaker2_plus")
+    request = SettingsRequest(UM2_PLUS)
     every = resolve_settings(request, resources)
     part = resolve_settings(request, resources, PartSettings(height_mm=height_mm))
     assert abs(part.layer_height_mm / every.layer_height_mm - 1) <= 0.04
@@ -195,7 +197,7 @@ def test_skins_stay_as_thick_as_promised_where_layers_are_fitted(resources, heig
     ],
 )
 def test_only_glue_fits_its_layers_and_not_where_a_person_has_chosen_them(resources, quality, overrides):
-    request = SettingsRequest("ultimaker2_plus", quality, overrides=overrides)
+    request = SettingsRequest(UM2_PLUS, quality, overrides=overrides)
     part = resolve_settings(request, resources, PartSettings(height_mm=40.93))
     every = resolve_settings(request, resources)
     assert (part.layer_height_mm, part.layer_height_0_mm) == (every.layer_height_mm, every.layer_height_0_mm)

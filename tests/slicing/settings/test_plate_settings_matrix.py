@@ -11,6 +11,7 @@ from slicing.settings.qualities import OURS
 from slicing.settings.resolver import Resolver
 from slicing.settings.shrinkage import compensation
 from slicing.settings.stacks import find_stacks
+from slicing_printers import PRINTERS, UM2_PLUS
 
 MODELS = ("ultimaker2_plus", "ultimaker2_extended_plus", "ultimaker2", "ultimaker2_extended", "ultimaker2_go")
 FIRST = ("ultimaker2_plus", "ultimaker2")  # the others have their profiles
@@ -53,7 +54,9 @@ def test_every_combination(resources, model, nozzle_mm):
     for material in materials_of(resources):
         for quality in QUALITIES if model in FIRST else ("fast", "glue"):
             try:
-                settings = resolve_settings(SettingsRequest(model, quality, material, nozzle_mm), resources)
+                settings = resolve_settings(
+                    SettingsRequest(PRINTERS[model], quality, material, nozzle_mm), resources
+                )
             except BadSetting as refused:
                 said = str(refused)
                 assert any(reason in said for reason in REASONS), said
@@ -83,13 +86,13 @@ def test_what_cura_s_own_profiles_violate_is_known(resources, model):
                 except BadSetting:
                     continue
                 resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.layers)
-                beyond |= {one.key for one in violations(resolver) if not one.ours}
+                beyond |= {one.key for one in violations(resolver, PRINTERS[model]) if not one.ours}
     assert beyond <= CURA_S
 
 
 def test_a_brand_has_the_qualities_of_its_kind_where_it_has_none_of_its_own(resources):
     brand, generic = (
-        resolve_settings(SettingsRequest("ultimaker2_plus", "glue", material), resources)
+        resolve_settings(SettingsRequest(UM2_PLUS, "glue", material), resources)
         for material in ("ultimaker_cpe_plus_black", "generic_cpe_plus")
     )
     assert brand.speed_wall_0_mm_s == generic.speed_wall_0_mm_s
@@ -97,7 +100,8 @@ def test_a_brand_has_the_qualities_of_its_kind_where_it_has_none_of_its_own(reso
 
 
 def test_a_bed_that_cannot_be_heated_is_not_asked_to(resources):
-    start = resolve_settings(SettingsRequest("ultimaker2_go"), resources).global_["machine_start_gcode"]
+    settings = resolve_settings(SettingsRequest(PRINTERS["ultimaker2_go"]), resources)
+    start = settings.global_["machine_start_gcode"]
     assert "M109 S" in start
     assert "M140" not in start
     assert "M190" not in start
@@ -118,7 +122,7 @@ def test_a_bed_that_cannot_be_heated_is_not_asked_to(resources):
 def test_parts_are_printed_larger_by_what_they_shrink_and_only_once(
     resources, quality, material, overrides, scale
 ):
-    request = SettingsRequest("ultimaker2_plus", quality, material, overrides=overrides)
+    request = SettingsRequest(UM2_PLUS, quality, material, overrides=overrides)
     settings = resolve_settings(request, resources)
     assert (settings.scale_xy, settings.scale_z) == pytest.approx(scale)
     for scope in (settings.global_, settings.extruder):

@@ -8,6 +8,7 @@ from farm.planning.parts.part_rooms import bed_boxes, model_sizes, printer_room
 from slicing.errors import EngineMissing
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
 from slicing.settings.resources import find_resources
+from slicing_printers import UM2_PLUS
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def test_a_printer_without_a_heated_bed_is_sliced_for_and_not_driven(resources):
 
 def test_a_model_s_room_is_smaller_by_what_the_material_shrinks(resources):
     section = PrinterSection(name="a", model="ultimaker2_plus", port="/dev/ttyACM0")
-    settings = resolve_settings(SettingsRequest("ultimaker2_plus", material="generic_abs"), resources)
+    settings = resolve_settings(SettingsRequest(UM2_PLUS, material="generic_abs"), resources)
     room = printer_room(section, settings.brim_width_mm)
     for (x, y, z), box in zip(model_sizes(room, settings), room, strict=True):
         assert (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z) == pytest.approx(

@@ -21,6 +21,7 @@ from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
 from slicing.settings.resources import find_engine, find_resources
+from slicing_printers import UM2_PLUS
 
 BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
 UPRIGHT = POSE_ROTATIONS[4:5]
@@ -34,7 +35,7 @@ def settings_of():
         pytest.skip(str(missing))
 
     def resolve(quality, nozzle_mm=0.4, **overrides):
-        request = SettingsRequest("ultimaker2_plus", quality, nozzle_mm=nozzle_mm, overrides=overrides)
+        request = SettingsRequest(UM2_PLUS, quality, nozzle_mm=nozzle_mm, overrides=overrides)
         return resolve_settings(request, resources)
 
     return resolve

@@ -12,6 +12,7 @@ from farm.planning.parts.slice_part import slice_part
 from farm.planning.plan_records import SliceTask
 from slicing.settings.plate_settings import SettingsRequest, resolve_settings
 from slicing.settings.resources import find_engine, find_resources
+from slicing_printers import PRINTERS
 
 MODEL = "ultimaker2_plus"
 
@@ -21,7 +22,7 @@ def task(tmp_path):
     def make(mesh, *, material="generic_pla", quality="glue", **rest):
         stl = tmp_path / "part.stl"
         mesh.export(stl)
-        request = SettingsRequest(MODEL, quality, material)
+        request = SettingsRequest(PRINTERS[MODEL], quality, material)
         resources = find_resources()
         settings = resolve_settings(request, resources)
         return SliceTask(
@@ -71,7 +72,7 @@ def test_a_part_has_its_own_brim_first_layer_and_height(task):
 @pytest.mark.parametrize("material", ["generic_pla", "generic_abs"])
 def test_a_part_that_fills_its_room_still_fits(task, material):
     section = PrinterSection(name="a", model=MODEL, port=f"sim://{MODEL}", material=material)
-    settings = resolve_settings(SettingsRequest(MODEL, material=material), find_resources())
+    settings = resolve_settings(SettingsRequest(PRINTERS[MODEL], material=material), find_resources())
     x, y, _ = model_sizes(printer_room(section, settings.brim_width_mm), settings)[0]
     plate = slice_part(task(trimesh.creation.box((x, y, 1.0)), material=material))
     assert plate.max_mm[0] - plate.min_mm[0] > x

@@ -1,0 +1,181 @@
+"""Moves of the printer's head in a person's own G-code: which of them are printed, and which are refused."""
+
+from __future__ import annotations
+
+import math
+
+from slicing.own_gcode.clearance import Clearance
+from slicing.own_gcode.extent import Extent
+from slicing.own_gcode.objections import Objections
+from slicing.own_gcode.writer import Writer
+from slicing.printer import PrintCode
+
+RETRACTED_SLACK_MM = 0.5
+"""Further back than a print parks it, the filament leaves the hot end."""
+MOST_PUSHED_MM = 200.0
+"""In one move: more than any slicer asks for, less than what the firmware drops."""
+LEAST_MM_S = 0.1
+MOST_SWALLOWED_MM = 0.3
+"""Furthest that filament may be drawn back when a line begins: slicers push it forth before."""
+MOST_DROP_MM = 10.0
+"""Height by which the head is raised before it parks in a pause, or homes when cancelled."""
+TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
+
+Point = list[float]
+
+
+class Head:
+    """Position of the head and of the filament, and the moves that reach the writer.
+
+    Moves before the file first pushes filament are left out: the farm's start code takes their place.
+
+    Parameters
+    ----------
+    code
+        The printer's start and end code.
+    marks_layers
+        Whether comments of the file say where layers begin.
+    """
+
+    def __init__(
+        self,
+        code: PrintCode,
+        writer: Writer,
+        clearance: Clearance,
+        objections: Objections,
+        marks_layers: bool,
+    ) -> None:
+        self.extent = Extent()
+        self.at: Point = [math.nan] * 3  # printer's mm; NaN where it is not known
+        self._code = code
+        self._writer = writer
+        self._clearance = clearance
+        self._objections = objections
+        self._marks_layers = marks_layers
+        self._arrived = False
+        self._retracted_mm = 0.0
+        self._retracted_in = 0  # line
+
+    def forget_position(self) -> None:
+        """Take the position for unknown, as after homing."""
+        self.at = [math.nan] * 3
+
+    def begin(self, retraction_mm_s: float) -> None:
+        """Begin the print: the head stands over the bed, primed."""
+        if self._retracted_mm > self._most_retracted_mm:
+            self._objections.refuse(
+                f"the print begins here, with the filament drawn {self._retracted_mm:.1f} mm back, out of "
+                "the hot end: take that out of your slicer's start script"
+            )
+        if self._retracted_mm:
+            self._writer.move((*self._code.ready_mm, -self._retracted_mm, retraction_mm_s))
+
+    def go(self, target: Point, pushed_mm: float, speed_mm_s: float, factor: float) -> bool:
+        """Make one straight move.
+
+        Parameters
+        ----------
+        target
+            Where it ends (x, y, z), in printer's mm.
+        pushed_mm
+            Filament that it feeds.
+        speed_mm_s, factor
+            Feed rate, and the factor of M220 on it.
+
+        Returns
+        -------
+        bool
+            Whether it prints a line.
+        """
+        old, self.at = self.at, target
+        retracted_mm = self._retracted_mm
+        self._retracted_mm = max(0.0, retracted_mm - pushed_mm)
+        if not self._objections.printing:
+            return False
+        self._check_feed(pushed_mm, speed_mm_s * factor)
+        if not self._arrive(old, target, pushed_mm, speed_mm_s):
+            return False
+        x, y, z = target
+        self._check_above_bed(z)
+        self._check_clear(old, target)
+        if self._retracted_mm > MOST_SWALLOWED_MM and pushed_mm > 0 and old[:2] != target[:2]:
+            self._objections.add(
+                f"would print, with the filament drawn {self._retracted_mm:.1f} mm back since line "
+                f"{self._retracted_in}: where E begins anew, the file has to say G92 E0"
+            )
+        self._writer.move((x, y, z, pushed_mm, speed_mm_s * factor))
+        fed_mm = pushed_mm - retracted_mm
+        self.extent.go(target, fed_mm)
+        prints = fed_mm > 0 and target != old
+        if prints:
+            self._print(old, target)
+        return prints
+
+    @property
+    def _most_retracted_mm(self) -> float:
+        return self._code.parked_mm + RETRACTED_SLACK_MM
+
+    def _check_feed(self, pushed_mm: float, speed_mm_s: float) -> None:
+        if pushed_mm > MOST_PUSHED_MM:
+            self._objections.add(f"one move pushes {pushed_mm:.0f} mm of filament: is it counted in mm3?")
+        if pushed_mm < 0:
+            self._retracted_in = self._objections.line
+        if self._retracted_mm > self._most_retracted_mm:  # an end script may unload it
+            self._objections.add_end(
+                f"draws the filament {self._retracted_mm:.1f} mm back, out of the hot end"
+            )
+        if speed_mm_s < LEAST_MM_S:
+            self._objections.add(f"moves at {speed_mm_s * 60:g} mm a minute, which takes for ever")
+
+    def _arrive(self, old: Point, target: Point, pushed_mm: float, speed_mm_s: float) -> bool:
+        """Come from above to where the file first pushes filament; False where it has not come to that."""
+        if self._arrived:
+            return True
+        x, y, z = old
+        ready_mm = self._code.ready_mm
+        if pushed_mm <= 0 or math.isnan(x + y + z):
+            moves = any(
+                a != b and not (math.isnan(a) and math.isnan(b)) for a, b in zip(old, target, strict=True)
+            )
+            if pushed_mm > 0 and moves:
+                self._objections.add("extrudes before the file has said where: X, Y and Z")
+            elif pushed_mm:
+                self._writer.move((*ready_mm, pushed_mm, speed_mm_s))
+            return False
+        self._check_above_bed(z)
+        self._writer.move((x, y, ready_mm[2], 0.0, TRAVEL_MM_S))
+        self._writer.move((x, y, z, 0.0, LOWER_MM_S))
+        self._arrived = True
+        return True
+
+    def _check_above_bed(self, z: float) -> None:
+        if z < 0:
+            self._objections.add(f"moves to Z {z:g}, into the bed")
+
+    def _check_clear(self, old: Point, target: Point) -> None:
+        """Object to a way through what is printed."""
+        if min(old[2], target[2]) >= self.extent.high[2]:
+            return
+        obstacle_mm = self._clearance.obstacle_mm(old, target)
+        if obstacle_mm is not None:
+            self._objections.add(
+                f"moves at Z {min(old[2], target[2]):g} into what is printed up to Z {obstacle_mm:.3g}, with "
+                "the nozzle or the head beside it"
+            )
+
+    def _print(self, old: Point, target: Point) -> None:
+        self._objections.check_printed_line()
+        z, highest = min(old[2], target[2]), self.extent.high[2]
+        if z <= 0:
+            self._objections.refuse(f"prints at Z {z:g}: it has to be above the bed")
+        if highest - z > MOST_DROP_MM:
+            self._objections.refuse(
+                f"prints at Z {z:g} beside what is {highest:g} mm high, which the head would hit in a pause: "
+                "print all objects at once (Cura: Print Sequence; PrusaSlicer: Complete individual objects)"
+            )
+        if not self._marks_layers and self.extent.rises(old, target):
+            self._writer.layer(target[2])
+        self.extent.print(old, target)
+        self._clearance.add(old, target)
+        self._objections.record_printed_line()
+        self._writer.commit()

@@ -1,0 +1,95 @@
+"""Reasons against a person's own G-code, and the moment at which each of them refuses the file."""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+from slicing.errors import GcodeRefused
+
+
+class Objections:
+    """Reasons that refuse a file once something is printed after them.
+
+    What must not stand in a print is harmless in an end script, which is not printed. So a command is only
+    objected to where it stands, and the file is refused with the next line that prints.
+
+    Attributes
+    ----------
+    line
+        Number of the line that is being carried out.
+    printing
+        Whether the print has begun.
+    first
+        The first reason why nothing more may be printed; None where there is none.
+    """
+
+    def __init__(self) -> None:
+        self.line = 0
+        self.printing = False
+        self.first: str | None = None
+        self._unexplained: str | None = None  # a reason that no end script explains
+        self._ended = False  # by an end script: nothing is printed after it
+
+    def add(self, reason: str) -> None:
+        """Refuse the file as soon as something is printed after this line; a start script is not printed."""
+        if self.printing:
+            self.first = self.first or self._located(reason)
+            if not self._ended:
+                self._unexplained = self._unexplained or self._located(reason)
+
+    def add_end(self, reason: str, *, ends_print: bool = False) -> None:
+        """Refuse the file if something is printed after this line; an end script may well hold it.
+
+        Parameters
+        ----------
+        reason
+            Why nothing may be printed after it.
+        ends_print
+            Whether the line shows that the end script has begun.
+        """
+        if self.printing:
+            self.first = self.first or self._located(reason)
+            self._ended = self._ended or ends_print
+
+    def reject(self, reason: str) -> None:
+        """Refuse what changes all that comes after it: in a start script too, but not in an end script."""
+        if not self.printing:
+            self.refuse(reason)
+        self.add(reason)
+
+    def refuse(self, reason: str) -> NoReturn:
+        """Raise GcodeRefused with the number of the line."""
+        raise GcodeRefused(self._located(reason))
+
+    def check_printed_line(self) -> None:
+        """Raise GcodeRefused where a line is printed after a reason against it."""
+        if self.first is not None:
+            raise GcodeRefused(self.first)
+
+    def record_printed_line(self) -> None:
+        """Take what stood before a printed line for no end script."""
+        self._ended = False
+
+    def check_end(self, closed: bool) -> None:
+        """Check the end of a file that prints something.
+
+        Parameters
+        ----------
+        closed
+            Whether the slicer's closing mark stands behind the print.
+
+        Raises
+        ------
+        GcodeRefused
+            Where the last lines are neither a print nor an end script.
+        """
+        if self._unexplained is not None:
+            raise GcodeRefused(self._unexplained)
+        if not (self._ended or closed):
+            self.refuse(
+                "the file ends here, but not its print: nothing switches the nozzle off (M104 S0) after the "
+                "last line that is printed; export it once more, or copy it again"
+            )
+
+    def _located(self, reason: str) -> str:
+        return f"line {self.line}: {reason}"
