@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from decompose.print_time import (
     Recipe,
     axis_prices_s,
     pose_features,
+    price,
     time_terms,
 )
 from decompose.print_time.pose_prices import pose_axes, pose_prices_s
@@ -205,3 +206,13 @@ def test_a_part_may_be_turned_about_the_vertical_only() -> None:
     assert not room.fits(100.0, 50.0, 200.0)
     assert sorted(pose_axes(3)) == [0, 1, 2]
     assert pose_axes(3)[2] == 1
+
+
+def test_compiled_code_reads_prices_by_name_whatever_their_order() -> None:
+    """A field that is added or moved re-prices nothing."""
+    cost = CostModel.from_recipe(Recipe())
+    additive, extents = (9e4, 2e4, 5e3, 300.0, 1e4), (60.0, 50.0, 40.0)
+    values = {"another": 7.0} | dict(reversed(asdict(cost).items()))
+    dtype = np.dtype([(name, np.float64) for name in values])
+    moved = np.array([tuple(values.values())], dtype=dtype)[0]
+    assert price(moved, additive, extents) == cost.price_s(additive, extents)

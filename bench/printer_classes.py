@@ -1,6 +1,6 @@
 """What it gains to cut each part for its own printer's room and speed, and not for those of all.
 
-Usage: python -m bench.classes MODEL... [--plus 16] [--extended 4] [--wide 0] [--spread 0.1] [--side 450]
+Usage: python -m bench.printer_classes MODEL... [--plus 16] [--extended 4] [--wide 0] [--spread 0.1] [--side 450]
        [--cells auto] [--json]
 
 Makespans by the cost model, each part on the printer that it goes to. "Shared" is a cut for printers that all
