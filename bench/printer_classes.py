@@ -1,7 +1,7 @@
 """What it gains to cut each part for its own printer's room and speed, and not for those of all.
 
-Usage: python -m bench.printer_classes MODEL... [--plus 16] [--extended 4] [--wide 0] [--spread 0.1] [--side 450]
-       [--cells auto] [--json]
+Usage: python -m bench.printer_classes MODEL... [--plus 16] [--extended 4] [--wide 0] [--spread 0.1]
+       [--side 450] [--cells auto] [--json]
 
 Makespans by the cost model, each part on the printer that it goes to. "Shared" is a cut for printers that all
 have the smallest room and one speed, its parts then given out so that the last one ends soonest. `--spread`:

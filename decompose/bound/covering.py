@@ -94,7 +94,7 @@ def _largest(tables: Tables, limit_s: float, shape: Shape, found: npt.NDArray[np
 
 
 @jit
-def _held(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
+def _hold(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
     """Sum the values of cells in each box, by a summed-area table.
 
     Parameters
@@ -125,7 +125,7 @@ def _held(cells: Floats, corners: Ints, sums: Floats, held: Floats) -> None:
 
 
 @jit
-def _covered(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
+def _cover(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> None:
     """Sum, for each cell, the shares of the boxes that cover it.
 
     Parameters
@@ -190,10 +190,10 @@ def _solve(
     shape = (needed.shape[0] + 1, needed.shape[1] + 1, needed.shape[2] + 1)
     sums, steps, covered = np.zeros(shape), np.zeros(shape), np.zeros(needed.shape)
     held, content, crowd = np.zeros(len(pieces)), np.zeros(len(pieces)), np.zeros(needed.shape)
-    _held(
+    _hold(
         needed.astype(np.float64), corners, sums, content
     )  # how many cells a box has, and how many boxes a cell
-    _covered(np.ones(len(pieces)), corners, steps, crowd)
+    _cover(np.ones(len(pieces)), corners, steps, crowd)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
     ahead = np.zeros(len(pieces))
     best_weights, best_shares = weights.copy(), shares.copy()
@@ -203,13 +203,13 @@ def _solve(
         old_shares, old_weights = shares.copy(), weights.copy()
         mean_shares, mean_weights = np.zeros(len(pieces)), np.zeros(needed.shape)
         for _ in range(STEPS):
-            _held(weights, corners, sums, held)
+            _hold(weights, corners, sums, held)
             for k in range(len(pieces)):
                 share = max(0.0, shares[k] + balance / content[k] * (held[k] - pieces[k]))
                 ahead[k] = 2.0 * share - shares[k]
                 shares[k] = share
                 mean_shares[k] += share / STEPS
-            _covered(ahead, corners, steps, covered)
+            _cover(ahead, corners, steps, covered)
             for x in range(needed.shape[0]):
                 for y in range(needed.shape[1]):
                     for z in range(needed.shape[2]):
@@ -220,8 +220,8 @@ def _solve(
         closest = np.inf
         for mean in range(2):
             s, w = (mean_shares, mean_weights) if mean else (shares.copy(), weights.copy())
-            _held(w, corners, sums, held)
-            _covered(s, corners, steps, covered)
+            _hold(w, corners, sums, held)
+            _cover(s, corners, steps, covered)
             over, open_ = 1e-12, np.inf
             for k in range(len(pieces)):
                 over = max(over, held[k] / pieces[k])
@@ -269,7 +269,7 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
     found = found[: _largest(tables, limit_s, boxes.shape, found)].copy()
     corners = _corners(found.astype(np.int64), boxes.shape)
     crowd = np.zeros(needed.shape)
-    _covered(np.ones(len(found)), corners, np.zeros([n + 1 for n in boxes.shape]), crowd)
+    _cover(np.ones(len(found)), corners, np.zeros([n + 1 for n in boxes.shape]), crowd)
     alone = needed & (crowd < 0.5)
     if alone.any():
         return Covering((alone.cumsum().reshape(alone.shape) == 1) * alone * 1.0, found, np.zeros(len(found)))

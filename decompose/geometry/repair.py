@@ -48,9 +48,9 @@ def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
     ModelNotSolid
         They bound no solid, or closing them would lose or invent much of the surface.
     """
-    mesh, repairs = _welded(triangles)
+    mesh, repairs = _weld(triangles)
     before = _bodies(name, mesh)
-    after, is_changed = _closed(before)
+    after, is_changed = _close_bodies(before)
     if not after:
         raise ModelNotSolid(f"{name}: {len(before)} loose surfaces, none of them a solid; export a solid")
     said: list[str] = []
@@ -71,7 +71,7 @@ def close_surface(name: str, triangles: Floats) -> tuple[Solid, list[str]]:
     return solid, repairs + said
 
 
-def _welded(triangles: Floats) -> tuple[Any, list[str]]:
+def _weld(triangles: Floats) -> tuple[Any, list[str]]:
     """Join common vertices, drop collapsed and repeated triangles; also returns the repairs.
 
     Where edges stay open, vertices that lie next to each other are taken as one if that closes most of them.
@@ -132,7 +132,7 @@ def _bodies(name: str, mesh: Any) -> list[Any]:
     return bodies
 
 
-def _closed(bodies: list[Any]) -> tuple[list[Any], bool]:
+def _close_bodies(bodies: list[Any]) -> tuple[list[Any], bool]:
     """Closed surfaces that enclose something, and whether any hole was filled or a surface changed.
 
     Flat holes are capped. Others are closed by MeshFix, one body after the other (all at once would drop all

@@ -25,7 +25,7 @@ _BOX_FACES = np.array(
 )  # fmt: skip
 
 
-def _checked(manifold: Any, doing: str) -> Any:
+def _check_status(manifold: Any, doing: str) -> Any:
     status = manifold.status()
     if status != manifold3d.Error.NoError:
         raise ModelNotSolid(f"{doing}: the triangles bound no solid ({status.name}); repair the model")
@@ -51,7 +51,7 @@ class Solid:
             vert_properties=np.ascontiguousarray(vertices, dtype=np.float64),
             tri_verts=np.ascontiguousarray(faces, dtype=np.uint64),
         )
-        return cls(_checked(manifold3d.Manifold(mesh), "building a solid"))
+        return cls(_check_status(manifold3d.Manifold(mesh), "building a solid"))
 
     @classmethod
     def box(cls, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
@@ -64,7 +64,7 @@ class Solid:
     def union(cls, solids: list[Solid]) -> Solid:
         """Union of all solids."""
         merged = manifold3d.Manifold.batch_boolean([s.manifold for s in solids], manifold3d.OpType.Add)
-        return cls(_checked(merged, "joining solids"))
+        return cls(_check_status(merged, "joining solids"))
 
     @property
     def is_empty(self) -> bool:
@@ -95,10 +95,10 @@ class Solid:
         return vertices, np.array(mesh.tri_verts, dtype=np.int64)
 
     def intersect(self, other: Solid) -> Solid:
-        return Solid(_checked(self.manifold ^ other.manifold, "intersecting solids"))
+        return Solid(_check_status(self.manifold ^ other.manifold, "intersecting solids"))
 
     def subtract(self, other: Solid) -> Solid:
-        return Solid(_checked(self.manifold - other.manifold, "subtracting solids"))
+        return Solid(_check_status(self.manifold - other.manifold, "subtracting solids"))
 
     def clip(self, lo: npt.ArrayLike, hi: npt.ArrayLike) -> Solid:
         """Part inside an axis-aligned box."""
@@ -111,7 +111,7 @@ class Solid:
 
     def simplify(self, tolerance_mm: float) -> Solid:
         """Same solid without edges shorter than the tolerance, and flat where it is flat to within it."""
-        return Solid(_checked(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
+        return Solid(_check_status(self.manifold.simplify(tolerance_mm), "simplifying a solid"))
 
     def gap_mm(self, other: Solid, up_to_mm: float) -> float:
         """Least distance to another solid, exact between their triangles; 0 where they meet.
@@ -127,13 +127,13 @@ class Solid:
     def split_by_plane(self, normal: Floats, at_mm: float) -> tuple[Solid, Solid]:
         """Parts below and above the plane ``normal . x = at_mm``, of a unit normal (3,)."""
         above, below = self.manifold.split_by_plane(tuple(normal.tolist()), at_mm)
-        return Solid(_checked(below, "cutting a solid")), Solid(_checked(above, "cutting a solid"))
+        return Solid(_check_status(below, "cutting a solid")), Solid(_check_status(above, "cutting a solid"))
 
     def pieces(self) -> list[Solid]:
         """Connected pieces, each with the cavities inside it, in the order of their least corners."""
         if self.is_empty:
             return []
-        surfaces = [Solid(_checked(p, "separating pieces")) for p in self.manifold.decompose()]
+        surfaces = [Solid(_check_status(p, "separating pieces")) for p in self.manifold.decompose()]
         pieces = [s for s in surfaces if s.volume_mm3 > 0.0]
         for cavity in (s._inside_out() for s in surfaces if s.volume_mm3 < 0.0):
             around = [i for i, p in enumerate(pieces) if p._encloses(cavity)]

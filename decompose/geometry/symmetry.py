@@ -49,11 +49,11 @@ class _Cloud:
         images = self.mirrored - 2.0 * np.outer(self.mirrored @ normal, normal) + self.centre
         return float(self._tree.query(images)[0].mean())
 
-    def drawn(self) -> Floats:
+    def draw_normals(self) -> Floats:
         """Normals (SAMPLES, 3), each direction as likely."""
         return _unit(self.rng.standard_normal((SAMPLES, 3)))
 
-    def refined(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
+    def refine(self, normal: Floats, error_mm: float, samples: int = SAMPLES) -> tuple[Floats, float]:
         """Best normal near to one, and its error."""
         least = error_mm
         for cone in CONES_RAD:
@@ -88,10 +88,10 @@ def find_mirror(vertices: Floats, rng: np.random.Generator, tolerance: float = T
         Mean distance of mirror images that is good enough, as a share of the diagonal of the box about them.
     """
     cloud = _Cloud(vertices, rng)
-    normals = np.vstack([cloud.principal(), cloud.drawn()])
+    normals = np.vstack([cloud.principal(), cloud.draw_normals()])
     errors = [cloud.error_mm(normal) for normal in normals]
     best = int(np.argmin(np.round(errors, 9)))
-    normal, least = cloud.refined(normals[best], errors[best])
+    normal, least = cloud.refine(normals[best], errors[best])
     return cloud.mirror(normal, least) if least <= tolerance * _diagonal_mm(vertices) else None
 
 
@@ -108,7 +108,7 @@ def draw_mirrors(vertices: Floats, rng: np.random.Generator, most: int) -> list[
         Number of planes, whose normals differ from each other.
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
-    ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.drawn())
+    ranked = sorted((cloud.error_mm(n), tuple(n)) for n in cloud.draw_normals())
     return [cloud.mirror(np.array(normal), error) for error, normal in _apart(ranked, most)]
 
 
@@ -131,9 +131,9 @@ def find_good_mirrors(
         As of `find_mirror`.
     """
     cloud = _Cloud(vertices, rng, FEW_MIRRORED)
-    normals = np.vstack([cloud.principal(), cloud.drawn()])
+    normals = np.vstack([cloud.principal(), cloud.draw_normals()])
     ranked = sorted((cloud.error_mm(n), tuple(n)) for n in normals)
-    found = [cloud.refined(np.array(n), error, samples) for error, n in _apart(ranked, most)]
+    found = [cloud.refine(np.array(n), error, samples) for error, n in _apart(ranked, most)]
     refined = _apart(sorted((error, tuple(normal)) for normal, error in found), most)
     worst = tolerance * _diagonal_mm(vertices)
     return [cloud.mirror(np.array(normal), error) for error, normal in refined if error <= worst]

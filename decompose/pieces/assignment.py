@@ -54,12 +54,12 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
         assignment. It is a bottleneck assignment: the least time that still leaves a matching, by bisection.
     """
     times = np.unique(seconds[np.isfinite(seconds)])
-    if not len(times) or not _matched(seconds <= times[-1]):
+    if not len(times) or not _has_matching(seconds <= times[-1]):
         return None
     low, high = 0, len(times) - 1
     while low < high:
         middle = (low + high) // 2
-        if _matched(seconds <= times[middle]):
+        if _has_matching(seconds <= times[middle]):
             high = middle
         else:
             low = middle + 1
@@ -70,6 +70,6 @@ def assign_bottleneck(seconds: Floats) -> list[int] | None:
     return [int(column) for column in columns]
 
 
-def _matched(allowed: Bools) -> bool:
+def _has_matching(allowed: Bools) -> bool:
     """Tell whether every row has a column of its own among those that it is allowed."""
     return bool((maximum_bipartite_matching(csr_array(allowed), perm_type="column") >= 0).all())

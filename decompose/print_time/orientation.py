@@ -60,7 +60,7 @@ def find_best_pose(
     """
     hull = _hull_points(vertices)
     ups = candidate_directions(vertices, faces)
-    turned = [_turned(up, hull, printers) for up in ups]
+    turned = [_orient(up, hull, printers) for up in ups]
     rotations = np.array([r for r in turned if r is not None]).reshape(-1, 3, 3)
     if not len(rotations):
         return None
@@ -151,7 +151,7 @@ def _hull_points(points: Floats) -> Floats:
     return points
 
 
-def _turned(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
+def _orient(up: Floats, hull: Floats, printers: Sequence[PrinterRoom]) -> Floats | None:
     """Rotation (rows) with this direction up and a yaw that fits every printer; None where none does.
 
     What stands along the axes stays so. Anything else is turned into its smallest rectangle, and further only

@@ -88,7 +88,7 @@ def _cut(problem: Problem, grid: Grid, shell: Shell, cube: Block | None) -> tupl
     pieces = _regions(Piece(shell.solid, shell.planes, shell.boxes_mm), cube, grid)
     if not problem.options.faithful:
         pieces = [part for piece in pieces for part in _fitting(piece, problem)]
-    return (*_merged(pieces, len(problem.printers) - len(skeleton), problem), *skeleton)
+    return (*_merge_regions(pieces, len(problem.printers) - len(skeleton), problem), *skeleton)
 
 
 def _skeleton(cubes: list[Block], grid: Grid, problem: Problem) -> list[Piece]:
@@ -229,7 +229,7 @@ class _Merging:
                 return
             self.merge(*min(pairs, key=lambda pair: (key(*(self.groups[i] for i in pair)), pair)))
 
-    def merged(self) -> list[Piece]:
+    def merged_pieces(self) -> list[Piece]:
         found = []
         for group in self.groups.values():
             members = [self.pieces[i] for i in group.members]
@@ -238,7 +238,7 @@ class _Merging:
         return found
 
 
-def _merged(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
+def _merge_regions(regions: list[Piece], printers: int, problem: Problem) -> list[Piece]:
     """Pieces of regions, with islands joined to neighbours and neighbours merged."""
     pieces: list[Piece] = []
     islands: list[int] = []
@@ -252,4 +252,4 @@ def _merged(regions: list[Piece], printers: int, problem: Problem) -> list[Piece
         merging.pair_once()
     else:
         merging.merge_to(printers)
-    return merging.merged()
+    return merging.merged_pieces()

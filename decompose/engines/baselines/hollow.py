@@ -128,7 +128,7 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
     cube = np.array([middle - half, middle + half])
     ways: Floats = np.array([(0.5, 0.5, 0.5), *np.ndindex(2, 2, 2)])  # the share of growth that goes down
 
-    def grown(way: Floats, by_mm: float) -> Floats:
+    def grow(way: Floats, by_mm: float) -> Floats:
         return np.array([cube[0] - way * by_mm, cube[1] + (1.0 - way) * by_mm])
 
     def keeps_wall(box: Floats) -> bool:
@@ -141,8 +141,8 @@ def refine_cube(solid: Solid, cube_mm: Floats, cell_mm: float, wall_mm: float) -
             low, high = 0.0, float((room[share > 0.0] / share[share > 0.0]).min())
             while high - low > CLOSE_MM:
                 by_mm = (low + high) / 2.0
-                low, high = (by_mm, high) if keeps_wall(grown(way, by_mm)) else (low, by_mm)
-            cube = grown(way, low)
+                low, high = (by_mm, high) if keeps_wall(grow(way, by_mm)) else (low, by_mm)
+            cube = grow(way, low)
         if cube[1, 0] - cube[0, 0] < before_mm + CLOSE_MM:
             break
     return cube

@@ -36,7 +36,7 @@ GOOD_PLANES = 3
 REFINING_SAMPLES = 25  # normals a round
 MIN_SHARE = 1.0 / 1.5  # of the mean part's volume, below which the authors' program makes no half
 ASIDE: Floats = np.array([0.0, 0.05, -0.05, 0.1, -0.1, 0.15, -0.15, 0.2, -0.2, 0.3, -0.3])  # of a block
-CRUMB_SHARE = 0.05  # likewise of the mended form: a part that is not worth a printer
+CRUMB_SHARE = 0.05  # likewise of the corrected form: a part that is not worth a printer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ NO_LEAVES: Leaves = (math.inf, ())
 
 
 class _Form(ABC):
-    """Steps in which the published and the mended form differ."""
+    """Steps in which the published and the corrected form differ."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -84,7 +84,7 @@ def cut_by_symmetry(problem: Problem) -> Partition:
     NoFit
         A part fits no printer, or the parts are in more pieces than there are printers.
     """
-    form = _Faithful(problem) if problem.options.faithful else _Mended(problem)
+    form = _PublishedForm(problem) if problem.options.faithful else _CorrectedForm(problem)
     printers = len(problem.printers)
     whole = form.whole()
     if whole.needs > printers:
@@ -110,7 +110,7 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
         together: list[Leaves] = [(0.0, ())] * (printers + 1)
         for child in children:
             below = _best_leaves(form, child, printers, depth - 1)
-            together = [_shared(together, below, k) for k in range(printers + 1)]
+            together = [_join_leaves(together, below, k) for k in range(printers + 1)]
         best = [
             min(a, b, key=lambda found: (found[0], len(found[1])))
             for a, b in zip(best, together, strict=True)
@@ -118,7 +118,7 @@ def _best_leaves(form: _Form, part: _Part, printers: int, depth: int) -> list[Le
     return best
 
 
-def _shared(some: list[Leaves], others: list[Leaves], printers: int) -> Leaves:
+def _join_leaves(some: list[Leaves], others: list[Leaves], printers: int) -> Leaves:
     """Best leaves of two sides for so many printers together."""
     shares = [(some[k], others[printers - k]) for k in range(printers + 1)]
     a, b = min(shares, key=lambda both: (max(both[0][0], both[1][0]), len(both[0][1]) + len(both[1][1])))
@@ -136,7 +136,7 @@ def _needs(parts: list[_Part]) -> int:
     return sum(part.needs for part in parts)
 
 
-class _Faithful(_Form):
+class _PublishedForm(_Form):
     """The authors' program, with its mistakes."""
 
     def part(self, piece: Piece) -> _Part:
@@ -172,7 +172,7 @@ class _Faithful(_Form):
         return parts
 
 
-class _Mended(_Form):
+class _CorrectedForm(_Form):
     """The method that the authors' program means, with parts that fit."""
 
     def part(self, piece: Piece) -> _Part:

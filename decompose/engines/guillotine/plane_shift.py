@@ -113,7 +113,7 @@ def shift_box_planes(
     cell_mm = np.array([np.diff(planes).min() for planes in grid.planes])
     while True:
         search = _PlaneShift(problem, cells, cell_mm, boxes_mm, pieces)
-        before = search.posed()
+        before = search.pose_start()
         parts = search.run(before)
         gained = math.isfinite(longest_s(parts)) and (
             longest_s(parts) <= (1.0 - WORTH_MORE) * longest_s(before)
@@ -153,7 +153,7 @@ class _PlaneShift:
             problem.model.solid.clip(lo - cell_mm, hi + cell_mm) for lo, hi in self.start_mm
         ]
 
-    def posed(self) -> list[BoxPart]:
+    def pose_start(self) -> list[BoxPart]:
         """Parts as they are at first, in their best poses."""
         return self._pose(self.start)
 

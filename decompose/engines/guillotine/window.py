@@ -167,14 +167,14 @@ class Window:
         self._lo, hi = own[:, :3].min(axis=0), own[:, 3:].max(axis=0)
         nx, ny, nz = (hi - self._lo).tolist()
         self.shape = (nx, ny, nz)
-        covered = self._covered(own)
+        covered = self._mark_cells(own)
         left, front, bottom = self._lo.tolist()
         for cell in np.argwhere(covered):
             x, y, z = (self._lo + cell).tolist()
             covered[tuple(cell)] = boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
         rest = np.array(list(others)).reshape(-1, 6)
         rest = rest[(rest[:, :3] < hi).all(axis=1) & (rest[:, 3:] > self._lo).all(axis=1)]
-        strange = self._covered(rest).astype(np.int64)
+        strange = self._mark_cells(rest).astype(np.int64)
         sums = np.pad(strange, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
         total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
         seconds = np.full(total, np.inf, np.float32)
@@ -196,7 +196,7 @@ class Window:
         """Number of sums of all its solves."""
         return self._solver.sums
 
-    def _covered(self, boxes: Ints) -> Bools:
+    def _mark_cells(self, boxes: Ints) -> Bools:
         """(nx, ny, nz) Cells of the window that lie in some of these boxes (n, 6)."""
         inside = np.zeros(self.shape, dtype=np.bool_)
         for box in boxes:

@@ -53,18 +53,18 @@ def cut_by_parallelobox(problem: Problem) -> Partition:
     NoFit
         No attempt covers the model; not faithful also, none that was looked at is good to glue.
     """
-    grounds = _grounds(problem)
-    tried: list[_Tried] = []
+    grounds = _lay_grounds(problem)
+    tried: list[_Candidate] = []
     for ground in grounds:
         if not tried or not problem.effort.is_spent():
-            tried += _search(ground, problem)
+            tried += _search_ground(ground, problem)
     problem.on_stage("search")
     if not tried:
         raise NoFit(
             f"no attempt of parallelobox covers the model with {len(problem.printers)} parts that fit: "
             f"free more printers, or take --engine guillotine, which finds parts wherever there are any"
         )
-    best = min(tried, key=_Tried.rank)
+    best = min(tried, key=_Candidate.rank)
     if best.fault and not problem.options.faithful:
         raise NoFit(
             f"in every attempt of parallelobox that was looked at a part is bad to glue; in the best it "
@@ -96,7 +96,7 @@ class _Ground:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Tried:
+class _Candidate:
     """A partition that was cut, when its last piece ends, and why a piece is bad to glue, if one is."""
 
     ground: _Ground
@@ -113,7 +113,7 @@ class _Tried:
         return tuple(piece for found in self.cut.values() for piece in found)
 
 
-def _grounds(problem: Problem) -> list[_Ground]:
+def _lay_grounds(problem: Problem) -> list[_Ground]:
     """Grid of the paper, and unless faithful the problem's own; only that where its granularity is given."""
     options = problem.options
     steep = math.sin(math.radians(OVERHANG_TOLERANCE_DEG))  # the paper's
@@ -141,21 +141,23 @@ def _same(aligned: AlignedModel, grid: Grid, ground: _Ground) -> bool:
     return (aligned.rotation == ground.aligned.rotation).all() and grid.shape == ground.grid.shape
 
 
-def _search(ground: _Ground, problem: Problem) -> list[_Tried]:
+def _search_ground(ground: _Ground, problem: Problem) -> list[_Candidate]:
     """Best partitions on one ground: the paper's choice, and unless faithful those that end soonest."""
     points = np.unique(ground.aligned.model.solid.arrays()[0], axis=0)
-    tried: list[_Tried] = []
+    tried: list[_Candidate] = []
     for halves in _halves(ground, points, len(problem.printers)):
-        grown = [_grown(half, ground, problem) for half in halves]
+        grown = [_grow_half(half, ground, problem) for half in halves]
         reading = problem.options.parallelobox.score if problem.options.faithful else Score.HIGH
         papers = [each.get((0, reading), []) for each in grown]
-        tried += _first(_ranked(papers, lambda a: a.longest), ground, problem)
+        tried += _first_that_fits(_rank_partitions(papers, lambda a: a.longest), ground, problem)
         if problem.options.faithful:
             if tried:
                 break
             continue
         every = [[attempt for found in each.values() for attempt in found] for each in grown]
-        tried += _soonest(_ranked(every, lambda a: ground.boxes.longest_s(a.blocks)), ground, problem)
+        tried += _find_soonest(
+            _rank_partitions(every, lambda a: ground.boxes.longest_s(a.blocks)), ground, problem
+        )
     return tried
 
 
@@ -182,7 +184,7 @@ def _halves(ground: _Ground, points: Floats, printers: int) -> Iterator[list[Hal
     yield [(ground.terrains, points, printers)]
 
 
-def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
+def _grow_half(half: Half, ground: _Ground, problem: Problem) -> Grown:
     """Attempts on one half, from the same seeds; none where the budget is too small to draw these."""
     terrains, points, printers = half
     options = problem.options
@@ -203,7 +205,9 @@ def _grown(half: Half, ground: _Ground, problem: Problem) -> Grown:
     }
 
 
-def _ranked(found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]) -> Ranked:
+def _rank_partitions(
+    found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockPartition], float]
+) -> Ranked:
     """Partitions that attempts on the halves make together, the best first."""
     best = [sorted((key(a), a.parts, a.blocks) for a in half)[:MAX_OF_A_HALF] for half in found]
     together = [
@@ -214,26 +218,26 @@ def _ranked(found: Sequence[Sequence[BlockPartition]], key: Callable[[BlockParti
     return [(longest, [box for *_, blocks in picks for box in blocks]) for longest, _, picks in together]
 
 
-def _first(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
+def _first_that_fits(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Candidate]:
     """First of these that has no more pieces than there are printers, if any."""
-    tried = (_tried(boxes, ground, problem) for _, boxes in ranked[:MAX_CUT])
+    tried = (_cut_candidate(boxes, ground, problem) for _, boxes in ranked[:MAX_CUT])
     return list(islice((each for each in tried if each is not None), 1))
 
 
-def _soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Tried]:
+def _find_soonest(ranked: Ranked, ground: _Ground, problem: Problem) -> list[_Candidate]:
     """Partition of these that ends soonest; the search stops when no other promises more."""
-    best: list[_Tried] = []
+    best: list[_Candidate] = []
     for promised_s, boxes in ranked[:MAX_CUT]:
         enough = best and not best[0].fault and promised_s >= best[0].ends_s
         if enough or (best and problem.effort.is_spent()):
             break
-        tried = _tried(boxes, ground, problem)
+        tried = _cut_candidate(boxes, ground, problem)
         if tried is not None and tried.ends_s < math.inf:
-            best = sorted([*best, tried], key=_Tried.rank)[:1]
+            best = sorted([*best, tried], key=_Candidate.rank)[:1]
     return best
 
 
-def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None:
+def _cut_candidate(boxes: list[Box], ground: _Ground, problem: Problem) -> _Candidate | None:
     """Cut and pose a partition; None where it has more pieces than there are printers."""
     new = sum(box not in ground.cut for box in boxes)
     problem.effort.book(Work.FACE_CUT, new * ground.aligned.model.solid.faces)
@@ -243,4 +247,4 @@ def _tried(boxes: list[Box], ground: _Ground, problem: Problem) -> _Tried | None
         return None
     ends_s = max(math.inf if pose is None else pose.price_s for pose in problem.find_poses(pieces))
     found = find_faults(pieces, problem.options.min_glue_mm2)
-    return _Tried(ground, cut, ends_s, found[0].reason if found else "")
+    return _Candidate(ground, cut, ends_s, found[0].reason if found else "")

@@ -251,7 +251,7 @@ def test_pieces_that_would_meet_along_an_edge_stay_apart(cost: CostModel) -> Non
     model = Model(Solid.union([piece.solid for piece in pieces]), (), 1.0)
     merging = _Merging(pieces, Problem(model, tuple(printers(1)), cost, MENDED))
     merging.merge_to(1)
-    merged = merging.merged()
+    merged = merging.merged_pieces()
     assert len(merged) == 2
     assert all(round_triangles(*piece.solid.arrays()) is not None for piece in merged)
     assert round_triangles(*model.solid.arrays()) is None

@@ -117,7 +117,7 @@ def evening(asked: Problem) -> tuple[_PlaneShift, list[BoxPart]]:
     cell_mm = np.array([np.diff(each).min() for each in grid.planes])
     cells = NeededCells(grid.planes, grid.needed)
     found = _PlaneShift(asked, cells, cell_mm, boxes_mm, list(cut.values()))
-    return found, found.posed()
+    return found, found.pose_start()
 
 
 def test_planes_move_once_however_late_it_is(
