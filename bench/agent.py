@@ -29,7 +29,7 @@ from drivers.emulator import wording
 from drivers.emulator.planner import Limits
 from drivers.emulator.port import Port
 from drivers.errors import DriverError
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from drivers.remote.client import AgentClient, spawn
 
 MODEL = "ultimaker2_plus"

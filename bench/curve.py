@@ -27,7 +27,7 @@ from decompose.options import Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Problem
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers import PROFILES, part_room
 
 PRINTER = "ultimaker2_plus"
 

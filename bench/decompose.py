@@ -40,7 +40,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
-from drivers.printers.profiles import BEDS, PROFILES, part_room
+from drivers.printers import BEDS, PROFILES, part_room
 from farm.errors import FarmError
 from farm.planning.parts.slice_part import slice_part
 from farm.planning.plan_records import SliceTask

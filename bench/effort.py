@@ -29,7 +29,7 @@ from decompose.options import Engine, Options
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Effort, Problem, Work
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers import PROFILES, part_room
 
 PRINTER = "ultimaker2_plus"
 

@@ -24,7 +24,7 @@ from drivers.clock import Clock
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
 from drivers.emulator.launch import Command, control, launch, read_status
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
 SEGMENT_MM = 0.8

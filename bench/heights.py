@@ -11,7 +11,7 @@ import argparse
 import json
 import sys
 
-from drivers.printers.profiles import BEDS
+from drivers.printers import BEDS
 from farm.planning.slicing_printers import slicing_printer
 from slicing.settings.layer_heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_mm
 from slicing.settings.limits import LAYER_SHARE

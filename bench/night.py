@@ -27,7 +27,7 @@ from pathlib import Path
 from drivers.agent.journal import JOURNAL
 from drivers.emulator.launch import Command, alive, control
 from drivers.errors import DriverError
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from drivers.remote.client import kill as kill_agent
 from farm import api
 from farm.cli.client.daemon_client import Client

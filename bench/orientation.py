@@ -35,7 +35,7 @@ from decompose.pieces import find_cut_faces
 from decompose.print_time import POSE_ROTATIONS, TOUCHED_MM2, CostModel, Pose, find_best_pose, measure_pose
 from decompose.printers import PrinterRoom
 from decompose.results import Part
-from drivers.printers.profiles import BEDS, PROFILES, part_room
+from drivers.printers import BEDS, PROFILES, part_room
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError

@@ -20,7 +20,7 @@ import numpy as np
 import trimesh
 
 from bench.print_time_parts import ANYWHERE, PRINTER, kind_seconds
-from drivers.printers.profiles import BEDS
+from drivers.printers import BEDS
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
 from slicing.plate import PlateRequest, slice_plate

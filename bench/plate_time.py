@@ -20,7 +20,7 @@ import trimesh
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
-from drivers.printers.profiles import BEDS, PROFILES
+from drivers.printers import BEDS, PROFILES
 from drivers.remote.client import AgentClient, spawn
 from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer

@@ -25,7 +25,7 @@ from decompose.geometry import Model, Solid, load_model, round_triangles, write_
 from decompose.options import Options
 from decompose.print_time import POSE_ROTATIONS, CostModel, Recipe, measure_columns, pose_features
 from decompose.printers import PrinterRoom
-from drivers.printers.profiles import BEDS, PROFILES, part_room
+from drivers.printers import BEDS, PROFILES, part_room
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError

@@ -35,7 +35,7 @@ from decompose.pieces import assign_printers
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.problem import Partition, Problem
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers import PROFILES, part_room
 
 WIDE = 0.45
 

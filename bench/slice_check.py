@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from drivers.printers.profiles import BEDS
+from drivers.printers import BEDS
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SliceRejected
 from slicing.plate import PlateRequest, slice_plate

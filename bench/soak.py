@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
 from drivers.link.link import Link, Phase, Trouble
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
 HEAD = [b"M302 S0", b"G28", b"G92 E0", b"G1 F9000 X90 Y90 Z0.3"]

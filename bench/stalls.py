@@ -22,7 +22,7 @@ from statistics import median
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
 from drivers.link.link import Link, Phase, Trouble
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
 EVERY_LINES = 30

@@ -18,7 +18,7 @@ import yaml
 from pydantic import BaseModel
 
 from drivers.errors import Fault
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm import api
 from farm.cli.client.estop_socket import Said
 from farm.cli.main import app

@@ -19,7 +19,7 @@ from drivers.link.link import Link, Report, Said, Up
 from drivers.locks import AGENT_LOCK, hold
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.ports.serial_port import Device, devices
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from drivers.remote.client import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")

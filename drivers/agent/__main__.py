@@ -14,7 +14,7 @@ from drivers.agent.loop import Agent
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, held, hold, sign
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from drivers.safety.estop import Target, cut
 
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict
 
 from drivers.clock import wall_s
 from drivers.safety.mains import LOOK_S, NO_COMMAND, PowerOff
-from drivers.session.session import Session, Suspicion
+from drivers.session import Session, Suspicion
 
 log = logging.getLogger(__name__)
 
@@ -115,14 +115,13 @@ class Alarms:
 
     def of_session(self, session: Session, now_s: float) -> None:
         """Take what a session found; its reason says it too."""
-        found, alarm = session.suspicion, self.alarm
-        if session.wants_power_off:
+        found, alarm = session.context.suspicion, self.alarm
+        if session.context.wants_power_off:
             if session is not self._answered:
                 self._answered = session
                 self._ask(found.text if found is not None else _NOT_OFF, now_s)
                 assert self.alarm is not None
-                if self.alarm.text not in (session.reason or ""):
-                    session.reason = "; ".join(filter(None, (session.reason, self.alarm.text)))
+                session.add_reason(self.alarm.text)
         elif found is not None:
             if alarm is None or not alarm.open:
                 self.alarm = Alarm(text=found.text, at_s=found.since_s)

@@ -15,7 +15,7 @@ from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.safety.last_words import HEATERS_OFF, LAST_WORDS, end_blind, end_heard
-from drivers.session.session import Pace, Session
+from drivers.session import Pace, Session
 
 log = logging.getLogger(__name__)
 
@@ -166,8 +166,9 @@ class Board:
     def end_by(self, at_s: float | None) -> None:
         """End the open print safely where it has not ended by then."""
         if self.session is not None:
-            self.session.ends_by_s = at_s
-            self._go_on((), self._clock.now())
+            now_s = self._clock.now()
+            self.session.end_by(at_s, now_s)
+            self._go_on((), now_s)
 
     def looked_at(self) -> None:
         """A person saw to the printer: whatever was the matter is over."""
@@ -266,7 +267,7 @@ class Board:
 
     def _advance(self, session: Session, events: Events, now_s: float) -> None:
         session.advance(events, now_s)
-        while session.wants_reset and self._port is not None and not session.ended:
+        while session.context.wants_reset and self._port is not None and not session.context.ended:
             self._remember()
             self._reset()
             session.advance((), now_s)
@@ -338,7 +339,7 @@ class Board:
         if self.session is None:
             self.link.poll_every_s = self.pace.idle_s
         else:
-            self.session.wants_reset = False
+            self.session.port_was_reset()
         self.link.opened(self._clock.now(), LAST_WORDS if self._ours else b"")
         self._moved(self._port.fileno())
 
@@ -372,6 +373,6 @@ class Board:
         self.link.closed()
         self._retry_wall_s = wall_s() + RETRY_S
         session = self.session
-        if session is not None and not session.wants_reset:
+        if session is not None and not session.context.wants_reset:
             session.fail(Fault.PORT_LOST, str(error), self._clock.now())
         self._remember()

@@ -42,8 +42,7 @@ from drivers.messages import (
     StartPrint,
     Upload,
 )
-from drivers.printers.profiles import Profile
-from drivers.session.session import PARKED_MM
+from drivers.printers import Profile
 
 log = logging.getLogger(__name__)
 
@@ -175,12 +174,12 @@ class Agent:
         board, memory = self._board, self._journal.memory
         session, report, status = board.session, board.report, board.status()
         link, reason = self._link_state()
-        filament = memory.filament if session is None else session.filament
+        filament = memory.filament if session is None else session.context.filament
         if filament is Filament.UNKNOWN and session is None and status is not None:
-            filament = _filament(status.filament_end_mm)
+            filament = _filament(status.filament_end_mm, self._profile.parked_mm)
         told = memory.print
         if session is not None and told is not None:
-            told = self._record.shot(told, session)
+            told = self._record.shot(told, session.context)
         off = report is not None and report.nozzle_target_c == 0 and report.bed_target_c == 0
         return Snapshot(
             protocol=PROTOCOL,
@@ -193,7 +192,7 @@ class Agent:
             reason=reason,
             nozzle=Heater(now_c=report.nozzle_c, target_c=report.nozzle_target_c) if report else None,
             bed=Heater(now_c=report.bed_c, target_c=report.bed_target_c) if report else None,
-            heaters_off=off if session is None else session.heaters_off,
+            heaters_off=off if session is None else session.context.heaters_off,
             filament=filament,
             bed_clear=status.bed_clear if status is not None else None,
             starved_s=status.starved_s if status is not None else 0.0,
@@ -215,7 +214,10 @@ class Agent:
             self._record.alarms.told,
             self._board.report is None,
             memory.print.print_id if memory.print is not None else None,
-            (session.phase, session.extruded, session.filament, session.heaters_off) if session else None,
+            session.context.phase if session else None,
+            (session.context.extruded, session.context.filament, session.context.heaters_off)
+            if session
+            else None,
         )
         now_s = wall_s()
         if self._server is not None:
@@ -375,8 +377,8 @@ class Agent:
             self._board.cancel("its agent was told to end")
 
 
-def _filament(end_mm: float) -> Filament:
+def _filament(end_mm: float, parked_mm: float) -> Filament:
     """Where an emulator's filament is."""
-    if abs(end_mm + PARKED_MM) <= _PARKED_SLACK_MM:
+    if abs(end_mm + parked_mm) <= _PARKED_SLACK_MM:
         return Filament.PARKED
     return Filament.AT_NOZZLE if abs(end_mm) <= 1.0 else Filament.UNKNOWN

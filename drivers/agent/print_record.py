@@ -11,8 +11,8 @@ from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.gcode.program import Program
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
-from drivers.printers.profiles import Profile
-from drivers.session.session import Session
+from drivers.printers import Profile
+from drivers.session import Session, SessionContext
 
 log = logging.getLogger(__name__)
 
@@ -75,17 +75,24 @@ class Record:
         """Open a print; without a program, recover from one that an agent left behind."""
         now_s, memory = self._clock.now(), self._journal.memory
         left = Fault.ESTOP if memory.look == ESTOPPED else Fault.AGENT_DIED
-        session = Session(
-            self._board.link, program, self._profile, filament, self._board.pace, now_s, memory.identity,
-            left, self.alarms.suspicion,
-        )  # fmt: skip
-        session.extruded = extruded
-        session.resets = not self._board.refuted
-        session.ends_by_s = ends_by_s
+        context = SessionContext(
+            link=self._board.link,
+            program=program,
+            profile=self._profile,
+            filament=filament,
+            pace=self._board.pace,
+            now_s=now_s,
+            identity=memory.identity,
+            left_by=left,
+            suspicion=self.alarms.suspicion,
+            extruded=extruded,
+            board_resets=not self._board.refuted,
+            ends_by_s=ends_by_s,
+        )
         self._program = program
         status = self._board.status()
         self._starved_before_s = status.starved_s if status is not None else 0.0
-        self._board.begin(session)
+        self._board.begin(Session(context))
 
     def remember(self) -> None:
         """Write down what changed, before the board is told to go on.
@@ -117,7 +124,7 @@ class Record:
         if said is None:
             return
         if session is not None:
-            session.reason = _joined(session.reason, said)
+            session.add_reason(said)
         else:
             board.look = _joined(
                 board.look or (alarms.alarm.text if alarms.alarm is not None else None), said
@@ -130,57 +137,57 @@ class Record:
             self._journal.write(now_s, **kept, alarm=None if alarm is None else alarm.model_dump(mode="json"))
         if session is None or memory.print is None:
             return
-        if self._held_back(session):
+        context, told = session.context, memory.print
+        if self._held_back(context):
             return
-        told = memory.print
-        changed = (session.phase, session.extruded) != (told.phase, told.extruded)
-        if not changed and session.filament is memory.filament:
+        changed = (context.phase, context.extruded) != (told.phase, told.extruded)
+        if not changed and context.filament is memory.filament:
             return
-        look = session.fault in _NEEDS_A_LOOK or session.wants_power_off or not session.heaters_off
-        if session.ended and look:
-            self._board.look = session.reason
-        if session.ended:
-            self._board.hot = not session.heaters_off
-        shot = self.shot(told, session)
+        look = context.fault in _NEEDS_A_LOOK or context.wants_power_off or not context.heaters_off
+        if context.ended and look:
+            self._board.look = context.reason
+        if context.ended:
+            self._board.hot = not context.heaters_off
+        shot = self.shot(told, context)
         self._journal.write(
             now_s,
             print=shot.model_dump(mode="json"),
-            filament=session.filament.value,
+            filament=context.filament.value,
             look=self._board.look,
-            identity=session.identity,
+            identity=context.identity,
         )
         log.info("print %s: %s%s", shot.print_id, shot.phase, f" ({shot.reason})" if shot.reason else "")
-        if session.ended:
+        if context.ended:
             self._board.session = None
             self._program = None
 
-    def _held_back(self, session: Session) -> bool:
+    def _held_back(self, context: SessionContext) -> bool:
         """Whether a print has ended whose reason lacks what came of `power_off_cmd`."""
-        return session.ended and self.alarms.pending
+        return context.ended and self.alarms.pending
 
-    def shot(self, told: PrintSnapshot, session: Session) -> PrintSnapshot:
+    def shot(self, told: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """The open print as it is now."""
         status = self._board.status()
         starved_s = told.starved_s if status is None else status.starved_s - self._starved_before_s
-        held_back = self._held_back(session)
+        held_back = self._held_back(context)
         known: dict[str, object] = {
-            "phase": PrintPhase.ENDING if held_back else session.phase,
-            "fault": session.fault,
-            "reason": session.reason,
-            "extruded": session.extruded,
-            "ended_s": None if held_back else session.ended_s,
-            "ends_by_s": session.ends_by_s,
-            "pause_ends_s": session.pause_ends_s if session.phase is PrintPhase.PAUSED else None,
+            "phase": PrintPhase.ENDING if held_back else context.phase,
+            "fault": context.fault,
+            "reason": context.reason,
+            "extruded": context.extruded,
+            "ended_s": None if held_back else context.ended_s,
+            "ends_by_s": context.ends_by_s,
+            "pause_ends_s": context.pause_ends_s if context.phase is PrintPhase.PAUSED else None,
             "starved_s": max(0.0, starved_s),
         }
         if self._program is not None:
-            known["line"] = session.streamed
-            mark = self._program.at(session.streamed)
+            known["line"] = context.streamed
+            mark = self._program.at(context.streamed)
             known["progress_s"] = mark.seconds
             known["layers"] = self._program.layers
             if mark.layer is not None:
                 known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
-            known["started_s"] = session.started_s
+            known["started_s"] = context.started_s
         return told.model_copy(update=known)
 
 

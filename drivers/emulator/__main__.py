@@ -27,7 +27,7 @@ from drivers.emulator.port import Port
 from drivers.emulator.status import EmulatorStatus, write_status
 from drivers.emulator.wire import Wire
 from drivers.errors import PortError
-from drivers.printers.profiles import PROFILES, Profile
+from drivers.printers import PROFILES, Profile
 
 STATUS_S = 0.4  # wall seconds between two looks; readers are promised one each 0.5 s
 CONTROL_S = 0.5

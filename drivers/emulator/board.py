@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from drivers.emulator.faults import WEAK_BED_C, WEAK_NOZZLE_C, Faults
 from drivers.emulator.thermal import AMBIENT_C, Heater
-from drivers.printers.profiles import Profile
+from drivers.printers import Profile
 
 SHORTED_C = -14.0  # [assumed] what a shorted bed sensor reads: colder than MINTEMP, which has no check here
 PARKED_MM = -20.0  # where the end code and the printer's own menu leave the filament's end

@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 from urllib.parse import parse_qsl, urlsplit
 
 from drivers.errors import PortError
-from drivers.printers.profiles import PROFILES, Profile
+from drivers.printers import PROFILES, Profile
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ from drivers.emulator.faults import SLEEP_S, Faults
 from drivers.emulator.listener import LINES, Listener, Phase
 from drivers.emulator.machine import Machine, value
 from drivers.emulator.mishaps import happen
-from drivers.printers.profiles import Profile
+from drivers.printers import Profile
 
 BOOTLOADER_S = 1.0  # [assumed] bytes are lost
 BANNER_S = 0.036  # from start to the end of the banner

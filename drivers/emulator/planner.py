@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.printers.profiles import Profile
+from drivers.printers import Profile
 
 # Moves that are queued before the next one waits: 17 are acknowledged at once
 # (docs/explanation/ultimaker2-serial.md, section 2).

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from drivers.printers.profiles import HeaterModel
+from drivers.printers import HeaterModel
 
 AMBIENT_C = 21.0
 FULL_POWER = 127  # what the firmware reports as @: and B@: at full power

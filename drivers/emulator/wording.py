@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.emulator.planner import Limits
-from drivers.printers.profiles import Profile
+from drivers.printers import Profile
 
 OK = b"ok\n"
 START = b"start\n"

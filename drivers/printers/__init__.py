@@ -1,0 +1,31 @@
+"""Printer models: one module a model, listed here."""
+
+from drivers.printers.part_room import FIT_TOLERANCE_MM, Placement, RoomBox, part_room, place
+from drivers.printers.profile import HeaterModel, Profile, Rect
+from drivers.printers.ultimaker2 import ULTIMAKER2
+from drivers.printers.ultimaker2_extended import ULTIMAKER2_EXTENDED
+from drivers.printers.ultimaker2_extended_plus import ULTIMAKER2_EXTENDED_PLUS
+from drivers.printers.ultimaker2_go import ULTIMAKER2_GO
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+
+__all__ = [
+    "BEDS",
+    "FIT_TOLERANCE_MM",
+    "PROFILES",
+    "HeaterModel",
+    "Placement",
+    "Profile",
+    "Rect",
+    "RoomBox",
+    "part_room",
+    "place",
+]
+
+PROFILES: dict[str, Profile] = {
+    profile.model: profile
+    for profile in (ULTIMAKER2_PLUS, ULTIMAKER2_EXTENDED_PLUS, ULTIMAKER2, ULTIMAKER2_EXTENDED)
+}
+"""The printers that can be driven."""
+
+BEDS: dict[str, Profile] = {**PROFILES, ULTIMAKER2_GO.model: ULTIMAKER2_GO}
+"""The printers that can be sliced for."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import BadSetting, SlicingError

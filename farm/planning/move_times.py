@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from drivers.emulator.planner import CAPACITY, Limits, Planner
-from drivers.printers.profiles import Profile
+from drivers.printers import Profile
 
 
 class FirmwareTime:

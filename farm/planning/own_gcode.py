@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivers.errors import BadGcode
 from drivers.gcode import program as wire
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions, OwnGcode, Part, Plate

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from decompose.file_names import ASSEMBLY, PICTURE, REPORT
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Job, JobOptions, OwnGcode, Part, Plate

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.printers.profiles import PROFILES, RoomBox
+from drivers.printers import PROFILES, RoomBox
 from farm.config import PrinterSection
 from farm.model import Part, Plate
 from farm.planning.error_translation import in_farm_words

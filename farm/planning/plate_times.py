@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Mapping
 
-from drivers.printers.profiles import PROFILES, Profile
+from drivers.printers import PROFILES, Profile
 from farm.config import PrinterSection
 from slicing.settings.plate_settings import Settings
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.printers.profiles import Profile
+from drivers.printers import Profile
 from slicing.printer import HeadShape, MachineLimits, PrintCode, PrinterModel
 
 

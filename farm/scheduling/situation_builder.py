@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.model import AgentSnapshot, Hold, HoldCode, Job, JobState, Link, Plate, Print, PrintState
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate

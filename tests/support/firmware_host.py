@@ -8,7 +8,7 @@ from operator import xor
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 
 class Host:

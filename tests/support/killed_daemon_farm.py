@@ -16,7 +16,7 @@ from urllib.parse import quote
 from drivers.agent.journal import JOURNAL
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
-from drivers.session.session import PARKED_MM
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from farm.cli.client.unix_http import DaemonConnection
 from farm.model import Bed, PrintState
 from farm.paths import StateFolder, read_anchor
@@ -192,5 +192,5 @@ class KilledFarm(RealFarm):
         # board that was reset in its last print has its filament at the nozzle yet.
         each_mm = PRIMED_MM + self.fed_mm
         seen = [self.emulator_status(name) for name in self.printers]
-        fed_mm = sum(one.filament_mm - (one.filament_end_mm + PARKED_MM) for one in seen)
+        fed_mm = sum(one.filament_mm - (one.filament_end_mm + ULTIMAKER2_PLUS.parked_mm) for one in seen)
         assert len(done) * each_mm - 1.0 < fed_mm < len(begun) * each_mm + 1.0, (fed_mm, seen)

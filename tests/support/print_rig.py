@@ -11,8 +11,8 @@ from drivers.errors import Fault
 from drivers.gcode.program import Store, strip
 from drivers.link.link import Link
 from drivers.messages import Filament, PrintPhase
-from drivers.printers.profiles import PROFILES
-from drivers.session.session import Pace, Session
+from drivers.printers import PROFILES
+from drivers.session import Pace, Session, SessionContext
 
 PLUS = PROFILES["ultimaker2_plus"]
 GCODE = """;FLAVOR:Marlin
@@ -72,19 +72,21 @@ class Rig:
             self.firmware.feed(b"", self.now_s)
         self.link = Link(2.0)
         self.program = strip(io.BytesIO((text or gcode()).encode()), store)
-        self.session = Session(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
-        self.session.resets = not faults.no_reset
+        self.session = Session(
+            SessionContext(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
+        )
+        self.session.context.board_resets = not faults.no_reset
         self.plugged = True
         self.back_s = math.inf  # when it is plugged in again
         self.sent = b""
-        self.phases = [self.session.phase]
+        self.phases = [self.session.context.phase]
 
     def step(self) -> None:
         session, link = self.session, self.link
         self.plugged = self.plugged or self.now_s >= self.back_s
-        if session.wants_reset and self.plugged:
-            session.wants_reset = False
-            if self.session.resets:
+        if session.context.wants_reset and self.plugged:
+            session.context.wants_reset = False
+            if self.session.context.board_resets:
                 self.firmware.reset(self.now_s)
             link.opened(self.now_s)
             session.advance((), self.now_s)
@@ -101,11 +103,11 @@ class Rig:
         events = (link.receive(back, self.now_s) or ()) if back and self.plugged else ()
         events = [*events, *link.tick(self.now_s)]
         session.advance(events, self.now_s)
-        if session.phase is not self.phases[-1]:
-            self.phases.append(session.phase)
+        if session.context.phase is not self.phases[-1]:
+            self.phases.append(session.context.phase)
 
     def run(self, until: Callable[[], bool] = lambda: False, limit_s: float = 20_000.0) -> "Rig":
-        while not self.session.ended and not until():
+        while not self.session.context.ended and not until():
             assert self.now_s < 1000.0 + limit_s, "it does not end"
             self.step()
         return self
@@ -115,7 +117,7 @@ class Rig:
         return board.nozzle.target_c, board.bed.target_c
 
     def printing(self, lines: int = 100) -> "Rig":
-        return self.run(until=lambda: self.session.streamed >= lines)
+        return self.run(until=lambda: self.session.context.streamed >= lines)
 
     def moves(self) -> list[bytes]:
         """The file's own moves in the order of their numbers, as they were sent."""
@@ -139,7 +141,7 @@ def hopping(moves: int) -> str:
 
 def assert_ended_off(rig: Rig, phase: PrintPhase, fault: Fault | None) -> None:
     session = rig.session
-    assert (session.phase, session.fault) == (phase, fault), session.reason
-    assert session.heaters_off and not session.wants_power_off
+    assert (session.context.phase, session.context.fault) == (phase, fault), session.context.reason
+    assert session.context.heaters_off and not session.context.wants_power_off
     assert rig.targets() == (0.0, 0.0)
-    assert session.ended_s is not None and rig.now_s - 120.0 < session.ended_s <= rig.now_s
+    assert session.context.ended_s is not None and rig.now_s - 120.0 < session.context.ended_s <= rig.now_s

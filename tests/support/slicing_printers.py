@@ -1,6 +1,6 @@
 """Printer models to slice for, as the farm hands them to the slicing package."""
 
-from drivers.printers.profiles import BEDS
+from drivers.printers import BEDS
 from farm.planning.slicing_printers import slicing_printer
 
 PRINTERS = {model: slicing_printer(profile) for model, profile in BEDS.items()}

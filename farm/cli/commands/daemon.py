@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.cli import completion
 from farm.cli.client.daemon_client import Client
 from farm.cli.display.console import print_notice

@@ -10,7 +10,7 @@ import typer
 from drivers.errors import DriverError
 from drivers.locks import AGENT_LOCK, held
 from drivers.ports.port import NET
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.cli.display.console import print_json
 from farm.cli.options import Json, placed
 from farm.config import PrinterSection, load_fleet

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.agent.start_file import Start
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.cli import completion
 from farm.cli.client import estop_socket
 from farm.cli.client.estop_socket import Said, Say

@@ -17,7 +17,7 @@ from decompose.geometry import load_model
 from decompose.options import BestOptions, Engine, Interior, Options, ParalleloboxOptions, Score
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.part_rooms import model_sizes

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from decompose.geometry import load_model
-from drivers.printers.profiles import BEDS, RoomBox, part_room, place
+from drivers.printers import BEDS, RoomBox, part_room, place
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.slice_part import settings_of, slice_part

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from drivers.printers.profiles import PROFILES, RoomBox, part_room
+from drivers.printers import PROFILES, RoomBox, part_room
 from farm.config import PrinterSection
 from slicing.settings.plate_settings import Settings
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import trimesh
 
-from drivers.printers.profiles import Placement, place
+from drivers.printers import Placement, place
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import in_farm_words
 from farm.planning.plan_records import SliceTask

@@ -207,7 +207,7 @@ def printing(folder: Path, command: str | None) -> tuple[Agent, Rig]:
 def go_on(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
     """Session and record together; once it has ended, what is under way is waited for."""
     while not until():
-        if rig.session.ended:
+        if rig.session.context.ended:
             agent.until(until)
         else:
             rig.step()
@@ -222,7 +222,7 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
     agent, rig = printing(tmp_path, relay(mark) if command else None)
     happen(f"{heater}_burns_after", rig.firmware, rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
-    assert rig.session.phase is PrintPhase.ENDING  # while it still ends, people are told
+    assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
     told = recall(tmp_path / JOURNAL)[0].alarm
     assert told is not None and told.open and f"the {heater} went up to" in told.text
     go_on(agent, rig, lambda: agent.board.session is None)
@@ -241,10 +241,10 @@ def test_a_print_s_end_waits_for_what_came_of_the_command(tmp_path: Path, mark: 
     os.mkfifo(tmp_path / "gate")
     agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
     happen("nozzle_burns_after", rig.firmware, rig.now_s)
-    go_on(agent, rig, lambda: rig.session.ended)
+    go_on(agent, rig, lambda: rig.session.context.ended)
     agent.record.remember()
     assert agent.board.session is not None and agent.journal.memory.print is not None
-    shot = agent.record.shot(agent.journal.memory.print, rig.session)
+    shot = agent.record.shot(agent.journal.memory.print, rig.session.context)
     assert shot.phase is PrintPhase.ENDING and shot.ended_s is None
     (tmp_path / "gate").write_text("go\n")
     go_on(agent, rig, lambda: agent.board.session is None)

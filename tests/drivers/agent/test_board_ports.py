@@ -17,10 +17,10 @@ from drivers.agent.journal import JOURNAL
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import Fault
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from drivers.remote.client import alive
 from drivers.safety.last_words import LAST_WORDS
-from drivers.session.session import Session
+from drivers.session import Session, SessionContext
 
 
 @pytest.mark.system
@@ -217,7 +217,9 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
     board = Board(url, tmp_path, one.clock, lambda: None, lambda _: None)
     board.hot, board.reset_refuted = True, url
     board.open()
-    session = Session(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, one.clock.now())
+    session = Session(
+        SessionContext(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, one.clock.now())
+    )
     board.session = session
     port = board._port
     assert port is not None

@@ -11,7 +11,7 @@ from drivers import messages as m
 from drivers.agent.journal import JOURNAL, Journal
 from drivers.agent.loop import Agent
 from drivers.clock import Clock
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"
 GCODE = b"G28\n"

@@ -19,7 +19,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
 from drivers.errors import Fault, JournalError
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 
 class Driven(Agent):

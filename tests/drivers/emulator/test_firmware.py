@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from firmware_host import Host, numbered
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.planner import CAPACITY, STAND_MM_S, Limits, Planner, Point
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 PROFILE = PROFILES["ultimaker2_plus"]
 START: Point = (100.0, 100.0, 50.0, 0.0)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.emulator.thermal import AMBIENT_C, FULL_POWER, Heater
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 NOZZLE = PROFILES["ultimaker2_plus"].nozzle
 BED = PROFILES["ultimaker2_plus"].bed

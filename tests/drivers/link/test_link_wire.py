@@ -14,7 +14,7 @@ from drivers.emulator.firmware import Firmware
 from drivers.emulator.noise import Noise
 from drivers.errors import Fault
 from drivers.link.link import Link, Phase, Trouble
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 
 NAMED = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.printers.profiles import BEDS, FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, part_room, place
+from drivers.printers import BEDS, FIT_TOLERANCE_MM, PROFILES, HeaterModel, Rect, part_room, place
 
 models = st.sampled_from(sorted(BEDS))
 sizes = st.floats(1.0, 400.0)

@@ -12,17 +12,17 @@ def test_the_board_of_another_model_is_refused_before_anything_heats():
     rig = Rig(model="ultimaker2_extended_plus").run()
     assert_ended_off(rig, PrintPhase.FAILED, Fault.WRONG_PRINTER)
     assert b"M140 S60" not in rig.sent
-    assert not rig.session.extruded
+    assert not rig.session.context.extruded
 
 
 def test_the_printer_behind_the_cable_is_known_by_its_home_offset():
     first = Rig(Faults(levelled=243)).run()
-    assert first.session.identity == "X0.00 Y0.00 Z-12.43"
-    again = Rig(Faults(levelled=243), identity=first.session.identity).run()
+    assert first.session.context.identity == "X0.00 Y0.00 Z-12.43"
+    again = Rig(Faults(levelled=243), identity=first.session.context.identity).run()
     assert_ended_off(again, PrintPhase.DONE, None)
-    other = Rig(Faults(levelled=187), identity=first.session.identity).run()
+    other = Rig(Faults(levelled=187), identity=first.session.context.identity).run()
     assert_ended_off(other, PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert b"M140" not in other.sent.replace(b"M140 S0", b"") and not other.session.extruded
+    assert b"M140" not in other.sent.replace(b"M140 S0", b"") and not other.session.context.extruded
 
 
 @pytest.mark.parametrize("word", [b"Vers:", b"M206"])
@@ -45,7 +45,7 @@ def test_an_extended_that_calls_itself_a_plain_one_is_found_by_its_height():
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"3.3.0ex", b"3.3.0"), now_s)  # type: ignore[method-assign]
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert "315" in str(rig.session.reason) and b"M104 S210" not in rig.sent
+    assert "315" in str(rig.session.context.reason) and b"M104 S210" not in rig.sent
 
 
 def test_a_file_that_homes_its_axes_one_by_one_is_no_other_printer():
@@ -58,4 +58,4 @@ def test_another_firmware_behind_the_cable_is_known_by_its_answer_to_m115():
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"Ultimaker2", b"Ultimaker3"), now_s)  # type: ignore[method-assign]
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.WRONG_PRINTER)
-    assert "M115" in str(rig.session.reason) and b"M140 S60" not in rig.sent
+    assert "M115" in str(rig.session.context.reason) and b"M140 S60" not in rig.sent

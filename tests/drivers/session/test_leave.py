@@ -14,7 +14,7 @@ from drivers.emulator.firmware import Firmware
 from drivers.emulator.mishaps import happen
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
-from drivers.session.session import Pace, Session
+from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, gcode, hopping
 
 NEAR_MM = 0.5
@@ -41,9 +41,9 @@ def pause(rig: Rig, seconds: float) -> None:
 
 def the_agent_is_killed(rig: Rig) -> None:
     """The next one knows the filament of the last journal record, and finds the print open."""
-    written = rig.session.filament
+    written = rig.session.context.filament
     rig.link.closed()
-    rig.session = Session(rig.link, None, PLUS, written, Pace(), rig.now_s)
+    rig.session = Session(SessionContext(rig.link, None, PLUS, written, Pace(), rig.now_s))
 
 
 def the_port_is_lost_for_a_while(rig: Rig) -> None:
@@ -123,13 +123,13 @@ WAYS: list[Way] = [
 def ended(way: Way, lines: int, seconds: float, text: str) -> Rig:
     """A print that goes `way` so many lines and seconds after its start."""
     rig = Rig(text=text)
-    rig.run(until=lambda: rig.session.streamed >= lines)
+    rig.run(until=lambda: rig.session.context.streamed >= lines)
     until_s = rig.now_s + seconds
     rig.run(until=lambda: rig.now_s >= until_s)
-    if not rig.session.ended:
+    if not rig.session.context.ended:
         way(rig)
     rig.run()
-    assert rig.session.ended
+    assert rig.session.context.ended
     return rig
 
 
@@ -137,10 +137,10 @@ def print_again(rig: Rig) -> float:
     """How far from the nozzle's tip the filament is at the file's first feeding line of the next print."""
     board = rig.firmware.board
     fresh = Faults()
-    after = Rig(text=gcode(20), filament=rig.session.filament)
+    after = Rig(text=gcode(20), filament=rig.session.context.filament)
     after.firmware = Firmware(PLUS, fresh, random.Random(0), after.now_s)
     after.firmware.board.filament_end_mm = board.filament_end_mm
-    after.run(until=lambda: after.session.phase is PrintPhase.PRINTING)
+    after.run(until=lambda: after.session.context.phase is PrintPhase.PRINTING)
     return after.firmware.board.filament_end_mm
 
 
@@ -148,9 +148,9 @@ def print_again(rig: Rig) -> float:
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.__name__)
 def test_the_next_first_line_finds_the_filament_or_a_person_is_asked(way: Way, lines: int):
     rig = ended(way, lines, 0.7, hopping(50))
-    if rig.session.filament is not Filament.UNKNOWN:
+    if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
-        end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.filament]
+        end_mm = {Filament.PARKED: -20.0, Filament.AT_NOZZLE: 0.0}[rig.session.context.filament]
         assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=NEAR_MM)
 
 
@@ -158,7 +158,7 @@ def test_the_next_first_line_finds_the_filament_or_a_person_is_asked(way: Way, l
 @settings(max_examples=40, deadline=None)
 def test_wherever_it_happens(way: Way, lines: int, seconds: float):
     rig = ended(way, lines, seconds, hopping(50))
-    if rig.session.filament is not Filament.UNKNOWN:
+    if rig.session.context.filament is not Filament.UNKNOWN:
         assert abs(print_again(rig)) <= NEAR_MM
 
 
@@ -166,7 +166,7 @@ def test_wherever_it_happens(way: Way, lines: int, seconds: float):
 def test_what_the_firmware_can_still_be_told_leaves_it_parked(lines: int):
     """The ways that are everyday work ask nobody."""
     for way in EVERYDAY:
-        assert ended(way, lines, 0.7, hopping(50)).session.filament is Filament.PARKED
+        assert ended(way, lines, 0.7, hopping(50)).session.context.filament is Filament.PARKED
 
 
 @given(
@@ -199,7 +199,7 @@ def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
     """Heaters off, or somebody told to cut the mains; and a print that is said to be done was made."""
     rig = Rig(faults, text=gcode(150), seed=seed)
     board, session, paused = rig.firmware.board, rig.session, False
-    while not session.ended:
+    while not session.context.ended:
         rig.step()
         passed_s = rig.now_s - 1000.0
         if passed_s > unplug_s:
@@ -211,14 +211,14 @@ def test_whatever_happens_a_print_ends_and_tells_the_truth_about_its_heaters(
         if passed_s > pause_s and not paused:
             paused = True
             session.pause(rig.now_s)
-        if session.phase is PrintPhase.PAUSED and passed_s > pause_s + 400.0:
+        if session.context.phase is PrintPhase.PAUSED and passed_s > pause_s + 400.0:
             session.resume(rig.now_s)
         assert passed_s < 20_000.0, "it does not end"
-    assert (session.phase is PrintPhase.FAILED) == (session.fault is not None)
-    assert session.heaters_off or session.wants_power_off
-    if session.heaters_off:
+    assert (session.context.phase is PrintPhase.FAILED) == (session.context.fault is not None)
+    assert session.context.heaters_off or session.context.wants_power_off
+    if session.context.heaters_off:
         assert rig.targets() == (0.0, 0.0)
         for heater in (board.nozzle, board.bed):
             assert not heater.burns or heater.temperature_c(rig.now_s) < 90.0  # it has hardly begun
-    if session.phase is PrintPhase.DONE and not (rig.firmware.noise and rig.firmware.noise.altered):
+    if session.context.phase is PrintPhase.DONE and not (rig.firmware.noise and rig.firmware.noise.altered):
         assert board.filament_mm == pytest.approx(MADE_MM, abs=0.05)

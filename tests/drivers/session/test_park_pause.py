@@ -15,14 +15,14 @@ def test_a_pause_parks_keeps_the_bed_warm_and_goes_on_as_if_nothing_had_been(lin
     straight = Rig(text=text).run()
     rig = Rig(text=text).printing(lines)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     board = rig.firmware.board
     pause_s = rig.now_s
     rig.run(until=lambda: rig.now_s > pause_s + 1800.0)  # 15 times the dead-man
-    assert rig.session.phase is PrintPhase.PAUSED
+    assert rig.session.context.phase is PrintPhase.PAUSED
     assert rig.targets() == (0.0, 60.0)
-    assert rig.session.pause_ends_s == pytest.approx(pause_s + PAUSE_LIMIT_S, abs=60.0)
-    assert rig.session.filament is Filament.PARKED
+    assert rig.session.context.pause_ends_s == pytest.approx(pause_s + PAUSE_LIMIT_S, abs=60.0)
+    assert rig.session.context.filament is Filament.PARKED
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.machine.planner.target[:2] == (10.0, 200.0)
     rig.session.resume(rig.now_s)
@@ -36,11 +36,11 @@ def test_a_pause_parks_keeps_the_bed_warm_and_goes_on_as_if_nothing_had_been(lin
 def test_after_a_pause_the_head_is_back_before_the_filament():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    x, y, z, _ = Walk(rig.program, rig.session.streamed).at
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    x, y, z, _ = Walk(rig.program, rig.session.context.streamed).at
     rig.session.resume(rig.now_s)
     at = len(rig.sent)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PRINTING)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
     back = rig.sent[at:]
     order = [
         b"E13.500",
@@ -72,29 +72,29 @@ def test_the_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
         rig.session.cancel("no more", rig.now_s)
     else:
         rig.session.pause(rig.now_s)
-    while not rig.session.ended and rig.targets()[1 if cancel else 0] > 0:
+    while not rig.session.context.ended and rig.targets()[1 if cancel else 0] > 0:
         rig.step()
     rig.run(until=lambda: b"G28 X0" in rig.sent[at:] if cancel else planner.target[:2] == (10.0, 200.0))
     assert planner.target[2] >= 69.9
     rig.session.resume(rig.now_s)
     rig.run()
-    assert rig.session.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
+    assert rig.session.context.phase is (PrintPhase.CANCELLED if cancel else PrintPhase.DONE)
 
 
 def test_a_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
     rig = Rig()
-    rig.run(until=lambda: rig.session.streamed > rig.program.homes + 1)
+    rig.run(until=lambda: rig.session.context.streamed > rig.program.homes + 1)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert b"G1 F1200 Z0.000" in rig.sent
-    assert rig.session.heaters_off
+    assert rig.session.context.heaters_off
 
 
 def test_a_pause_that_nobody_ends_ends_the_print_safely():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.PAUSE_TIMEOUT)
-    assert rig.session.filament is Filament.PARKED
+    assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
 
@@ -113,7 +113,7 @@ def test_the_head_passes_over_the_highest_part_also_where_the_file_names_no_laye
     text = GCODE.format(moves="\n".join(moves), end=25.5)
     rig = Rig(text=text if layers else text.replace(";LAYER:0\n", "")).printing(60)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     assert 90.0 <= rig.firmware.machine.planner.target[2] <= 92.0
 
 
@@ -124,8 +124,12 @@ def test_a_pause_that_comes_while_the_file_ends_its_heat_pushes_no_cold_filament
     for _ in range(steps):
         rig.step()
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.pause_ends_s is not None or rig.session.phase is PrintPhase.ENDING)
-    assert rig.session.streamed <= ends or rig.session.phase is not PrintPhase.PAUSED
+    rig.run(
+        until=lambda: (
+            rig.session.context.pause_ends_s is not None or rig.session.context.phase is PrintPhase.ENDING
+        )
+    )
+    assert rig.session.context.streamed <= ends or rig.session.context.phase is not PrintPhase.PAUSED
     cold_s = rig.now_s + 900.0
     rig.run(until=lambda: rig.now_s > cold_s)
     rig.session.resume(rig.now_s)

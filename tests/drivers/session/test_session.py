@@ -10,7 +10,7 @@ from drivers.emulator.faults import Faults
 from drivers.errors import Fault
 from drivers.gcode.program import Memory
 from drivers.messages import Filament, PrintPhase
-from drivers.session.session import Pace
+from drivers.session import Pace
 from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
 
 
@@ -20,8 +20,8 @@ def test_a_print_goes_through_its_phases_to_heaters_shown_off_and_filament_parke
     assert rig.phases == [
         PrintPhase.CONNECTING, PrintPhase.HEATING, PrintPhase.PRINTING, PrintPhase.ENDING, PrintPhase.DONE,
     ]  # fmt: skip
-    assert rig.session.extruded
-    assert rig.session.filament is Filament.PARKED
+    assert rig.session.context.extruded
+    assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.errors == 0
 
@@ -45,7 +45,7 @@ def test_a_cancel_at_any_time_ends_with_heaters_off(lines: int):
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert_ended_off(rig, PrintPhase.CANCELLED, None)
-    assert rig.session.reason == "no more"
+    assert rig.session.context.reason == "no more"
 
 
 def test_a_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
@@ -53,7 +53,7 @@ def test_a_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
     end_s = rig.now_s
     rig.session.cancel("no more", rig.now_s)
     rig.run()
-    assert rig.session.filament is Filament.PARKED
+    assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
     assert rig.firmware.board.head_mm[0] == pytest.approx(0.0, abs=0.5)
     assert rig.now_s - end_s < 60.0
@@ -61,7 +61,7 @@ def test_a_cancel_in_the_middle_parks_the_filament_and_moves_the_head_away():
 
 def test_a_cancel_before_homing_moves_nothing():
     rig = Rig()
-    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert_ended_off(rig, PrintPhase.CANCELLED, None)
@@ -106,9 +106,11 @@ def test_off_is_not_claimed_where_a_heater_does_not_cool_and_the_mains_have_to_g
     faults: Faults, fault: Fault
 ):
     rig = Rig(faults, text=gcode(1000)).run()
-    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, fault), rig.session.reason
-    assert rig.session.wants_power_off and not rig.session.heaters_off
-    assert "switch the printer off" in str(rig.session.reason)
+    assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, fault), (
+        rig.session.context.reason
+    )
+    assert rig.session.context.wants_power_off and not rig.session.context.heaters_off
+    assert "switch the printer off" in str(rig.session.context.reason)
     assert rig.targets() == (0.0, 0.0)  # which is not enough
 
 
@@ -117,8 +119,11 @@ def test_a_heater_that_burns_on_at_the_end_fails_a_print_that_was_all_right():
     rig.printing(rig.program.count - 12)
     rig.firmware.board.bed.burns = True
     rig.run()
-    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.HEATER_STUCK_ON)
-    assert rig.session.wants_power_off
+    assert (rig.session.context.phase, rig.session.context.fault) == (
+        PrintPhase.FAILED,
+        Fault.HEATER_STUCK_ON,
+    )
+    assert rig.session.context.wants_power_off
 
 
 @pytest.mark.parametrize(
@@ -154,8 +159,8 @@ def test_a_firmware_that_stopped_and_acknowledges_everything_is_found_by_its_tar
 
 def test_a_dead_nozzle_fails_by_the_firmware_s_stop_or_by_our_own_watch():
     rig = Rig(Faults(dead_nozzle=True)).run()
-    assert rig.session.fault in (Fault.STOPPED, Fault.HEATER_TIMEOUT)
-    assert_ended_off(rig, PrintPhase.FAILED, rig.session.fault)
+    assert rig.session.context.fault in (Fault.STOPPED, Fault.HEATER_TIMEOUT)
+    assert_ended_off(rig, PrintPhase.FAILED, rig.session.context.fault)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -185,7 +190,7 @@ def test_a_second_cancel_and_a_cancel_of_what_has_ended_change_nothing():
     rig.run()
     rig.session.cancel("third", rig.now_s)
     assert_ended_off(rig, PrintPhase.CANCELLED, None)
-    assert rig.session.reason == "first"
+    assert rig.session.context.reason == "first"
 
 
 def test_an_accelerated_pace_is_bounded_in_wall_time():
@@ -213,22 +218,22 @@ def test_a_board_whose_reports_cannot_be_read_is_not_heated_for_ever():
     rig = Rig()
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
-    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
-    assert rig.session.fault is Fault.NO_ANSWER
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
+    assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
     assert rig.targets() == (0.0, 0.0)
-    assert not rig.session.heaters_off  # nobody could read that they are
+    assert not rig.session.context.heaters_off  # nobody could read that they are
 
 
 def test_a_board_whose_reports_cannot_be_read_any_more_does_not_print_for_ever():
     rig = Rig(text=gcode(3000)).printing(100)
     listen = rig.link.receive
     rig.link.receive = lambda data, now_s: listen(data.replace(b"ok T:", b"ok T:? "), now_s)  # type: ignore[method-assign]
-    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
-    assert rig.session.fault is Fault.NO_ANSWER
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
+    assert rig.session.context.fault is Fault.NO_ANSWER
     rig.run()
     assert rig.targets() == (0.0, 0.0)
-    assert rig.session.wants_power_off  # nobody could read that it cools
+    assert rig.session.context.wants_power_off  # nobody could read that it cools
 
 
 def test_a_first_stage_too_cold_to_extrude_leaves_the_filament_parked():
@@ -246,7 +251,7 @@ def test_whatever_the_feeder_was_doing_a_cancel_leaves_the_filament_parked(after
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert_ended_off(rig, PrintPhase.CANCELLED, None)
-    assert rig.session.filament is Filament.PARKED
+    assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
 
@@ -258,7 +263,7 @@ def test_at_the_end_the_filament_is_where_the_file_left_it(end: str, filament: F
     text = gcode().replace("G91\nG1 F1500 E-13.5\nG90\n", end)
     rig = Rig(text=text).run()
     assert_ended_off(rig, PrintPhase.DONE, None)
-    assert rig.session.filament is filament
+    assert rig.session.context.filament is filament
     end_mm = {Filament.UNKNOWN: -6.5, Filament.AT_NOZZLE: 0.0, Filament.PARKED: -20.0}[filament]
     assert rig.firmware.board.filament_end_mm == pytest.approx(end_mm, abs=0.1)
 
@@ -288,10 +293,10 @@ def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad:
     disk = DyingDisk(bad)
     rig = Rig(text=text, store=disk).run()
     assert_ended_off(rig, PrintPhase.FAILED, Fault.BAD_FILE)
-    assert rig.session.reason is not None and says in rig.session.reason
+    assert rig.session.context.reason is not None and says in rig.session.context.reason
     disk.mended = True
     sent = rig.moves()
     assert 0 < len(sent) < 1500
     whole = [line for line in text.encode().splitlines() if line.startswith(b"G1 ") and line in set(sent)]
     assert sent == whole[: len(sent)]
-    assert rig.session.filament is not Filament.AT_NOZZLE
+    assert rig.session.context.filament is not Filament.AT_NOZZLE

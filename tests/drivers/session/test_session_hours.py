@@ -11,12 +11,12 @@ from print_rig import Rig, assert_ended_off, gcode
 @pytest.mark.parametrize("no_reset", [False, True])
 def test_a_print_that_has_not_ended_by_its_hour_is_ended_safely_whoever_listens(no_reset: bool):
     rig = Rig(Faults(no_reset=no_reset), text=gcode(3000)).printing(100)
-    rig.session.ends_by_s = rig.now_s + 60.0
-    by_s = rig.session.ends_by_s
+    rig.session.context.ends_by_s = rig.now_s + 60.0
+    by_s = rig.session.context.ends_by_s
     rig.run()
     assert_ended_off(rig, PrintPhase.FAILED, Fault.HOURS_ENDED)
-    assert rig.session.ended_s is not None and by_s <= rig.session.ended_s <= by_s + 120.0
-    assert rig.session.filament is Filament.PARKED
+    assert rig.session.context.ended_s is not None and by_s <= rig.session.context.ended_s <= by_s + 120.0
+    assert rig.session.context.filament is Filament.PARKED
     assert rig.firmware.board.filament_end_mm == pytest.approx(-20.0, abs=0.5)
     assert rig.firmware.resets == (0 if no_reset else 1)
 
@@ -24,21 +24,21 @@ def test_a_print_that_has_not_ended_by_its_hour_is_ended_safely_whoever_listens(
 def test_neither_a_pause_nor_a_heat_up_outlasts_the_hour():
     paused = Rig(text=gcode(300)).printing(100)
     paused.session.pause(paused.now_s)
-    paused.run(until=lambda: paused.session.pause_ends_s is not None)
-    paused.session.ends_by_s = paused.now_s + 60.0
+    paused.run(until=lambda: paused.session.context.pause_ends_s is not None)
+    paused.session.context.ends_by_s = paused.now_s + 60.0
     assert_ended_off(paused.run(), PrintPhase.FAILED, Fault.HOURS_ENDED)
     heating = Rig()
-    heating.run(until=lambda: heating.session.phase is PrintPhase.HEATING)
-    heating.session.ends_by_s = heating.now_s + 5.0
+    heating.run(until=lambda: heating.session.context.phase is PrintPhase.HEATING)
+    heating.session.context.ends_by_s = heating.now_s + 5.0
     assert_ended_off(heating.run(), PrintPhase.FAILED, Fault.HOURS_ENDED)
-    assert not heating.session.extruded
+    assert not heating.session.context.extruded
 
 
 def test_an_hour_that_is_put_off_ends_nothing_nor_does_one_that_comes_while_it_ends():
     rig = Rig(text=gcode(200)).printing(100)
-    rig.session.ends_by_s = rig.now_s + 5.0
+    rig.session.context.ends_by_s = rig.now_s + 5.0
     rig.session.advance((), rig.now_s)
-    rig.session.ends_by_s = None
-    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
-    rig.session.ends_by_s = rig.now_s
+    rig.session.context.ends_by_s = None
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
+    rig.session.context.ends_by_s = rig.now_s
     assert_ended_off(rig.run(), PrintPhase.DONE, None)

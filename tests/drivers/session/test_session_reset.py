@@ -11,7 +11,7 @@ from drivers.errors import Fault
 from drivers.link.link import Phase as LinkPhase
 from drivers.link.link import Trouble
 from drivers.messages import Filament, PrintPhase
-from drivers.session.session import Pace, Session
+from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, assert_ended_off, gcode
 
 
@@ -21,9 +21,9 @@ def test_a_port_that_went_away_fails_the_print_and_nobody_claims_heaters_off():
     rig.link.closed()
     rig.session.fail(Fault.PORT_LOST, "went away", rig.now_s)
     rig.run()
-    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.PORT_LOST)
-    assert not rig.session.heaters_off
-    assert "switch the printer off" in str(rig.session.reason)
+    assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, Fault.PORT_LOST)
+    assert not rig.session.context.heaters_off
+    assert "switch the printer off" in str(rig.session.context.reason)
 
 
 def test_a_port_that_comes_back_is_reset_and_shown_off():
@@ -38,23 +38,23 @@ def test_a_port_that_comes_back_is_reset_and_shown_off():
 def test_without_a_program_the_board_is_reset_and_the_agent_s_death_is_the_reason():
     rig = Rig()
     rig.firmware.board.set_nozzle(210.0, rig.now_s)
-    rig.session = Session(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s)
+    rig.session = Session(SessionContext(rig.link, None, PLUS, Filament.AT_NOZZLE, Pace(), rig.now_s))
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
-    assert rig.session.filament is Filament.UNKNOWN
+    assert rig.session.context.filament is Filament.UNKNOWN
 
 
 def test_a_print_on_a_link_that_has_printed_begins_at_nothing():
     rig = Rig()
     rig.run()
-    assert rig.session.streamed == rig.program.count
-    again = Session(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s)
-    assert again.streamed == 0
+    assert rig.session.context.streamed == rig.program.count
+    again = Session(SessionContext(rig.link, rig.program, PLUS, Filament.PARKED, Pace(), rig.now_s))
+    assert again.context.streamed == 0
 
 
 def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
     pause_s = rig.now_s
     rig.run(until=lambda: rig.now_s > pause_s + 60.0)
     assert rig.firmware.machine.dead_man_s == 120.0
@@ -67,12 +67,12 @@ def test_the_dead_man_is_shorter_once_hot_shorter_in_a_pause_and_off_when_cold()
 
 
 def test_a_heat_up_that_takes_longer_than_the_dead_man_does_not_trip_it(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("drivers.session.session.HEAT_DEAD_MAN_S", 60.0)
-    monkeypatch.setattr("drivers.session.steps.FEED_S", 20.0)
+    monkeypatch.setattr("drivers.session.stream.HEAT_DEAD_MAN_S", 60.0)
+    monkeypatch.setattr("drivers.session.heat.FEED_S", 20.0)
     rig = Rig()
-    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     began_s = rig.now_s
-    rig.run(until=lambda: rig.session.phase is PrintPhase.PRINTING)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
     assert rig.now_s - began_s > 2 * 60.0
     assert_ended_off(rig.run(), PrintPhase.DONE, None)
 
@@ -99,12 +99,12 @@ def test_a_board_that_nothing_resets_prints_and_is_as_a_new_one_before():
     rig = Rig(Faults(no_reset=True))
     board = rig.firmware.board
     board.bed.target_c = 50.0  # somebody warmed it up before
-    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     assert rig.firmware.resets == 0 and board.bed.target_c == 0.0
     rig.run()
     assert_ended_off(rig, PrintPhase.DONE, None)
     assert rig.firmware.resets == 0
-    assert rig.session.identity == "X0.00 Y0.00 Z-10.00"
+    assert rig.session.context.identity == "X0.00 Y0.00 Z-10.00"
     assert board.filament_end_mm == pytest.approx(-20.0, abs=0.1)
 
 
@@ -122,27 +122,27 @@ def test_a_board_that_nothing_resets_ends_by_command(faults: dict[str, Any], fau
     if fault is None:
         rig.printing(60).session.cancel("cancelled", rig.now_s)
     rig.run()
-    assert rig.session.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
-    assert rig.session.heaters_off and rig.targets() == (0.0, 0.0)
+    assert rig.session.context.phase is (PrintPhase.CANCELLED if fault is None else PrintPhase.FAILED)
+    assert rig.session.context.heaters_off and rig.targets() == (0.0, 0.0)
     assert rig.firmware.resets == 0
 
 
 def test_a_board_that_nothing_resets_and_that_falls_silent_loses_its_mains():
     rig = Rig(Faults(no_reset=True, silent_after=150)).run()
-    assert (rig.session.phase, rig.session.fault) == (PrintPhase.FAILED, Fault.NO_ANSWER)
-    assert rig.session.wants_power_off and not rig.session.heaters_off
+    assert (rig.session.context.phase, rig.session.context.fault) == (PrintPhase.FAILED, Fault.NO_ANSWER)
+    assert rig.session.context.wants_power_off and not rig.session.context.heaters_off
 
 
 def test_the_dead_man_of_a_board_that_nothing_resets_stays_armed_until_its_heaters_are_shown_off():
     rig = Rig(Faults(no_reset=True, nozzle_burns_after=150)).run()
-    assert rig.session.wants_power_off
+    assert rig.session.context.wants_power_off
     assert rig.firmware.machine.dead_man_s < math.inf
     left = Rig(Faults(no_reset=True))
     left.firmware.machine.dead_man_s = 600.0
     left.firmware.board.set_nozzle(210.0, left.now_s)
-    left.session = Session(left.link, None, PLUS, Filament.AT_NOZZLE, Pace(), left.now_s)
-    left.session.resets = False
-    left.run(until=lambda: left.session.report is not None and left.session.report.off)
+    left.session = Session(SessionContext(left.link, None, PLUS, Filament.AT_NOZZLE, Pace(), left.now_s))
+    left.session.context.board_resets = False
+    left.run(until=lambda: left.session.context.report is not None and left.session.context.report.off)
     assert left.firmware.machine.dead_man_s == 600.0
     assert_ended_off(left.run(), PrintPhase.FAILED, Fault.AGENT_DIED)
     assert left.firmware.machine.dead_man_s == math.inf  # off
@@ -152,12 +152,12 @@ def test_a_board_that_starts_again_while_it_is_shown_off_is_asked_anew_at_once()
     """Nobody waits for the answer of a link that is dead."""
     rig = Rig().printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
-    rig.run(until=lambda: rig.session.wants_reset)
-    rig.run(until=lambda: not rig.session.wants_reset and rig.link.phase is LinkPhase.LIVE)
-    assert not rig.session.ended
+    rig.run(until=lambda: rig.session.context.wants_reset)
+    rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
+    assert not rig.session.context.ended
     rig.firmware.reset(rig.now_s)
     again_s = rig.now_s
-    rig.run(until=lambda: rig.session.wants_reset)
+    rig.run(until=lambda: rig.session.context.wants_reset)
     assert rig.now_s - again_s < 10.0
     assert_ended_off(rig.run(), PrintPhase.FAILED, Fault.NO_ANSWER)
 
@@ -166,8 +166,8 @@ def test_a_board_that_complains_after_its_reset_is_asked_on():
     """It has stopped by itself once more, and still answers how hot it is: no more is wanted of it."""
     rig = Rig().printing()
     rig.session.fail(Fault.NO_ANSWER, "it does not answer", rig.now_s)
-    rig.run(until=lambda: rig.session.wants_reset)
-    rig.run(until=lambda: not rig.session.wants_reset and rig.link.phase is LinkPhase.LIVE)
+    rig.run(until=lambda: rig.session.context.wants_reset)
+    rig.run(until=lambda: not rig.session.context.wants_reset and rig.link.phase is LinkPhase.LIVE)
     resets = rig.firmware.resets
     events = rig.link.receive(b"Error:0\n: Extruder switched off. MINTEMP triggered !\n", rig.now_s)
     assert [event.fault for event in events or () if isinstance(event, Trouble)] == [Fault.MINTEMP]

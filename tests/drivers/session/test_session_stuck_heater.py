@@ -11,7 +11,7 @@ from drivers.gcode.program import HeaterName
 from drivers.link.replies import Report
 from drivers.messages import Filament, PrintPhase
 from drivers.safety.heater_watch import Finding, Watch
-from drivers.session.session import Pace, Session, Suspicion
+from drivers.session import Pace, Session, SessionContext, Suspicion
 from print_rig import PLUS, Rig, gcode
 
 LIMIT_S = 30.0  # from a finding to the request
@@ -27,14 +27,14 @@ def burning(heater: HeaterName) -> Rig:
 
 def found(rig: Rig) -> float:
     """Go on to the finding; when that was."""
-    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
-    assert rig.session.fault is Fault.HEATER_STUCK_ON
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
+    assert rig.session.context.fault is Fault.HEATER_STUCK_ON
     return rig.now_s
 
 
 def asked(rig: Rig) -> float:
-    rig.run(until=lambda: rig.session.wants_power_off)
-    assert rig.session.wants_power_off
+    rig.run(until=lambda: rig.session.context.wants_power_off)
+    assert rig.session.context.wants_power_off
     return rig.now_s
 
 
@@ -45,7 +45,7 @@ def test_the_mains_are_asked_for_soon_after_a_heater_was_found_stuck_on(heater: 
     assert asked(rig) - found_s <= LIMIT_S
     rig.run()
     assert rig.now_s - found_s <= 150.0  # and it is not 'ending' for long
-    assert not rig.session.heaters_off
+    assert not rig.session.context.heaters_off
 
 
 @pytest.mark.parametrize("after_s", [0.5, 5.0, 12.0])
@@ -80,8 +80,8 @@ def test_a_nozzle_that_burns_after_a_cancel_or_in_a_pause_is_found_soon():
         assert asked(rig) - begun_s <= 45.0  # a pause first draws the filament back, hot
         rig.run()
         assert (
-            rig.session.suspicion is not None
-            and "nozzle is off, and gets hotter" in rig.session.suspicion.text
+            rig.session.context.suspicion is not None
+            and "nozzle is off, and gets hotter" in rig.session.context.suspicion.text
         )
 
 
@@ -90,17 +90,17 @@ def test_a_nozzle_that_burns_at_the_end_of_the_file_is_found_soon(lines_before_t
     rig = Rig(text=gcode(50))
     rig.printing(rig.program.count - lines_before_the_end)
     happen("nozzle_burns_after", rig.firmware, rig.now_s)
-    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
     begun_s = rig.now_s
     assert asked(rig) - begun_s <= LIMIT_S
     rig.run()
-    assert rig.session.phase is PrintPhase.FAILED
-    assert rig.session.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
+    assert rig.session.context.phase is PrintPhase.FAILED
+    assert rig.session.context.fault in (Fault.HEATER_STUCK_ON, Fault.MAXTEMP)
 
 
 def test_a_nozzle_that_burns_while_the_bed_is_heated_is_found_before_it_is_hot():
     rig = Rig()
-    rig.run(until=lambda: rig.session.phase is PrintPhase.HEATING)
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.HEATING)
     happen("nozzle_burns_after", rig.firmware, rig.now_s)
     asked(rig)
     assert rig.firmware.board.nozzle.temperature_c(rig.now_s) < 80.0
@@ -108,29 +108,31 @@ def test_a_nozzle_that_burns_while_the_bed_is_heated_is_found_before_it_is_hot()
 
 def test_a_sensor_that_breaks_is_a_suspicion_that_a_cooling_heater_lifts():
     rig = Rig(Faults(stop_after=700), text=gcode(1000))
-    rig.run(until=lambda: rig.session.phase is PrintPhase.ENDING)
-    assert rig.session.suspicion is not None
+    rig.run(until=lambda: rig.session.context.phase is PrintPhase.ENDING)
+    assert rig.session.context.suspicion is not None
     rig.run()
-    assert rig.session.fault is Fault.MAXTEMP and rig.session.heaters_off
-    assert rig.session.suspicion is None and not rig.session.wants_power_off
+    assert rig.session.context.fault is Fault.MAXTEMP and rig.session.context.heaters_off
+    assert rig.session.context.suspicion is None and not rig.session.context.wants_power_off
 
 
 @pytest.mark.parametrize("burns", [False, True])
 def test_the_session_after_a_dead_agent_keeps_the_finding(burns: bool):
     rig = burning(NOZZLE)
     found_s = found(rig)
-    suspicion = rig.session.suspicion
+    suspicion = rig.session.context.suspicion
     assert suspicion is not None
     if not burns:
         rig.firmware.board.nozzle.temperature_c(rig.now_s)
         rig.firmware.board.nozzle.burns = False
     rig.link.closed()
-    rig.session = Session(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
+    rig.session = Session(
+        SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=suspicion)
+    )
     if burns:
         assert asked(rig) - found_s <= LIMIT_S
     rig.run()
-    assert rig.session.wants_power_off is burns
-    assert rig.session.heaters_off is not burns
+    assert rig.session.context.wants_power_off is burns
+    assert rig.session.context.heaters_off is not burns
 
 
 @pytest.mark.parametrize("burns", [False, True])
@@ -139,12 +141,14 @@ def test_a_finding_of_long_ago_asks_as_soon_as_the_heater_had_time_to_show_that_
     rig.firmware.board.nozzle.burns = burns
     begun_s = rig.now_s
     old = Suspicion("the nozzle went up to 250 C, above 210", rig.now_s - 3600.0)
-    rig.session = Session(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old)
+    rig.session = Session(
+        SessionContext(rig.link, None, PLUS, Filament.UNKNOWN, Pace(), rig.now_s, suspicion=old)
+    )
     if burns:
         rig.firmware.board.nozzle._temperature_c = 200.0
         assert asked(rig) - begun_s <= LIMIT_S / 2
     rig.run()
-    assert rig.session.wants_power_off is burns and rig.session.heaters_off is not burns
+    assert rig.session.context.wants_power_off is burns and rig.session.context.heaters_off is not burns
 
 
 def test_no_rule_is_quicker_than_the_patience_of_an_accelerated_clock():
@@ -157,12 +161,14 @@ def test_no_rule_is_quicker_than_the_patience_of_an_accelerated_clock():
     pace = Pace(floor_s=240.0)
     rig = Rig()
     rig.session = Session(
-        rig.link, None, PLUS, Filament.UNKNOWN, pace, 1000.0, suspicion=Suspicion("it burns", 1000.0)
+        SessionContext(
+            rig.link, None, PLUS, Filament.UNKNOWN, pace, 1000.0, suspicion=Suspicion("it burns", 1000.0)
+        )
     )
     rig.session.advance((), 1000.0 + 479.0)
-    assert not rig.session.wants_power_off
+    assert not rig.session.context.wants_power_off
     rig.session.advance((), 1000.0 + 480.0)
-    assert rig.session.wants_power_off
+    assert rig.session.context.wants_power_off
 
 
 def overshoot(now_s: float, peak_c: float) -> float:

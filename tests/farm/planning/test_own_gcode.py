@@ -5,7 +5,7 @@ import tracemalloc
 
 import pytest
 
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import Engine, JobOptions

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.planning.plate_times import plate_seconds, quickest_first
 
 NAMES = list("abcdef")

@@ -7,7 +7,7 @@ import trimesh
 from drivers.emulator.planner import CAPACITY, Limits, Planner
 from drivers.gcode.program import strip
 from drivers.gcode.timeline import Feature
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from slicing.checks.timeline import with_times
 from slicing.checks.toolpath import read_toolpath
 from slicing.plate import slice_plate

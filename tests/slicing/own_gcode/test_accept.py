@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.planning.move_times import FirmwareTime
 from make_gcode import FILAMENT_MM2, PURGE, marlin, square, ultigcode
 from own_gcode import body, fed, followed, refused, safe, take

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from drivers import discovery
 from drivers.discovery import Plugged
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.cli.main import app
 from farm.config import load_fleet
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.printers.profiles import BEDS, PROFILES
+from drivers.printers import BEDS, PROFILES
 from farm.config import PrinterSection
 from farm.planning.parts.part_rooms import bed_boxes, model_sizes, printer_room
 from slicing.errors import EngineMissing

@@ -13,7 +13,7 @@ import trimesh
 from decompose.geometry import Solid, round_triangles, write_stl
 from decompose.print_time import POSE_ROTATIONS, CostModel
 from decompose.print_time.pose_prices import pose_prices_s
-from drivers.printers.profiles import PROFILES
+from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.plate_times import plate_seconds, prelude_seconds

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from drivers.printers.profiles import PROFILES, part_room
+from drivers.printers import PROFILES, part_room
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.planning.parts.part_rooms import model_sizes, printer_room

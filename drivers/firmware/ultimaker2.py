@@ -1,0 +1,68 @@
+"""The firmware of the Ultimaker 2 family: Marlin 1.0, much changed. Pure.
+
+Source: docs/explanation/ultimaker2-serial.md.
+"""
+
+from __future__ import annotations
+
+import re
+
+from drivers.errors import Fault
+from drivers.firmware.firmware import Firmware
+
+_CARD = "belongs to the SD card"
+
+ULTIMAKER2 = Firmware(
+    baud_rate=250_000,
+    command_bytes=80,
+    version=re.compile(rb"Vers:_([\w.]+?)(?P<suffix>ex)?\s*$", re.MULTILINE),
+    home_offset=re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE),
+    banner_end=b"M301",
+    identity_query=b"M115",
+    identity_word=b"Ultimaker2",
+    settings_query=b"M503",
+    position_query=b"M114",
+    report_query=b"M105",
+    # A line with a checksum and no number. The newline before it ends a line that has lost its own, the
+    # second star stays where the first is damaged, and the checksum is wrong, so that a line that is glued to
+    # it is refused.
+    last_line_query=b"\n1**0\n",
+    troubles=(
+        (b"MAXTEMP", Fault.MAXTEMP),
+        (b"MINTEMP", Fault.MINTEMP),
+        (b"kill() called", Fault.KILL),
+        (b"Printer stopped", Fault.STOPPED),
+        (b"Endstop", Fault.ENDSTOP),
+        (b"cold extrusion", Fault.COLD_EXTRUSION),
+        (b"too long extrusion", Fault.BAD_FILE),
+        (b"echo:Marlin", Fault.REBOOT),  # the banner: its ``start`` was lost or garbled
+    ),
+    stop_moves=b"M401",
+    wait_moves=b"M400",
+    motors_off=b"M84",
+    heaters_off=(b"M104 S0", b"M140 S0"),
+    fan_off=b"M107",
+    dead_man=b"M85 S%d",
+    as_new=(b"M104 S0", b"M140 S0", b"M401", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100"),
+    waiting_s={
+        b"G28": 1500.0,
+        b"G4": 3000.0,
+        b"M400": 3000.0,
+        b"M401": 300.0,
+        b"M84": 3000.0,
+        b"M18": 3000.0,
+    },
+    forbidden={
+        b"M0": "waits for the knob for ever",
+        b"M1": "waits for the knob for ever",
+        b"M112": "does not exist in this firmware",
+        b"M303": "heats as it likes",
+        b"M600": "does not exist in this firmware",
+        b"M999": "restarts a board that stopped for a reason",
+        b"M85": "is the farm's dead-man",
+        b"M110": "is the link's line number",
+        b"G10": "retracts by the printer's own settings, not by the file's",
+        b"G11": "retracts by the printer's own settings, not by the file's",
+        **{b"M%d" % number: _CARD for number in (*range(20, 31), 32, 923, 928)},
+    },
+)

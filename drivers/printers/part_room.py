@@ -1,0 +1,94 @@
+"""The room that a part has on a printer's bed, and its place there. Pure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+
+from drivers.printers.profile import Profile, Rect
+
+
+@dataclass(frozen=True, slots=True)
+class RoomBox:
+    """One of the boxes that a part may fill: a rectangle of the bed and a height, in mm."""
+
+    rect: Rect
+    height_mm: float
+
+    @property
+    def size_mm(self) -> tuple[float, float, float]:
+        return (self.rect.width_mm, self.rect.depth_mm, self.height_mm)
+
+
+def part_room(
+    profile: Profile, brim_mm: float, volume_mm: tuple[float, float, float] | None = None
+) -> tuple[RoomBox, ...]:
+    """The boxes that a part with a brim may fill on this printer.
+
+    A part fits when it fits one of them. They are the largest rectangles of the bed that, grown by the brim,
+    stay on the bed and off the clips, each with the printer's height.
+
+    Parameters
+    ----------
+    profile
+        The printer model.
+    brim_mm
+        Width of the brim (or skirt) that is printed around the part.
+    volume_mm
+        A person's own limit (x, y, z) for this printer; the smaller of it and the model's counts.
+
+    Returns
+    -------
+    tuple of RoomBox
+        Largest first by volume; empty where the brim leaves no room.
+    """
+    width, depth = profile.bed_mm
+    height = profile.height_mm
+    if volume_mm is not None:
+        width, depth, height = min(width, volume_mm[0]), min(depth, volume_mm[1]), min(height, volume_mm[2])
+    bed = Rect(-width / 2, -depth / 2, width / 2, depth / 2).grown(-brim_mm)
+    clips = [clip.grown(brim_mm) for clip in profile.clips]
+    xs = sorted({bed.min_x_mm, bed.max_x_mm, *(x for c in clips for x in (c.min_x_mm, c.max_x_mm))})
+    ys = sorted({bed.min_y_mm, bed.max_y_mm, *(y for c in clips for y in (c.min_y_mm, c.max_y_mm))})
+    free = [
+        rect
+        for x0, x1 in combinations(xs, 2)
+        for y0, y1 in combinations(ys, 2)
+        if bed.contains(rect := Rect(x0, y0, x1, y1)) and not any(rect.overlaps(clip) for clip in clips)
+    ]
+    largest = [r for r in free if not any(o is not r and o.contains(r) for o in free)]
+    largest.sort(key=lambda r: r.width_mm * r.depth_mm, reverse=True)
+    return tuple(RoomBox(rect, height) for rect in largest)
+
+
+FIT_TOLERANCE_MM = 1e-3
+"""An STL is in single precision: a part cut to the very size of its room may read a little larger."""
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """Where a part's bounding-box centre goes on the bed, and whether it is turned by 90 degrees about Z."""
+
+    x_mm: float
+    y_mm: float
+    turned: bool
+
+
+def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> Placement | None:
+    """Where a part of these extents (x, y, z) goes, near the bed's centre; None where it does not fit."""
+    best: tuple[float, bool, float, float] | None = None
+    for box in room:
+        for turned in (False, True):
+            dx, dy = (extents_mm[1], extents_mm[0]) if turned else (extents_mm[0], extents_mm[1])
+            slack = FIT_TOLERANCE_MM
+            if dx > box.rect.width_mm + slack or dy > box.rect.depth_mm + slack:
+                continue
+            if extents_mm[2] > box.height_mm + slack:
+                continue
+            x = min(max(0.0, box.rect.min_x_mm + dx / 2), box.rect.max_x_mm - dx / 2)
+            y = min(max(0.0, box.rect.min_y_mm + dy / 2), box.rect.max_y_mm - dy / 2)
+            key = (math.hypot(x, y), turned, x, y)
+            if best is None or key < best:
+                best = key
+    return None if best is None else Placement(best[2], best[3], best[1])

@@ -1,0 +1,153 @@
+"""The record that describes one printer model. Pure.
+
+Coordinates are bed-centred, in millimetres. Sizes and clips are those of Cura's machine definitions
+(``machine_width/depth/height``, ``machine_disallowed_areas``); accelerations and feed rates are those that
+the firmware prints in its banner (``M201/M203/M204/M205``). The heating figures are assumed, not measured on
+a printer.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers.firmware import Firmware
+
+
+@dataclass(frozen=True, slots=True)
+class Rect:
+    """An axis-aligned rectangle on the bed, in mm."""
+
+    min_x_mm: float
+    min_y_mm: float
+    max_x_mm: float
+    max_y_mm: float
+
+    @property
+    def width_mm(self) -> float:
+        return self.max_x_mm - self.min_x_mm
+
+    @property
+    def depth_mm(self) -> float:
+        return self.max_y_mm - self.min_y_mm
+
+    def overlaps(self, other: Rect) -> bool:
+        """Whether the open interiors meet."""
+        return (
+            self.min_x_mm < other.max_x_mm
+            and other.min_x_mm < self.max_x_mm
+            and self.min_y_mm < other.max_y_mm
+            and other.min_y_mm < self.max_y_mm
+        )
+
+    def contains(self, other: Rect) -> bool:
+        return (
+            self.min_x_mm <= other.min_x_mm
+            and self.min_y_mm <= other.min_y_mm
+            and self.max_x_mm >= other.max_x_mm
+            and self.max_y_mm >= other.max_y_mm
+        )
+
+    def grown(self, by_mm: float) -> Rect:
+        return Rect(
+            self.min_x_mm - by_mm, self.min_y_mm - by_mm, self.max_x_mm + by_mm, self.max_y_mm + by_mm
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class HeaterModel:
+    """A heater of first order: full power drives it to ``ambient + gain_c`` with time constant ``tau_s``.
+
+    [assumed] Not measured on a printer; chosen so that nozzle and bed heat about as fast as owners report.
+    """
+
+    gain_c: float
+    tau_s: float
+
+    def seconds_to(self, target_c: float, start_c: float = 21.0, ambient_c: float = 21.0) -> float:
+        """Seconds at full power from `start_c` to `target_c`; 0 where it is warmer already."""
+        top_c = ambient_c + self.gain_c
+        if target_c <= start_c:
+            return 0.0
+        if target_c >= top_c:
+            return math.inf
+        return self.tau_s * math.log((top_c - start_c) / (top_c - target_c))
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """What is fixed for a printer model.
+
+    Attributes
+    ----------
+    model
+        Cura's definition id.
+    bed_mm, height_mm
+        The build volume.
+    clips
+        Bounding rectangles of the areas that the definition forbids.
+    home_mm
+        Firmware coordinates after G28.
+    max_feedrate_mm_s, max_acceleration_mm_s2
+        X, Y, Z, E.
+    jerk_mm_s
+        XY, Z, E.
+    max_nozzle_c, max_bed_c
+        No file may set more.
+    min_extrusion_c
+        Colder, the firmware drops the filament.
+    gcode_flavor
+        Cura's name; E in mm.
+    start_code, end_code
+        With the fields `bed_c`, `nozzle_c` and `prime_mm`, and with the field `park_mm`.
+    ready_mm
+        Where the start code leaves the head.
+    prime_mm3
+        What the start code extrudes.
+    parked_mm
+        How far back a print, and the printer's own menu, leave the filament.
+    aside_mm
+        Where the head waits in a pause: X and Y.
+    head_mm
+        Left, right, front and back of the head with its fans, from the nozzle.
+    retraction_mm, retraction_mm_s
+        Of G10.
+    head_above_nozzle_mm
+        Cura's ``machine_nozzle_head_distance``.
+    banner_suffix
+        How the firmware's version ends in the banner.
+    """
+
+    model: str
+    title: str
+    firmware: Firmware
+    bed_mm: tuple[float, float]
+    height_mm: float
+    clips: tuple[Rect, ...]
+    home_mm: tuple[float, float, float]
+    max_feedrate_mm_s: tuple[float, float, float, float]
+    max_acceleration_mm_s2: tuple[float, float, float, float]
+    acceleration_mm_s2: float
+    jerk_mm_s: tuple[float, float, float]
+    nozzle: HeaterModel
+    bed: HeaterModel
+    max_nozzle_c: float
+    max_bed_c: float
+    min_extrusion_c: float
+    gcode_flavor: str
+    start_code: tuple[str, ...]
+    end_code: tuple[str, ...]
+    ready_mm: tuple[float, float, float]
+    prime_mm3: float
+    parked_mm: float
+    aside_mm: tuple[float, float]
+    head_mm: tuple[float, float, float, float]
+    retraction_mm: float
+    retraction_mm_s: float
+    head_above_nozzle_mm: float
+    banner_suffix: str = ""
+
+    @property
+    def kin(self) -> str:
+        """What printers of one feeder and hot end share: G-code for one is right for all, but for height."""
+        return self.model.replace("_extended", "")

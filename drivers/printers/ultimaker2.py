@@ -1,0 +1,25 @@
+"""The Ultimaker 2, before the 2+. Pure.
+
+That its firmware has the serial code of the 2+, and tells an Extended as that does, is [assumed]; its feeder
+is another, which its firmware allows for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drivers.printers.profile import Rect
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+
+ULTIMAKER2 = replace(
+    ULTIMAKER2_PLUS,
+    model="ultimaker2",
+    title="Ultimaker 2",
+    clips=(
+        Rect(-115.0, 102.5, -82.0, 112.5),
+        Rect(108.0, 102.5, 115.0, 112.5),
+        Rect(-115.0, -112.5, -82.0, -104.5),
+        Rect(108.0, -112.5, 115.0, -104.5),
+    ),
+    home_mm=(0.0, 224.5, 220.0),
+)

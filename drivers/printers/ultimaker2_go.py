@@ -1,0 +1,25 @@
+"""The Ultimaker 2 Go, for which parts can be sliced and which is not driven. Pure.
+
+Its bed has no heater, which a session wants to see off; nothing is known of its firmware's answers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drivers.printers.profile import Rect
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+
+ULTIMAKER2_GO = replace(
+    ULTIMAKER2_PLUS,
+    model="ultimaker2_go",
+    title="Ultimaker 2 Go",
+    bed_mm=(120.0, 120.0),
+    height_mm=115.0,
+    clips=(
+        Rect(-60.0, 52.0, -33.0, 60.0),
+        Rect(33.0, 52.0, 60.0, 60.0),
+        Rect(-60.0, -60.0, -33.0, -52.0),
+        Rect(33.0, -60.0, 60.0, -52.0),
+    ),
+)

@@ -1,0 +1,106 @@
+"""Scripts that print a program: its lines, with stops where it heats, and its end. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from drivers.errors import Fault, Unreadable
+from drivers.gcode.program import Heat, HeaterName, Program
+from drivers.messages import Filament, PrintPhase
+from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
+from drivers.session.context import Ended, Script, SessionContext, Wait
+from drivers.session.heat import extrudes, heat, see_targets, show_off
+from drivers.session.identify import check_height
+from drivers.session.leave import BARRIERS
+from drivers.session.park import back_mm, park, pausable, pause, unpark
+
+
+def print_program(context: SessionContext, program: Program) -> Script:
+    """Print from the first line to heaters shown off, on a board that is the right one."""
+    context.phase = PrintPhase.HEATING
+    context.heaters_off = False
+    yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
+    cools = next((h.line for h in program.heats if _cools(h, program.extrudes)), program.count)
+    at = 0
+    for stop, wanted in _stops(program, cools):
+        yield from _stream(context, program, at, stop)
+        at = stop
+        if stop == program.homes + 1:
+            yield from check_height(context, program.lines(program.homes, stop)[0])
+        if wanted is not None:
+            context.heated_lines = at = stop + 1
+            yield from heat(context, wanted)
+            hot = wanted.heater is HeaterName.NOZZLE and extrudes(context, wanted.target_c)
+            if hot and context.filament is Filament.PARKED:
+                yield from unpark(context)
+        elif stop == program.extrudes < program.count:
+            context.extruded = True
+            context.phase = PrintPhase.PRINTING
+            yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
+        if stop == cools and context.phase is PrintPhase.PRINTING:
+            yield from see_targets(context)
+    yield from _finish(context, program)
+
+
+def _stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
+    """Lines before which the stream stops, and what is heated there in place of the line."""
+    stops: dict[int, Heat | None] = {program.homes + 1: None, program.extrudes: None, program.count: None}
+    stops |= {wanted.line: wanted for wanted in program.heats if wanted.waits}
+    stops.setdefault(cools, None)
+    return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])
+
+
+def _cools(wanted: Heat, after: int) -> bool:
+    return wanted.heater is HeaterName.NOZZLE and wanted.target_c == 0 and wanted.line > after
+
+
+def _stream(context: SessionContext, program: Program, start: int, stop: int) -> Script:
+    """Send lines `start` to `stop`, with the pauses that are wanted meanwhile."""
+    link = context.link
+
+    def read_lines(first: int, last: int) -> list[bytes]:
+        """Lines for the link. Once some cannot be had there are no more: none must be left out."""
+        if context.unreadable is None:
+            try:
+                return program.lines(first, last)
+            except Unreadable as error:
+                context.unreadable = error
+        return []
+
+    def sent_or_paused() -> bool:
+        wanted = context.pause_wanted and pausable(context)
+        return link.drained or context.unreadable is not None or wanted
+
+    while start < stop:
+        link.poll_every_s = context.pace.printing_s
+        link.stream(context.now_s, read_lines, start, stop)
+        context.report_s = context.now_s
+        while not (yield Wait(sent_or_paused, context.blind_by_s)):
+            if context.now_s >= context.blind_by_s:
+                raise Ended(Fault.NO_ANSWER, "the board prints, but tells no temperatures")
+        if context.unreadable is not None:
+            raise context.unreadable
+        if link.drained:
+            return
+        link.halt()
+        yield Wait(lambda: link.drained)
+        start = link.streamed
+        if pausable(context):  # the line that was under way may have ended the heat
+            yield from pause(context, program, start)
+
+
+def _finish(context: SessionContext, program: Program) -> Script:
+    """End as the file does, with heaters shown off."""
+    firmware = context.firmware
+    context.phase = PrintPhase.ENDING
+    context.final_lines = program.count
+    off = (*firmware.heaters_off, firmware.fan_off, *(firmware.wait_moves,) * BARRIERS)
+    yield from send(context, *off, limit_s=math.inf)
+    if context.filament is Filament.AT_NOZZLE:
+        # as far back as the file's end code left it: it cools already
+        yield from park(context, back_mm(program, program.count), hot=False)
+    if not (yield from show_off(context)):
+        if context.report is not None and context.report.off:
+            raise Ended(Fault.HEATER_STUCK_ON, "a heater was not seen to cool at the end of the print")
+        raise Ended(Fault.NO_ANSWER, "heaters were not shown off at the end of the print")
+    yield from arm_dead_man(context, 0.0)
