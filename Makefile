@@ -56,10 +56,11 @@ test-rest:
 test-newest: install
 	@deploy/test-newest.sh
 
-# Both commands in a new Debian 12, as root: before each release. `make fresh COMMANDS=test`, `make fresh SHM=no`.
+# Both commands in a new Debian 12, as root: before each release. `make fresh COMMANDS=test`, `make fresh SHM=no`,
+# `make fresh KEEP=FOLDER`: the root stays there, and the next run takes it.
 COMMANDS := demo test
 fresh:
-	@deploy/fresh.sh $(if $(filter no,$(SHM)),--no-shm) $(COMMANDS)
+	@deploy/fresh.sh $(if $(filter no,$(SHM)),--no-shm) $(if $(KEEP),--keep $(KEEP)) $(COMMANDS)
 
 # Only against software that we did not write.
 interop: $(VENV)/.installed-dev peers

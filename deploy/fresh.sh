@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Runs the README's commands in a new Debian 12, where nothing is but what the README asks for, as an ordinary user
 # who may use sudo, on a clone of what is committed. Ends with what failed and what was skipped.
-# usage, as root: deploy/fresh.sh [--no-shm] [TARGET...]     TARGET: of make; demo and test where none is named
+# usage, as root: deploy/fresh.sh [--no-shm] [--keep FOLDER] [TARGET...]     TARGET: of make; demo and test by default
 #
-# --no-shm leaves the new root without /dev/shm. apt's sources, keys and options, pip's settings with the folders
-# that they name, certificates and proxies of this host hold in there, too. The root goes away at the end.
+# --no-shm leaves the new root without /dev/shm. --keep builds the root in FOLDER and leaves it there with what was
+# installed: the next run with the same FOLDER begins with that and only takes the new commit. apt's sources, keys and options, pip's settings with the folders
+# that they name, certificates and proxies of this host hold in there, too. Without --keep the root goes away at the end.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -45,7 +46,8 @@ enter() {
     mount --rbind /sys "$root/sys"
     mount_devices "$root"
     while read -r path; do
-        [[ -e $path && ! -e $root$path ]] || continue
+        rmdir "$root$path" 2>/dev/null || true  # the place of a mount, where an earlier run made it
+        [[ -e $path && ! -s $root$path ]] || continue
         mkdir -p "$(dirname "$root$path")"
         if [[ -d $path ]]; then mkdir "$root$path"; else touch "$root$path"; fi
         mount --bind -o ro "$path" "$root$path"
@@ -85,8 +87,15 @@ fi
 
 # --- outside ----------------------------------------------------------------------------------------------------------
 
-no_shm=
-[[ ${1:-} != --no-shm ]] || { no_shm=1; shift; }
+no_shm='' kept=''
+while [[ ${1:-} == --* ]]; do
+    case $1 in
+        --no-shm) no_shm=1 ;;
+        --keep) kept=${2:?--keep needs a folder} && shift ;;
+        *) fail "There is no option $1." ;;
+    esac
+    shift
+done
 targets=("$@")
 ((${#targets[@]})) || targets=(demo test)
 
@@ -102,28 +111,47 @@ fi
 scratch=$(mktemp -d /var/tmp/farm-fresh.XXXXXX)
 trap 'rm -rf --one-file-system "$scratch"' EXIT
 chmod 755 "$scratch"
-root=$scratch/root
-
-# What this host says of the same Debian: its sources, and the options that apt needs to reach them.
-mapfile -t sources < <(grep -lsw "$SUITE" /etc/apt/sources.list /etc/apt/sources.list.d/*.{list,sources} || true)
-mapfile -t options < <(grep -ls Acquire /etc/apt/apt.conf /etc/apt/apt.conf.d/* || true)
-say "Building a Debian 12 ($SUITE) ..."
-mmdebstrap --quiet --mode=root --variant=minbase --include="$PACKAGES" "${options[@]/#/--aptopt=}" \
-    "$SUITE" "$root" "${sources[@]}" || fail "mmdebstrap has built no root."
-
+root=${kept:+$(realpath -m "$kept")}
+root=${root:-$scratch/root}
 home=$root$HOME_THERE
-useradd --root "$root" --uid "$USER_ID" --create-home --shell /bin/bash someone
-echo 'someone ALL=(ALL) NOPASSWD: ALL' > "$root/etc/sudoers.d/someone"
-cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
-cp -L --remove-destination /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
-[[ ! -d /etc/apt/trusted.gpg.d ]] || cp -rL /etc/apt/trusted.gpg.d/. "$root/etc/apt/trusted.gpg.d/"
-[[ ! -f /etc/pip.conf ]] || cp -L /etc/pip.conf "$root/etc/"
-[[ ! -d /etc/xdg/pip ]] || { mkdir -p "$root/etc/xdg" && cp -rL /etc/xdg/pip "$root/etc/xdg/"; }
-[[ ! -d ~/.config/pip ]] || { mkdir -p "$home/.config" && cp -rL ~/.config/pip "$home/.config/"; }
-git clone --quiet --no-hardlinks . "$home/farm"
-chown -R "$USER_ID:$USER_ID" "$home"
-
 log=$scratch/log
+
+build_root() {
+    local sources options
+    # What this host says of the same Debian: its sources, and the options that apt needs to reach them.
+    mapfile -t sources < <(grep -lsw "$SUITE" /etc/apt/sources.list /etc/apt/sources.list.d/*.{list,sources} || true)
+    mapfile -t options < <(grep -ls Acquire /etc/apt/apt.conf /etc/apt/apt.conf.d/* || true)
+    say "Building a Debian 12 ($SUITE) ..."
+    mmdebstrap --quiet --mode=root --variant=minbase --include="$PACKAGES" "${options[@]/#/--aptopt=}" \
+        "$SUITE" "$root" "${sources[@]}" || fail "mmdebstrap has built no root."
+    useradd --root "$root" --uid "$USER_ID" --create-home --shell /bin/bash someone
+    echo 'someone ALL=(ALL) NOPASSWD: ALL' > "$root/etc/sudoers.d/someone"
+}
+
+# How this host reaches Debian and Python's packages.
+copy_settings() {
+    cp -L /etc/resolv.conf /etc/hosts "$root/etc/"
+    cp -L --remove-destination /etc/ssl/certs/ca-certificates.crt "$root/etc/ssl/certs/"
+    [[ ! -d /etc/apt/trusted.gpg.d ]] || cp -rL /etc/apt/trusted.gpg.d/. "$root/etc/apt/trusted.gpg.d/"
+    [[ ! -f /etc/pip.conf ]] || cp -L /etc/pip.conf "$root/etc/"
+    [[ ! -d /etc/xdg/pip ]] || { mkdir -p "$root/etc/xdg" && cp -rL /etc/xdg/pip "$root/etc/xdg/"; }
+    [[ ! -d ~/.config/pip ]] || { mkdir -p "$home/.config" && cp -rL ~/.config/pip "$home/.config/"; }
+}
+
+# The commit that is checked out here; what a kept root has installed for an earlier one stays.
+take_commit() {
+    local git=(git -c safe.directory='*' -C "$home/farm")
+    [[ -d $home/farm ]] || git clone --quiet --no-hardlinks --no-checkout . "$home/farm"
+    "${git[@]}" fetch --quiet "$PWD" HEAD
+    "${git[@]}" checkout --quiet --force --detach FETCH_HEAD
+    "${git[@]}" clean -qfdx --exclude=/.venv --exclude=/.cura
+    chown -R "$USER_ID:$USER_ID" "$home"
+}
+
+[[ -x $root/bin/bash ]] || build_root
+copy_settings
+take_commit
+
 code=0
 unshare --mount --pid --fork --kill-child --propagation private \
     "$PWD/deploy/fresh.sh" --inside "$no_shm" "$root" "${targets[@]}" 2>&1 | tee "$log" || code=$?
