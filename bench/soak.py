@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
+from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
 
@@ -58,7 +59,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
     now_s = 0.0
     firmware = Firmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
-    link = Link()
+    link = Link(ULTIMAKER2)
     link.opened(now_s)
     fault: str | None = None
     began_s = time.process_time()

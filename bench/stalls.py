@@ -21,6 +21,7 @@ from statistics import median
 
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
+from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
 
@@ -274,7 +275,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     rng = random.Random(seed)
     lines = (faults + 2) * EVERY_LINES
     program = [*(move(at) for at in range(lines)), *TAIL]
-    firmware, link, tamperer = Recorder(rng), Link(), Tamperer(kind, rng)
+    firmware, link, tamperer = Recorder(rng), Link(ULTIMAKER2), Tamperer(kind, rng)
     link.poll_every_s = 0.2
     link.opened(0.0)
     there, back = Way(THERE_S), Way(BACK_S)

@@ -14,6 +14,7 @@ from drivers.agent.idle_watch import CARD, IdleWatch
 from drivers.agent.journal import JOURNAL, Journal
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
+from drivers.firmware import ULTIMAKER2
 from drivers.link.dialogue import talk
 from drivers.link.link import Link, Report, Said, Up
 from drivers.locks import AGENT_LOCK, hold
@@ -99,7 +100,7 @@ def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> st
         if lock is None:
             raise PortError(f"{url}: its agent is running: ask that")
     try:
-        port = open_port(url, Path(), Clock())
+        port = open_port(url, Path(), Clock(), ULTIMAKER2.baud_rate)
         try:
             _see_idle(port, url, answer_s)
             port.reset()
@@ -169,7 +170,7 @@ def model_of(banner: bytes) -> str:
 
 def _see_idle(port: Port, url: str, answer_s: float) -> None:
     """Where opening the port did not reset the board, it can say that it prints."""
-    link, idle = Link(), IdleWatch()
+    link, idle = Link(ULTIMAKER2), IdleWatch()
     for now_s, event in talk(port, link, answer_s):
         if isinstance(event, Up):
             if event.restarted:
@@ -187,7 +188,7 @@ def _see_idle(port: Port, url: str, answer_s: float) -> None:
 
 
 def _see_start(port: Port, url: str, answer_s: float) -> bytes:
-    for _, event in talk(port, Link(), answer_s):
+    for _, event in talk(port, Link(ULTIMAKER2), answer_s):
         if isinstance(event, Up):
             if event.restarted:
                 return event.banner

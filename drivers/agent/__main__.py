@@ -14,7 +14,7 @@ from drivers.agent.loop import Agent
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, held, hold, sign
-from drivers.printers import PROFILES
+from drivers.printers import PROFILES, firmware_of
 from drivers.safety.estop import Target, cut
 
 
@@ -65,7 +65,9 @@ def _mine(folder: Path) -> bool:
 def _end_heat(given: start_file.Start, folder: Path) -> None:
     """Where nothing can be written nothing is printed, but what the last agent heated must not stay hot."""
     if recall(folder / JOURNAL)[0].heat:
-        stopped = cut(Target(given.printer, given.port, folder, given.power_off_cmd))
+        stopped = cut(
+            Target(given.printer, given.port, folder, given.power_off_cmd, firmware_of(given.model))
+        )
         logging.error("%s: its last agent left a print behind: %s", given.printer, stopped.text)
 
 

@@ -14,7 +14,8 @@ from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
 from drivers.ports.port import Port, open_port, plugged_in
-from drivers.safety.last_words import HEATERS_OFF, LAST_WORDS, end_blind, end_heard
+from drivers.printers import Profile
+from drivers.safety.last_words import end_blind, end_heard
 from drivers.session import Pace, Session
 
 log = logging.getLogger(__name__)
@@ -33,6 +34,8 @@ class Board:
     ----------
     url
         The port, as `fleet.yaml` names it.
+    profile
+        The printer's model.
     folder
         Where an emulator of a ``sim://`` port lives.
     clock
@@ -46,6 +49,7 @@ class Board:
     def __init__(
         self,
         url: str,
+        profile: Profile,
         folder: Path,
         clock: Clock,
         remember: Callable[[], None],
@@ -53,7 +57,8 @@ class Board:
     ) -> None:
         self.simulated = url.startswith("sim://")
         self.pace = Pace.of(clock)
-        self.link = Link(self.pace.floor_s)
+        self._firmware = profile.firmware
+        self.link = Link(self._firmware, self.pace.floor_s)
         self.session: Session | None = None
         self.report: Report | None = None
         self.absent: str | None = "the port was not opened yet"
@@ -120,7 +125,7 @@ class Board:
             device = plugged_in(self._url)
             if not (self.simulated or self._ours or self._said_idle or (device and device == self.opened)):
                 raise PortNotIdle(NOT_IDLE)
-            self._port = open_port(self._url, self._folder, self._clock)
+            self._port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
             self.opened = device
         except PortError as error:
             self.untouched = isinstance(error, PortNotIdle)
@@ -132,7 +137,7 @@ class Board:
         if not self._ours:
             self._opened()
         elif self.simulated:
-            end_blind(self._port)
+            end_blind(self._port, self._firmware)
             self._opened()
         else:
             self._reset()  # opening alone resets no board whose last host left DTR up, as ours do
@@ -217,7 +222,7 @@ class Board:
         """Switch everything off by a reset, where heat of ours may be on: the agent is about to end."""
         if self._port is None or not self._ours:
             return
-        (end_heard if self.refuted else end_blind)(self._port)
+        (end_heard if self.refuted else end_blind)(self._port, self._firmware)
         with suppress(PortError):
             self._port.reset()
 
@@ -316,7 +321,7 @@ class Board:
         self.back = self.back or self.idle.cold
         if self.link.drained:
             # what a port that went left hot, and no reset ends; asking alone would feed the dead-man for ever
-            self.link.send(now_s, *(HEATERS_OFF if self.hot else ASK))
+            self.link.send(now_s, *(self._firmware.heaters_off if self.hot else ASK))
 
     def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:
@@ -340,14 +345,14 @@ class Board:
             self.link.poll_every_s = self.pace.idle_s
         else:
             self.session.port_was_reset()
-        self.link.opened(self._clock.now(), LAST_WORDS if self._ours else b"")
+        self.link.opened(self._clock.now(), self._firmware.abort_unnumbered if self._ours else b"")
         self._moved(self._port.fileno())
 
     def _reset(self) -> None:
         assert self._port is not None
         self._moved(None)
         if self._ours:
-            end_blind(self._port)  # a reset that does not get through is noticed late
+            end_blind(self._port, self._firmware)  # a reset that does not get through is noticed late
         try:
             self._port.reset()
         except PortError as error:

@@ -94,8 +94,8 @@ class Agent:
         self._over = False
         self._ending = False  # shut down when the open print has ended
         self._journal = Journal(folder / JOURNAL)
-        self._spool = Spool(folder / "spool")
-        self._board = Board(url, folder / EMULATOR, clock, self._remember, self._port_moved)
+        self._spool = Spool(folder / "spool", profile)
+        self._board = Board(url, profile, folder / EMULATOR, clock, self._remember, self._port_moved)
         self._record = Record(printer, profile, self._board, self._journal, clock, power_off_cmd)
         self._url = url
         self._pushed: tuple[object, ...] = ()

@@ -14,16 +14,17 @@ from pathlib import Path
 
 from drivers.errors import AgentError, BadGcode
 from drivers.gcode.program import LONGEST_LINE_BYTES, Program, strip
+from drivers.printers import Profile
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 _PART = ".part"
 
 
 class Spool:
-    """A folder with one file a print."""
+    """A folder with one file a print, each fit for a printer of one model."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, profile: Profile) -> None:
+        self._folder, self._profile = folder, profile
         folder.mkdir(parents=True, exist_ok=True)
         for left in folder.glob(f"*{_PART}"):
             left.unlink()
@@ -82,7 +83,7 @@ class Spool:
                 # a file that is no text may be one line, and need not be in memory for that
                 lines = hashed(iter(lambda: raw.readline(LONGEST_LINE_BYTES + 1), b""))
                 try:
-                    program = strip(lines, _Copy(path))
+                    program = strip(lines, self._profile, _Copy(path))
                 except BadGcode as error:
                     refusal = error
                     deque(lines, maxlen=0)

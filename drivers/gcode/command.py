@@ -14,9 +14,8 @@ import re
 from dataclasses import dataclass
 
 from drivers.errors import BadGcode
+from drivers.firmware import Firmware
 
-COMMAND_BYTES = 80
-"""What is left of the firmware's 94 for a command once ``N1234567 `` and ``*255`` are around it."""
 MOST = 1e6
 """No length, speed or temperature is so large; what is computed from it still fits a line."""
 
@@ -28,20 +27,6 @@ _CODE = re.compile(rb"([GMT]) *0*(\d{1,6})(?!\d)")
 _WORD = re.compile(rb" *([A-Z])(?: *(-?(?:\d+(?:\.\d*)?|\.\d+)))?")
 _MOVES = frozenset((b"G0", b"G1", b"G2", b"G3", b"G92"))
 _NEEDLESS = frozenset((b"M105", b"M117", b"M118"))  # the link asks; a text is read as commands
-_CARD = "belongs to the SD card"
-_NEVER = {
-    b"M0": "waits for the knob for ever",
-    b"M1": "waits for the knob for ever",
-    b"M112": "does not exist in this firmware",
-    b"M303": "heats as it likes",
-    b"M600": "does not exist in this firmware",
-    b"M999": "restarts a board that stopped for a reason",
-    b"M85": "is the farm's dead-man",
-    b"M110": "is the link's line number",
-    b"G10": "retracts by the printer's own settings, not by the file's",
-    b"G11": "retracts by the printer's own settings, not by the file's",
-    **{b"M%d" % number: _CARD for number in (*range(20, 31), 32, 923, 928)},
-}
 
 is_everyday = _EVERYDAY.match
 """Whether a line is a move of nearly every kind, in the one form: nothing can be wrong with it."""
@@ -66,7 +51,7 @@ class Command:
     words: dict[bytes, float | None]
 
 
-def read(line: bytes, number: int) -> Command | None:
+def read(line: bytes, number: int, firmware: Firmware) -> Command | None:
     """Read a line without its comment; None where a print does not need it.
 
     Parameters
@@ -75,6 +60,8 @@ def read(line: bytes, number: int) -> Command | None:
         Stripped of blanks around it, and not empty.
     number
         Of the line in its file, for the message.
+    firmware
+        Of the printer.
 
     Raises
     ------
@@ -85,8 +72,8 @@ def read(line: bytes, number: int) -> Command | None:
     name = code[1] + code[2] if code is not None else b""
     if name in _NEEDLESS:
         return None
-    if len(line) > COMMAND_BYTES:
-        raise too_long(line, number)
+    if len(line) > firmware.command_bytes:
+        raise too_long(line, number, firmware.command_bytes)
     if not (line.isascii() and line.decode("ascii").isprintable()):
         raise BadGcode(f"line {number}: not plain text: is this a G-code file?")
     for letter in b":N*":
@@ -96,7 +83,7 @@ def read(line: bytes, number: int) -> Command | None:
             )
     if code is None:
         raise BadGcode(f"line {number}: no command that the printer knows: {shown(line)}")
-    if (why := _NEVER.get(name)) is not None:
+    if (why := firmware.forbidden.get(name)) is not None:
         raise BadGcode(f"line {number}: {name.decode()} {why}: take it out")
     tail = line[code.end() :]
     pairs = _WORD.findall(tail)
@@ -106,8 +93,8 @@ def read(line: bytes, number: int) -> Command | None:
     if name in _MOVES and None in words.values():
         raise BadGcode(f"line {number}: a letter without a number in {shown(line)}")
     text = b" ".join((name, *(letter + digits for letter, digits in pairs)))
-    if len(text) > COMMAND_BYTES:
-        raise too_long(text, number)
+    if len(text) > firmware.command_bytes:
+        raise too_long(text, number, firmware.command_bytes)
     return Command(text, name, words)
 
 
@@ -122,11 +109,9 @@ def value(text: bytes, number: int, most: float = MOST) -> float:
     return found
 
 
-def too_long(line: bytes, number: int) -> BadGcode:
+def too_long(line: bytes, number: int, most: int) -> BadGcode:
     """The refusal of a line that does not fit."""
-    return BadGcode(
-        f"line {number}: {len(line)} characters, and the printer takes {COMMAND_BYTES}: shorten it"
-    )
+    return BadGcode(f"line {number}: {len(line)} characters, and the printer takes {most}: shorten it")
 
 
 def shown(text: bytes) -> str:

@@ -16,8 +16,9 @@ from typing import Protocol
 from zlib import crc32
 
 from drivers.errors import BadGcode, Unreadable
-from drivers.gcode.command import COMMAND_BYTES, Command, is_everyday, read, shown, too_long, value
+from drivers.gcode.command import Command, is_everyday, read, shown, too_long, value
 from drivers.gcode.timeline import Mark, Timeline
+from drivers.printers import Profile
 
 LONGEST_LINE_BYTES = 65536
 """With its comment: no slicer writes one that is longer."""
@@ -37,9 +38,6 @@ class HeaterName(StrEnum):
 
     NOZZLE = "nozzle"
     BED = "bed"
-
-
-MOST_C = {HeaterName.NOZZLE: 260.0, HeaterName.BED: 115.0}  # the firmware stops above 275 and 130
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +168,7 @@ class Program:
         return bisect_left(self._relative_e, line) % 2 == 1
 
 
-def strip(raw_lines: Iterable[bytes], store: Store | None = None) -> Program:
+def strip(raw_lines: Iterable[bytes], profile: Profile, store: Store | None = None) -> Program:
     """Make a file ready for the wire.
 
     Parameters
@@ -185,6 +183,7 @@ def strip(raw_lines: Iterable[bytes], store: Store | None = None) -> Program:
     BadGcode
         Where a line cannot be sent as it is, or the file is meant for another way of printing.
     """
+    firmware, most_bytes = profile.firmware, profile.firmware.command_bytes
     text = _Text(store or Memory())
     timeline = Timeline()
     heats: list[Heat] = []
@@ -193,19 +192,19 @@ def strip(raw_lines: Iterable[bytes], store: Store | None = None) -> Program:
     homes = extrudes = -1
     for number, raw in enumerate(raw_lines, 1):
         if len(raw) > LONGEST_LINE_BYTES:
-            raise too_long(raw, number)
+            raise too_long(raw, number, most_bytes)
         line = raw.strip()
         count = text.count
-        if len(line) > COMMAND_BYTES or not is_everyday(line):
+        if len(line) > most_bytes or not is_everyday(line):
             line, semicolon, comment = line.partition(b";")
             if semicolon:
                 _note(comment, number, count, timeline)
-            command = read(line, number) if (line := line.rstrip()) else None
+            command = read(line, number, firmware) if (line := line.rstrip()) else None
             if command is None:
                 continue
             line = command.text
             if command.name in _HEATS:
-                heats.append(_heat(command, number, count))
+                heats.append(_heat(command, number, count, profile))
             elif command.name in _MODES:
                 mode, on = _MODES[command.name]
                 if len(toggles[mode]) % 2 != on:
@@ -280,14 +279,15 @@ def _note(comment: bytes, number: int, count: int, timeline: Timeline) -> None:
         raise BadGcode(f"line {number}: {shown(comment[7:])} does not print over USB: slice for Marlin")
 
 
-def _heat(command: Command, number: int, count: int) -> Heat:
+def _heat(command: Command, number: int, count: int, profile: Profile) -> Heat:
     """What a heating line sets. Raises BadGcode."""
     target_c = command.words.get(b"S")
     if target_c is None or target_c < 0:
         raise BadGcode(f"line {number}: {shown(command.text)} names no temperature with S")
     heater = HeaterName.NOZZLE if command.name in (b"M104", b"M109") else HeaterName.BED
-    if target_c > MOST_C[heater]:
+    most_c = profile.max_nozzle_c if heater is HeaterName.NOZZLE else profile.max_bed_c
+    if target_c > most_c:
         raise BadGcode(
-            f"line {number}: {target_c:g} degrees are too many for the {heater}: at most {MOST_C[heater]:g}"
+            f"line {number}: {target_c:g} degrees are too many for the {heater}: at most {most_c:g}"
         )
     return Heat(count, heater, target_c, waits=command.name in (b"M109", b"M190"))

@@ -8,11 +8,12 @@ that loses and garbles bytes):
 2. That holds for M105 too: a bare one with one flipped bit may be an M1, which never comes back.
 3. A plain ``ok`` is the answer to a line, ``ok T:`` that to M105; they are never taken for each other. A
    lost or doubled ok makes the link at most a few lines early or late, until the firmware refuses one.
-4. Whatever is in doubt is asked: a line with a checksum and no number (`replies.QUESTION`) is answered with
-   the number of the last line that was accepted, does nothing, empties no buffer and has no ok. It is put
-   after `ASK_S` of silence, after words that cannot be read, and after each refusal; the newline before it
-   ends a line that had lost its own. What it says is true of all that was sent before it: a line that is
-   missing is sent again, a move that is not had its ok lost. Until then the oks after a refusal are void.
+4. Whatever is uncertain is asked: a line with a checksum and no number (`Firmware.last_line_query`) is
+   answered with the number of the last line that was accepted, does nothing, empties no buffer and has no
+   ok. It is put after `ASK_S` of silence, after words that cannot be read, and after each refusal; the
+   newline before it ends a line that had lost its own. What it says is true of all that was sent before it:
+   a line that is missing is sent again, a move that is not had its ok lost. Until then the oks after a
+   refusal are void.
 5. Silence is no trouble of its own: behind long moves, G28, G4 and M400 the question waits as the line does.
    A line is never sent twice because it was late.
 6. A number that is neither that of the line in flight nor the one before has to be said twice. One that is
@@ -29,6 +30,7 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from drivers.errors import Fault
+from drivers.firmware import Firmware
 from drivers.link import replies
 from drivers.link.outbox import Outbox, Source
 from drivers.link.replies import Event, Events, Report, Said, Trouble, Up, checksum, frame
@@ -89,12 +91,15 @@ class Link:
 
     Parameters
     ----------
+    firmware
+        Of the board.
     floor_s
         No time-out is shorter, in seconds of the caller's clock: where that clock runs faster than the
         wall's, the host's own scheduling must not look like a silent board.
     """
 
-    def __init__(self, floor_s: float = 0.0) -> None:
+    def __init__(self, firmware: Firmware, floor_s: float = 0.0) -> None:
+        self._firmware = firmware
         self._floor_s = floor_s
         self._ask_s = max(ASK_S, floor_s / 8)
         self.poll_every_s = math.inf
@@ -123,7 +128,7 @@ class Link:
         self._tries = 0
         self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
         self.repeated = 0
-        self._outbox = Outbox()
+        self._outbox = Outbox(self._firmware)
 
     # --- what the caller wants ---
 
@@ -250,7 +255,7 @@ class Link:
             self._hear_last_line(number, now_s, events)
         elif replies.refused(words):
             self._hear_refusal(-1, now_s)  # its Resend comes next, or is lost
-        elif (trouble := replies.trouble(words)) is not None:
+        elif (trouble := replies.trouble(words, self._firmware)) is not None:
             self._give_up(trouble.fault, trouble.text, events)
         elif words:
             events.append(Said(words))
@@ -264,7 +269,7 @@ class Link:
             self._due_s = now_s + max(QUIET_S, self._floor_s / 4)
         elif self._restarted:
             self._banner += line + b"\n"
-            if b"M301" in line:  # the banner's last line
+            if self._firmware.banner_end in line:
                 self._greet(now_s, events)
         elif self._hail and b"Resend" in line:
             self._refused = True
@@ -381,7 +386,7 @@ class Link:
                 if self._refused or self._tries > 1:
                     self._out += self._hail
                 self._refused = False
-                self._out += b"M105\n"
+                self._out += self._firmware.report_query + b"\n"
                 self._due_s = now_s + max(START_S if self._hail else START_S / 2, self._floor_s)
         else:
             self._go(now_s)
@@ -401,7 +406,7 @@ class Link:
         self._calm = False
         self._asks += 1
         self._questions.append(self._place)
-        self._out += replies.QUESTION
+        self._out += self._firmware.last_line_query
         wait_s = self._ask_s * 2**self._asks
         if self._asks == ASKS:
             wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._ask_s)

@@ -11,14 +11,12 @@ import re
 from collections import deque
 from collections.abc import Callable
 
+from drivers.firmware import Firmware
 from drivers.link.replies import frame
 
 HISTORY_LINES = 32
 LINE_S = 50.0  # a line is given up after so long,
-POLL_S = 150.0  # an M105, which waits its turn behind up to 8 moves,
-_WAITING_S = {  # and those that wait for all moves before them
-    b"G28": 1500.0, b"G4": 3000.0, b"M400": 3000.0, b"M401": 300.0, b"M84": 3000.0, b"M18": 3000.0,
-}  # fmt: skip
+POLL_S = 150.0  # an M105, which waits its turn behind up to 8 moves
 REACH_MM = 460.0  # no straight move over the largest bed is longer,
 ARC_REACH_MM = 1450.0  # and no arc
 QUEUED_LINES = 32  # a slow move holds up the answers to so many lines behind it: 16 planned, 8 waiting
@@ -36,7 +34,8 @@ Source = Callable[[int, int], list[bytes]]
 class Outbox:
     """Numbered lines, those behind the cursor sent, those after it not yet."""
 
-    def __init__(self) -> None:
+    def __init__(self, firmware: Firmware) -> None:
+        self._firmware = firmware
         # frames[i] is line number base + i; up to the cursor they were sent, those after it are encoded
         # ahead.
         self._frames: list[bytes] = []
@@ -144,7 +143,7 @@ class Outbox:
         number = self._base + sent
         ahead = self._frames[sent:]
         del self._frames[sent:]
-        self._frames.append(frame(number, b"M105"))
+        self._frames.append(frame(number, self._firmware.report_query))
         self._polls = {n for n in self._polls if n >= self._base}
         self._polls = {n + (n >= number) for n in self._polls} | {number}
         self._patience = {n + (n >= number): s for n, s in self._patience.items()}
@@ -200,7 +199,7 @@ class Outbox:
         for command in commands:
             if command.startswith(_MOVES):
                 self._expect_slow(number, command)
-            elif (waiting_s := _WAITING_S.get(command.split(b" ", 1)[0])) is not None:
+            elif (waiting_s := self._firmware.waiting_s.get(command.split(b" ", 1)[0])) is not None:
                 self._patience[number] = waiting_s
                 self._careful = number
             if number <= self._slow_until:

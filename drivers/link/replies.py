@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from drivers.errors import Fault
+from drivers.firmware import Firmware
 
 _DEGREES, _NUMBER = rb"\s*(-?[\d.]{1,12})", rb"(\d{1,12})"  # no board says more, but noise may
 _REPORT = re.compile(rb"T:%b\s*/%b\s+B:%b\s*/%b(?![\d.])" % ((_DEGREES,) * 4))
@@ -18,22 +19,6 @@ _LAST_LINE = re.compile(rb"Last Line: %b\s*\Z" % _NUMBER)
 _RESEND = re.compile(rb"Resend: ?%b\s*\Z" % _NUMBER)
 _BEGINNINGS = re.compile(rb"(?=Error:|Resend:)")
 _CARD_OK = b"echo:SD card ok"
-QUESTION = b"\n1**0\n"
-"""A line with a checksum and no number: the board says its last one. The newline before it ends a line that
-has lost its own, the second star stays where the first is damaged, and the checksum is wrong, so that a line
-that is glued to it is refused."""
-_VERSION = re.compile(rb"Vers:_([\w.]+?)(ex)?\s*$", re.MULTILINE)
-_OFFSET = re.compile(rb"M206 (X-?\d+\.\d\d Y-?\d+\.\d\d Z-?\d+\.\d\d)\s*$", re.MULTILINE)
-_TROUBLES = (
-    (b"MAXTEMP", Fault.MAXTEMP),
-    (b"MINTEMP", Fault.MINTEMP),
-    (b"kill() called", Fault.KILL),
-    (b"Printer stopped", Fault.STOPPED),
-    (b"Endstop", Fault.ENDSTOP),
-    (b"cold extrusion", Fault.COLD_EXTRUSION),
-    (b"too long extrusion", Fault.BAD_FILE),
-    (b"echo:Marlin", Fault.REBOOT),  # the banner: its ``start`` was lost or garbled
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,22 +42,6 @@ class Report:
     def off(self) -> bool:
         """Nothing is to be heated."""
         return self.nozzle_target_c == 0 and self.bed_target_c == 0
-
-
-@dataclass(frozen=True, slots=True)
-class Identity:
-    """What a banner tells of the printer that it is.
-
-    Attributes
-    ----------
-    suffix
-        Of the firmware's version: "ex" on an Extended.
-    offset
-        The home offset (M206): somebody levelled this very bed to a hundredth of a millimetre.
-    """
-
-    suffix: str
-    offset: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,20 +79,6 @@ def frame(number: int, command: bytes) -> bytes:
     """One numbered and checksummed line with its newline."""
     line = b"N%d %b" % (number, command)
     return b"%b*%d\n" % (line, checksum(line))
-
-
-def identity(banner: bytes) -> Identity | None:
-    """Which printer says this; None where it is garbled, or not this firmware's banner."""
-    version, offset = _VERSION.search(banner), _OFFSET.search(banner)
-    if version is None or offset is None:
-        return None
-    return Identity((version[2] or b"").decode(), offset[1].decode())
-
-
-def offset(settings: bytes) -> str | None:
-    """The home offset in an answer to M503; None where there is none to read."""
-    found = _OFFSET.search(settings)
-    return None if found is None else found[1].decode()
 
 
 def report(line: bytes) -> Report | None:
@@ -167,7 +122,7 @@ def words(line: bytes) -> list[bytes]:
     return found
 
 
-def trouble(line: bytes) -> Trouble | None:
-    """What a line says of the board's troubles."""
-    fault = next((fault for mark, fault in _TROUBLES if mark in line), None)
+def trouble(line: bytes, firmware: Firmware) -> Trouble | None:
+    """Read what a line says of the board's troubles; None where it says nothing of them."""
+    fault = next((fault for mark, fault in firmware.troubles if mark in line), None)
     return None if fault is None else Trouble(fault, line.decode("ascii", "replace").strip())

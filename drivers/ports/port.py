@@ -54,9 +54,9 @@ class NetPort:
         Nobody answers there, or DTR cannot be set.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, baud_rate: int) -> None:
         self._url = url
-        self._distant = Distant(url)
+        self._distant = Distant(url, baud_rate)
         self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
         threading.Thread(target=self._carry, args=(self._distant, self._theirs), daemon=True).start()
@@ -108,7 +108,7 @@ class NetPort:
         self._ours.close()
 
 
-def open_port(url: str, folder: Path, clock: Clock) -> Port:
+def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
     """Open the port that `fleet.yaml` names; an emulator is started where none is alive.
 
     Raises
@@ -117,8 +117,8 @@ def open_port(url: str, folder: Path, clock: Clock) -> Port:
         It is not there, somebody else has it, or it is none that can be printed over.
     """
     if url.startswith(NET):
-        return NetPort(url)
-    return SerialPort(resolve(url, folder, clock))
+        return NetPort(url, baud_rate)
+    return SerialPort(resolve(url, folder, clock), baud_rate)
 
 
 def plugged_in(url: str) -> str | None:

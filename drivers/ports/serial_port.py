@@ -22,7 +22,6 @@ from drivers.clock import Clock
 from drivers.emulator.launch import launch
 from drivers.errors import PortError
 
-BAUD = 250_000
 DTR_PULSE_S = 0.1
 DRAIN_S = 1.0
 _DRAIN_LOOK_S = 0.01
@@ -37,6 +36,8 @@ class SerialPort:
     ----------
     path
         A device, or the slave of a pseudo-terminal.
+    baud_rate
+        Bits per second.
     shared
         Open it even where somebody else has it: for an emergency stop, and for nothing else.
 
@@ -46,15 +47,15 @@ class SerialPort:
         It is not there, or somebody else has it.
     """
 
-    def __init__(self, path: Path, *, shared: bool = False) -> None:
-        self.path = path
+    def __init__(self, path: Path, baud_rate: int, *, shared: bool = False) -> None:
+        self.path, self._baud_rate = path, baud_rate
         self._exclusive = not shared
         self._unwritten = b""
         self._open()
 
     def _open(self) -> None:
         try:
-            port = serial.Serial(str(self.path), BAUD, timeout=0, exclusive=self._exclusive)
+            port = serial.Serial(str(self.path), self._baud_rate, timeout=0, exclusive=self._exclusive)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(f"{self.path}: cannot be opened ({_cause(error)}); {_advice(error)}") from error
         try:
@@ -214,10 +215,10 @@ def devices() -> list[Device]:
 class Distant:
     """pyserial's port on another host, its errors in our words."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, baud_rate: int) -> None:
         self._url = url
         try:
-            self._port = serial.serial_for_url(url, BAUD, timeout=None)
+            self._port = serial.serial_for_url(url, baud_rate, timeout=None)
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(
                 f"{url}: cannot be opened ({error}); does ser2net run there, with rfc2217?"

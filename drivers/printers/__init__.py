@@ -1,5 +1,7 @@
 """Printer models: one module a model, listed here."""
 
+from drivers.firmware import ULTIMAKER2 as ULTIMAKER2_FIRMWARE
+from drivers.firmware import Firmware
 from drivers.printers.part_room import FIT_TOLERANCE_MM, Placement, RoomBox, part_room, place
 from drivers.printers.profile import HeaterModel, Profile, Rect
 from drivers.printers.ultimaker2 import ULTIMAKER2
@@ -17,6 +19,7 @@ __all__ = [
     "Profile",
     "Rect",
     "RoomBox",
+    "firmware_of",
     "part_room",
     "place",
 ]
@@ -29,3 +32,9 @@ PROFILES: dict[str, Profile] = {
 
 BEDS: dict[str, Profile] = {**PROFILES, ULTIMAKER2_GO.model: ULTIMAKER2_GO}
 """The printers that can be sliced for."""
+
+
+def firmware_of(model: str) -> Firmware:
+    """Look up the firmware of a model; of an unknown one that of most printers, so that it can be stopped."""
+    profile = BEDS.get(model)
+    return ULTIMAKER2_FIRMWARE if profile is None else profile.firmware

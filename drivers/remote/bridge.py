@@ -24,6 +24,7 @@ from pathlib import Path
 from drivers.agent.heartbeat import Heartbeat, look_at
 from drivers.agent.start_file import Start
 from drivers.errors import AgentError, DriverError
+from drivers.printers import firmware_of
 from drivers.remote import client
 from drivers.safety import estop
 
@@ -175,7 +176,9 @@ def main() -> int:
         folder = folder_of(errand.farm, errand.start.printer)
         if errand.do is Do.STOP:
             start = errand.start
-            target = estop.Target(start.printer, start.port, folder, start.power_off_cmd)
+            target = estop.Target(
+                start.printer, start.port, folder, start.power_off_cmd, firmware_of(start.model)
+            )
             _write(json.dumps(asdict(estop.stop(target))).encode() + b"\n")
         else:
             serve(errand, folder)

@@ -26,15 +26,17 @@ from drivers.agent.journal import ESTOPPED, JOURNAL, Journal
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
+from drivers.firmware import ULTIMAKER2, Firmware
 from drivers.gcode.program import HeaterName
 from drivers.link.dialogue import talk
 from drivers.link.link import Event, Link, Report, Said, Up
 from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.ports.port import NET, NetPort, Port
 from drivers.ports.serial_port import SerialPort
+from drivers.printers import firmware_of
 from drivers.safety import mains
 from drivers.safety.heater_watch import Watch
-from drivers.safety.last_words import HEATERS_OFF, LAST_WORDS, end_blind
+from drivers.safety.last_words import end_blind
 
 EMULATOR = "emulator"
 _SHOW_S = 20.0  # for `start`, the banner and a report
@@ -58,6 +60,7 @@ class Target:
     port: str
     folder: Path
     power_off_cmd: str | None = None
+    firmware: Firmware = ULTIMAKER2
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +92,9 @@ def known(agents: Path) -> dict[str, Target]:
     for folder in sorted(agents.glob("*/")):
         with suppress(AgentError):
             begun = start_file.read(folder)
-            found[folder.name] = Target(folder.name, begun.port, folder, begun.power_off_cmd)
+            found[folder.name] = Target(
+                folder.name, begun.port, folder, begun.power_off_cmd, firmware_of(begun.model)
+            )
     return found
 
 
@@ -140,9 +145,9 @@ def _reset(target: Target, show_s: float, tell: Tell) -> Stopped:
     if port is None:
         text = f"is switched off: no emulator of it in {target.folder}"
         return Stopped(name, time.time(), True, text, still=True)
-    cut_s, board = None, _Board(port, tell)
+    cut_s, board = None, _Board(port, target.firmware, tell)
     try:
-        end_blind(port)
+        end_blind(port, target.firmware)
         if not target.port.startswith("sim://"):  # else opening was the reset
             with suppress(PortError):  # the words may have ended it; what has gone is seen below
                 port.reset()
@@ -163,11 +168,11 @@ def _open(target: Target) -> Port | None:
             return None
         path = emulator / TTY
     elif target.port.startswith(NET):
-        return NetPort(target.port)
+        return NetPort(target.port, target.firmware.baud_rate)
     try:
-        return SerialPort(path)
+        return SerialPort(path, target.firmware.baud_rate)
     except PortError:
-        return SerialPort(path, shared=True)  # whoever has it: this comes first
+        return SerialPort(path, target.firmware.baud_rate, shared=True)  # whoever has it: this comes first
 
 
 class _Board:
@@ -179,10 +184,11 @@ class _Board:
         It was seen not to move.
     """
 
-    def __init__(self, port: Port, tell: Tell) -> None:
+    def __init__(self, port: Port, firmware: Firmware, tell: Tell) -> None:
         self.still = False
         self._port, self._tell = port, tell
-        self._link = Link()
+        self._firmware = firmware
+        self._link = Link(firmware)
         self._link.only_ask = True
         self._link.poll_every_s = _ASK_S
         self._up: Up | None = None
@@ -196,7 +202,7 @@ class _Board:
 
     def show(self, show_s: float) -> tuple[str, bool]:
         """Whether its heaters were seen off, and what is to be said of them."""
-        for now_s, event in talk(self._port, self._link, show_s, hail=LAST_WORDS):
+        for now_s, event in talk(self._port, self._link, show_s, hail=self._firmware.abort_unnumbered):
             self._hear(now_s, event)
             if self.still and self._report is not None and self._report.off:
                 break
@@ -217,16 +223,16 @@ class _Board:
             if event.restarted:
                 self.still = True
             else:  # once more, numbered, as what was sent blind may have been lost
-                self._link.send(now_s, b"M401", *HEATERS_OFF, b"M107")
+                self._link.send(now_s, *self._firmware.abort)
             self._link.poll(now_s)
         elif isinstance(event, Report):
             self._report = event
             if not self.still and self._link.drained:
-                self._link.send(now_s, b"M114")
+                self._link.send(now_s, self._firmware.position_query)
         elif isinstance(event, Said) and (found := _COUNT.search(event.text)) is not None:
             if found[1] == self._place and not self.still:
                 self.still = True
-                self._link.send(now_s, b"M84")
+                self._link.send(now_s, self._firmware.motors_off)
             self._place = found[1]
 
     def _cool(self, how: str) -> tuple[str, bool]:

@@ -18,27 +18,26 @@ import time
 from contextlib import suppress
 
 from drivers.errors import PortError
+from drivers.firmware import Firmware
 from drivers.ports.port import Port
 
-HEATERS_OFF = (b"M104 S0", b"M140 S0")
-LAST_WORDS = b"\nM401\nM104 S0\nM140 S0\nM107\n"
 TRIES = 3
 _ANSWER_S, _LOOK_S = 0.5, 0.05  # wall seconds
 
 
-def end_blind(port: Port) -> None:
+def end_blind(port: Port, firmware: Firmware) -> None:
     """Send the last words and wait for nothing. Never raises; what was not sent before is forgotten."""
     with suppress(PortError):
-        port.write_now(LAST_WORDS)
+        port.write_now(firmware.abort_unnumbered)
 
 
-def end_heard(port: Port) -> None:
+def end_heard(port: Port, firmware: Firmware) -> None:
     """Send them, and again where the board refuses a line, which loses all that came with it. Never raises.
 
     For an agent that ends: takes 0.5 s where nothing is refused.
     """
     for _ in range(TRIES):
-        end_blind(port)
+        end_blind(port, firmware)
         heard = b""
         with suppress(PortError):
             until_s = time.monotonic() + _ANSWER_S

@@ -167,7 +167,7 @@ def _accept(path: Path, section: PrinterSection, nozzle_mm: float | None, name: 
             ),
             stopwatch=FirmwareTime(PROFILES[section.model]),
         )
-        wire.strip(io.BytesIO(accepted.gcode))
+        wire.strip(io.BytesIO(accepted.gcode), PROFILES[section.model])
     except (GcodeRefused, BadGcode) as error:
         raise FarmError(f"{name}: {error}", ErrorCode.GCODE) from error
     return accepted

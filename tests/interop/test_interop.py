@@ -17,6 +17,7 @@ import pytest
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.errors import Fault, PortError
+from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase, Trouble
 from drivers.ports.serial_port import SerialPort
 
@@ -42,7 +43,7 @@ def octoprint(folder: Path, *faults: str) -> Iterator[SerialPort]:
     )
     assert peer.stdin is not None and peer.stdout is not None
     try:
-        port = SerialPort(Path(peer.stdout.readline().strip()))
+        port = SerialPort(Path(peer.stdout.readline().strip()), ULTIMAKER2.baud_rate)
         peer.stdin.write("the port is open\n")
         peer.stdin.flush()
         yield port
@@ -57,7 +58,7 @@ def octoprint(folder: Path, *faults: str) -> Iterator[SerialPort]:
 def stream(folder: Path, program: list[bytes], *faults: str) -> tuple[Link, list[Fault]]:
     """Print to a virtual printer until the end, or until the link gives up."""
     clock = Clock(SCALE, time.time())
-    link, up = Link(2.0 * SCALE), False
+    link, up = Link(ULTIMAKER2, 2.0 * SCALE), False
     troubles: list[Fault] = []
     link.poll_every_s = 10.0
     with octoprint(folder, *faults) as port:

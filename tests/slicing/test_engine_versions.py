@@ -11,6 +11,7 @@ import pytest
 
 from drivers.gcode.program import strip
 from drivers.gcode.timeline import Feature
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from slicing.errors import EngineFailed, EngineMissing, Rule, SliceRejected
 from slicing.plate import slice_plate
 from slicing.settings.plate_settings import Settings
@@ -58,7 +59,7 @@ def test_a_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
     assert b"Cura_SteamEngine 5.0.0" in text
     assert result.unprinted == ()  # the fin is a line of its own here
     with result.gcode.open("rb") as lines:
-        program = strip(lines)
+        program = strip(lines, ULTIMAKER2_PLUS)
     assert program.time_s == result.print_time_s
     assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.SKIN}
 

@@ -6,6 +6,7 @@ import pytest
 
 from drivers.gcode.filament_position import retracted_mm
 from drivers.gcode.program import HeaterName, strip
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from make_gcode import FILAMENT_MM2, Summed
 from slicing.errors import GcodeRefused
 from slicing.own_gcode.accept import accept
@@ -53,7 +54,7 @@ def fed(moves):
 
 def safe(accepted):
     """What every program of the farm's keeps."""
-    program = strip(accepted.gcode.splitlines())
+    program = strip(accepted.gcode.splitlines(), ULTIMAKER2_PLUS)
     assert all(ON_THE_LIST.match(line) for line in program.lines(0, program.count))
     for heater in HeaterName:
         assert program.target_c(heater, program.count) == 0

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
 from drivers.errors import Fault
+from drivers.firmware import ULTIMAKER2
 from drivers.gcode.program import Store, strip
 from drivers.link.link import Link
 from drivers.messages import Filament, PrintPhase
@@ -70,8 +71,8 @@ class Rig:
         if faults.no_reset:
             self.now_s += 60.0  # it was switched on long before
             self.firmware.feed(b"", self.now_s)
-        self.link = Link(2.0)
-        self.program = strip(io.BytesIO((text or gcode()).encode()), store)
+        self.link = Link(ULTIMAKER2, 2.0)
+        self.program = strip(io.BytesIO((text or gcode()).encode()), PLUS, store)
         self.session = Session(
             SessionContext(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
         )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.agent.start_file import Start
-from drivers.printers import PROFILES
+from drivers.printers import PROFILES, firmware_of
 from farm.cli import completion
 from farm.cli.client import estop_socket
 from farm.cli.client.estop_socket import Said, Say
@@ -147,7 +147,7 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
             way = (section.host, section.host_command, fleet.fleet.name)
             targets[name] = _there(*way, start)
         elif section.enabled and name not in targets:
-            target = Target(name, section.port, places.state.agent(name), relay)
+            target = Target(name, section.port, places.state.agent(name), relay, firmware_of(section.model))
             targets[name] = _here(target)
     return targets, None
 

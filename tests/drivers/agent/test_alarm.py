@@ -31,7 +31,7 @@ class Agent:
     def __init__(self, folder: Path, command: str | None) -> None:
         self.folder = folder
         self.journal = Journal(folder / JOURNAL)
-        self.board = Board("sim://ultimaker2_plus", folder, Clock(), lambda: None, lambda _: None)
+        self.board = Board("sim://ultimaker2_plus", PLUS, folder, Clock(), lambda: None, lambda _: None)
         self.record = Record("um2-01", PLUS, self.board, self.journal, Clock(), command)
 
     def report(self, nozzle_c: float, times: int = 3) -> None:

@@ -17,9 +17,10 @@ from drivers.agent.journal import JOURNAL
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import Fault
+from drivers.firmware import ULTIMAKER2
 from drivers.printers import PROFILES
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.remote.client import alive
-from drivers.safety.last_words import LAST_WORDS
 from drivers.session import Session, SessionContext
 
 
@@ -214,7 +215,7 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
     url = os.ttyname(slave)
     os.close(slave)
     one = Printer(tmp_path / "agent", url)
-    board = Board(url, tmp_path, one.clock, lambda: None, lambda _: None)
+    board = Board(url, ULTIMAKER2_PLUS, tmp_path, one.clock, lambda: None, lambda _: None)
     board.hot, board.reset_refuted = True, url
     board.open()
     session = Session(
@@ -228,7 +229,7 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
             port.write(b"G1 X1 Y1\n" * 100)
         board.cut()
         # What the board has not taken yet goes for the next word: how many it hears is up to its own pace.
-        assert everything(master).endswith(LAST_WORDS)
+        assert everything(master).endswith(ULTIMAKER2.abort_unnumbered)
     finally:
         board.close()
         os.close(master)

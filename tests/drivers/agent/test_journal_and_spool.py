@@ -11,6 +11,7 @@ from drivers import messages as m
 from drivers.agent.journal import Journal
 from drivers.agent.spool import Spool
 from drivers.errors import AgentError, BadGcode, JournalError, Unreadable
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
 def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
@@ -69,7 +70,7 @@ def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tm
 def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
-    spool = Spool(tmp_path / "spool")
+    spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
     program = spool.take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
     assert program.count == 1
     assert (tmp_path / "spool" / "p-1.gcode").read_bytes() == b"G28\n"
@@ -92,7 +93,7 @@ def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
 def test_a_full_disk_keeps_no_half_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
-    spool = Spool(tmp_path / "spool")
+    spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
 
     class Full:
         def update(self, _: bytes) -> None:
@@ -105,7 +106,7 @@ def test_a_full_disk_keeps_no_half_copy(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
-    spool = Spool(tmp_path)
+    spool = Spool(tmp_path, ULTIMAKER2_PLUS)
     text = b"G28\n" * 100
     for at in (0, 64, 0, 64, 128):  # begun anew after a break
         spool.put("p-1", at, text[at : at + 64])
@@ -115,7 +116,7 @@ def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
     program = spool.take("p-1", spool.part("p-1"), hashlib.sha256(text).hexdigest())
     assert program.count == 100
     spool.put("p-2", 0, b"left")
-    Spool(tmp_path)
+    Spool(tmp_path, ULTIMAKER2_PLUS)
     assert not spool.part("p-2").exists()
     with pytest.raises(AgentError):
         spool.put("../p", 0, b"")
@@ -124,7 +125,9 @@ def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
 def test_a_copy_that_is_written_over_is_not_printed(tmp_path: Path):
     source = tmp_path / "a.gcode"
     source.write_bytes(b"G28\n")
-    program = Spool(tmp_path / "spool").take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
+    program = Spool(tmp_path / "spool", ULTIMAKER2_PLUS).take(
+        "p-1", source, hashlib.sha256(b"G28\n").hexdigest()
+    )
     (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
     with pytest.raises(Unreadable):
         program.lines(0, 1)

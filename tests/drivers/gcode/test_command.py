@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.firmware import ULTIMAKER2
 from drivers.gcode.command import is_everyday, read
 
 NUMBERS = st.sampled_from(["", "-", ".", "1", "-2.", "0.5", ".5", "123456", "1234567", "1.2.3", "1e3"])
@@ -21,7 +22,7 @@ def test_a_letter_without_a_number_is_no_everyday_move(line: bytes) -> None:
 def test_an_everyday_line_is_sent_as_it_stands(line: bytes) -> None:
     """The reader of single lines, which is slower and stricter, would change nothing of it."""
     if is_everyday(line):
-        command = read(line, 1)
+        command = read(line, 1, ULTIMAKER2)
         assert command is not None
         assert command.text == line
         assert None not in command.words.values()

@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 
 from drivers.gcode.filament_position import WINDOW_LINES, place, retracted_mm
 from drivers.gcode.program import Program, strip
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 HEAD = "M82\nG28\nM109 S210\nG92 E0\nG1 F47 X10 Y10 Z1 E7.8\nG92 E0\n"
 
 
 def program(text: str) -> Program:
-    return strip(io.BytesIO((HEAD + text).encode()))
+    return strip(io.BytesIO((HEAD + text).encode()), ULTIMAKER2_PLUS)
 
 
 def after(text: str, stood: tuple[float, float, float, float] | None = None) -> float:

@@ -8,14 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import BadGcode
-from drivers.gcode.command import COMMAND_BYTES
+from drivers.firmware import ULTIMAKER2
 from drivers.gcode.filament_position import Walk, retracted_mm
 from drivers.gcode.program import HeaterName, Program, strip
 from drivers.gcode.timeline import Feature, Mark
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
 def program(text: str) -> Program:
-    return strip(io.BytesIO(text.encode()))
+    return strip(io.BytesIO(text.encode()), ULTIMAKER2_PLUS)
 
 
 SLICED = """;FLAVOR:Marlin
@@ -201,7 +202,7 @@ def test_a_file_without_a_command_is_refused():
 )
 def test_any_slice_of_the_lines_is_that_of_the_list(values: list[int], start: int, stop: int):
     lines = [b"G1 X%d" % v for v in values]
-    p = strip(line + b" ; c\n" for line in lines)
+    p = strip((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
     assert p.lines(start, stop) == lines[start:stop]
     assert p.count == len(lines)
     times = [p.at(n).seconds for n in range(0, p.count + 1, 50)]
@@ -277,10 +278,10 @@ def test_what_is_taken_can_be_followed_line_by_line_and_never_ends_an_agent(
 @given(st.binary(max_size=200))
 def test_any_bytes_are_stripped_or_refused(data: bytes):
     try:
-        p = strip(io.BytesIO(data))
+        p = strip(io.BytesIO(data), ULTIMAKER2_PLUS)
     except BadGcode:
         return
-    assert all(0 < len(line) <= COMMAND_BYTES for line in p.lines(0, p.count))
+    assert all(0 < len(line) <= ULTIMAKER2.command_bytes for line in p.lines(0, p.count))
 
 
 def test_heats_are_found_however_they_are_written():
@@ -299,7 +300,7 @@ def test_a_long_file_is_neither_held_in_memory_nor_are_its_marks_many_objects():
     part = "".join(f";TYPE:FILL\n{'G1 X1 Y1 E1' + chr(10)}" * 50 + f"G0 Z{i}\n" for i in range(1, 400))
     tracemalloc.start()
     try:
-        p = strip(io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), Nowhere())
+        p = strip(io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), ULTIMAKER2_PLUS, Nowhere())
         held, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

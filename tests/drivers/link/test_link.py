@@ -14,10 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.errors import Fault
-from drivers.gcode.command import COMMAND_BYTES
+from drivers.firmware import ULTIMAKER2
 from drivers.link import replies
 from drivers.link.link import ASK_S, ASKS, TRIES, Link, Phase, Report, Trouble, Up, checksum, frame
-from drivers.link.replies import QUESTION
 
 BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"
 
@@ -93,7 +92,7 @@ class Bench:
     def __init__(self, wire: Wire | None = None, floor_s: float = 0.0) -> None:
         self.firmware = Firmware()
         self.wire = wire or Wire(0.0, 0.0, 10_000, 0)
-        self.link = Link(floor_s)
+        self.link = Link(ULTIMAKER2, floor_s)
         self.now_s = 0.0
         self.events: list[object] = []
 
@@ -193,7 +192,7 @@ def test_whatever_a_board_says_the_link_never_raises(noise: list[bytes]):
     "answer", [b"Resend: %b", b"ok T:%b /0.0 B:20.0 /0.0 @:0 B@:0", b"ok T:20.0 /0.0 B:20.0 /%b @:0 B@:0"]
 )
 def test_a_number_without_end_is_noise(answer: bytes):
-    link = Link()
+    link = Link(ULTIMAKER2)
     link.opened(0.0)
     link.receive(BANNER, 0.0)
     assert link.tick(10.0) is not None
@@ -238,7 +237,7 @@ def test_a_board_that_was_only_late_is_asked_and_nothing_is_sent_twice():
         bench.now_s = bench.link.deadline_s
         bench.link.tick(bench.now_s)
         late += bench.link.take()
-    assert late.count(QUESTION) == 3
+    assert late.count(ULTIMAKER2.last_line_query) == 3
     bench.link.receive(bench.firmware.feed(late), bench.now_s)
     bench.run()
     assert [number for number, _ in bench.firmware.done] == list(range(1, 51))
@@ -258,9 +257,10 @@ def test_patience_is_short_again_after_an_ordinary_ok():
 
 
 def test_a_question_with_a_flipped_bit_commands_nothing():
-    for at in range(len(QUESTION)):
+    query = ULTIMAKER2.last_line_query
+    for at in range(len(query)):
         for bit in range(8):
-            asked = QUESTION[:at] + bytes((QUESTION[at] ^ 1 << bit,)) + QUESTION[at + 1 :]
+            asked = query[:at] + bytes((query[at] ^ 1 << bit,)) + query[at + 1 :]
             for line in re.split(rb"[\n\r:]", asked):
                 assert not re.search(rb"[GMTN;]", line)
 
@@ -295,13 +295,13 @@ def test_what_waits_for_all_moves_before_it_is_waited_for_longer(command: bytes,
 def test_questions_behind_a_line_fit_into_the_ring_of_the_board():
     bench = Bench().boot()
     bench.run()
-    bench.link.send(bench.now_s, b"G1 X" + b"1" * (COMMAND_BYTES - 4))
+    bench.link.send(bench.now_s, b"G1 X" + b"1" * (ULTIMAKER2.command_bytes - 4))
     sent = b""
     while bench.link.phase is Phase.LIVE:
         sent += bench.link.take()
         bench.now_s = bench.link.deadline_s
         bench.link.tick(bench.now_s)
-    assert sent.count(QUESTION) == ASKS
+    assert sent.count(ULTIMAKER2.last_line_query) == ASKS
     assert len(sent) + len(b"234567") <= 126  # more is lost without a word
 
 

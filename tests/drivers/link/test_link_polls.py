@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Report
 
 BANNER = b"start\necho:Marlin 1.0.0\necho:   M301 P10 I1 D70\n"
@@ -14,7 +15,7 @@ class Board:
     """Carries out numbered lines, which have to come in order, each once."""
 
     def __init__(self, poll_every_s: float) -> None:
-        self.link, self.now_s = Link(), 0.0
+        self.link, self.now_s = Link(ULTIMAKER2), 0.0
         self.link.poll_every_s = poll_every_s
         self.done: list[bytes] = []
         self.reports = 0

@@ -13,6 +13,7 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.firmware import Firmware
 from drivers.emulator.noise import Noise
 from drivers.errors import Fault
+from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
 
@@ -64,7 +65,7 @@ def printed(
 ) -> tuple[Recorder, Link, list[Fault]]:
     """Stream a program to the end, or until the link has given up."""
     rng = random.Random(seed)
-    firmware, link = Recorder(faults, seed), Link()
+    firmware, link = Recorder(faults, seed), Link(ULTIMAKER2)
     there, back = Wire(piece, late_s, rng), Wire(piece, late_s, rng)
     now_s, up, troubles = 0.0, False, []
     link.opened(now_s)
@@ -123,7 +124,7 @@ def test_a_collision_is_counted():
             return data.replace(b"X12", b"X21")
 
     firmware.noise.__class__ = TwoFlips
-    link = Link()
+    link = Link(ULTIMAKER2)
     link.opened(10.0)
     firmware.reset(10.0)
     now_s = 10.0

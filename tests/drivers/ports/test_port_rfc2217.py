@@ -17,6 +17,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import PortError
+from drivers.firmware import ULTIMAKER2
 from drivers.link.dialogue import talk
 from drivers.link.link import Link, Report, Up
 from drivers.ports.port import NetPort
@@ -76,13 +77,13 @@ def _until_it_listens(number: int) -> None:
 
 @pytest.mark.system
 def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
-    port = NetPort(url)
+    port = NetPort(url, ULTIMAKER2.baud_rate)
     try:
-        link = Link()
+        link = Link(ULTIMAKER2)
         assert any(isinstance(event, Up) for _, event in talk(port, link, DEADLINE_S))
         resets = read_status(tmp_path / "emulator").resets
         port.reset()
-        link = Link()
+        link = Link(ULTIMAKER2)
         for now_s, event in talk(port, link, DEADLINE_S):
             if isinstance(event, Up):
                 assert event.restarted and event.banner
@@ -134,4 +135,4 @@ def test_a_host_that_does_not_answer_is_a_port_error():
         probe.bind(("127.0.0.1", 0))
         number = probe.getsockname()[1]
     with pytest.raises(PortError, match="ser2net"):
-        NetPort(f"rfc2217://127.0.0.1:{number}")
+        NetPort(f"rfc2217://127.0.0.1:{number}", ULTIMAKER2.baud_rate)

@@ -12,6 +12,7 @@ import pytest
 from agent_with_emulator import everything
 from drivers.clock import Clock
 from drivers.errors import PortError
+from drivers.firmware import ULTIMAKER2
 from drivers.ports.serial_port import SerialPort, resolve
 
 TCGETS2 = 0x802C542A  # a rate that has no name among those of POSIX
@@ -29,7 +30,7 @@ def ends() -> Iterator[tuple[int, Path]]:
 
 def test_bytes_go_both_ways_and_an_empty_port_gives_none(ends: tuple[int, Path]):
     master, path = ends
-    port = SerialPort(path)
+    port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
         assert port.read() == b""
         port.write(b"M105\n")
@@ -45,10 +46,10 @@ def test_bytes_go_both_ways_and_an_empty_port_gives_none(ends: tuple[int, Path])
 
 
 def test_a_port_has_one_user(ends: tuple[int, Path]):
-    port = SerialPort(ends[1])
+    port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
     try:
         with pytest.raises(PortError, match="another program"):
-            SerialPort(ends[1])
+            SerialPort(ends[1], ULTIMAKER2.baud_rate)
         port.reset()
         os.write(ends[0], b"start\n")
         assert port.read() == b"start\n"
@@ -57,7 +58,7 @@ def test_a_port_has_one_user(ends: tuple[int, Path]):
 
 
 def test_a_port_whose_printer_went_away_says_so(ends: tuple[int, Path]):
-    port = SerialPort(ends[1])
+    port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
     try:
         os.close(ends[0])
         with pytest.raises(PortError, match="went away"):
@@ -79,11 +80,11 @@ def test_a_path_that_is_no_port_is_refused(tmp_path: Path):
     plain.write_text("")
     for path in (tmp_path / "none", plain):
         with pytest.raises(PortError):
-            SerialPort(resolve(str(path), tmp_path, Clock()))
+            SerialPort(resolve(str(path), tmp_path, Clock()), ULTIMAKER2.baud_rate)
 
 
 def test_a_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Path]):
-    port = SerialPort(ends[1])
+    port = SerialPort(ends[1], ULTIMAKER2.baud_rate)
     try:
         os.close(ends[0])
         with pytest.raises(PortError, match="cannot be reset"):
@@ -96,7 +97,7 @@ def test_a_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Pa
 def test_what_cannot_wait_goes_out_before_all_that_was_not_sent(ends: tuple[int, Path]):
     """A board that has stopped reading: the kernel's buffer is full, and ours waits behind it."""
     master, path = ends
-    port = SerialPort(path)
+    port = SerialPort(path, ULTIMAKER2.baud_rate)
     try:
         while not port.unwritten:
             port.write(b"G1 X1 Y1\n" * 100)
@@ -110,7 +111,7 @@ def test_what_cannot_wait_goes_out_before_all_that_was_not_sent(ends: tuple[int,
 def test_a_board_that_takes_nothing_is_not_waited_for_for_ever(
     ends: tuple[int, Path], monkeypatch: pytest.MonkeyPatch
 ):
-    port, looks = SerialPort(ends[1]), iter(range(1000))
+    port, looks = SerialPort(ends[1], ULTIMAKER2.baud_rate), iter(range(1000))
     monkeypatch.setattr("drivers.ports.serial_port.time.monotonic", lambda: float(next(looks)))
     monkeypatch.setattr(SerialPort, "_queued", lambda _: 1)
     try:

@@ -14,11 +14,13 @@ from drivers.agent.board import Board
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
 from drivers.emulator.receiver import RING_BYTES
+from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Event, Link, Up
 from drivers.ports.port import Port
 from drivers.ports.serial_port import SerialPort
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.safety import estop
-from drivers.safety.last_words import LAST_WORDS, end_heard
+from drivers.safety.last_words import end_heard
 from firmware_host import Host, numbered
 
 MOVE_S = 2.0
@@ -64,7 +66,7 @@ def ended(host: Host) -> bool:
 
 def test_they_end_heat_and_queued_moves_within_one_move():
     host = busy_host()
-    host.firmware.feed(LAST_WORDS, host.now_s)
+    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     assert not ended(host)
     host.wait(1.1 * MOVE_S)
     assert ended(host)
@@ -74,9 +76,9 @@ def test_they_end_heat_and_queued_moves_within_one_move():
 def test_a_line_that_was_cut_off_before_them_costs_one_more_move_at_most(cut_off: str):
     host = busy_host()
     host.firmware.feed(cut_off.encode(), host.now_s)
-    host.firmware.feed(LAST_WORDS, host.now_s)
-    link = Link()
-    link.opened(host.now_s, LAST_WORDS)
+    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
+    link = Link(ULTIMAKER2)
+    link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = converse(host, link, 2.1 * MOVE_S)
     assert ended(host)
     [up] = [event for event in events if isinstance(event, Up)]
@@ -84,23 +86,23 @@ def test_a_line_that_was_cut_off_before_them_costs_one_more_move_at_most(cut_off
 
 
 def test_behind_the_longest_line_they_and_a_question_fit_into_the_ring():
-    assert LONGEST_LINE_BYTES + len(LAST_WORDS) + len(b"M105\n") <= RING_BYTES
+    assert LONGEST_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
     host = busy_host()
     line = numbered(host.n + 1, "G1 X90 " + " " * 80)[: LONGEST_LINE_BYTES - 1]
     host.put(line.ljust(LONGEST_LINE_BYTES - 1))
-    host.firmware.feed(LAST_WORDS, host.now_s)
-    link = Link()
-    link.opened(host.now_s, LAST_WORDS)
+    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
+    link = Link(ULTIMAKER2)
+    link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     converse(host, link, 3.1 * MOVE_S)
     assert ended(host) and link.drained
 
 
 def test_a_board_that_was_reset_loses_them_in_its_bootloader_and_is_known_to_be_new():
     host = busy_host()
-    host.firmware.feed(LAST_WORDS, host.now_s)
+    host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     host.firmware.reset(host.now_s)
-    link = Link()
-    link.opened(host.now_s, LAST_WORDS)
+    link = Link(ULTIMAKER2)
+    link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
     events = converse(host, link, 5.0)
     assert [event.restarted for event in events if isinstance(event, Up)] == [True]
     assert ended(host) and link.drained
@@ -119,27 +121,27 @@ def silent_board():
 def test_an_emergency_stop_says_them_before_it_waits_for_anything(tmp_path: Path, silent_board):
     url, master = silent_board
     stopped = estop.stop(estop.Target("a", url, tmp_path / "a"), show_s=0.0)
-    assert everything(master) == LAST_WORDS
+    assert everything(master) == ULTIMAKER2.abort_unnumbered
     assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
 
 
 def test_an_agent_says_them_when_it_opens_the_port_of_a_print_that_was_left(tmp_path: Path, silent_board):
     url, master = silent_board
-    board = Board(url, tmp_path, Clock(1.0, 0.0), lambda: None, lambda _: None)
+    board = Board(url, ULTIMAKER2_PLUS, tmp_path, Clock(1.0, 0.0), lambda: None, lambda _: None)
     board.hot = True
     board.open()
     try:
-        assert everything(master) == LAST_WORDS
+        assert everything(master) == ULTIMAKER2.abort_unnumbered
     finally:
         board.close()
 
 
 def test_an_agent_that_ends_says_them_again_to_a_board_that_refused_them(silent_board):
     url, master = silent_board
-    port: Port = SerialPort(Path(url))
+    port: Port = SerialPort(Path(url), ULTIMAKER2.baud_rate)
     try:
         os.write(master, b"Error:No Checksum with line number, Last Line: 4\nResend: 5\nok\n")
-        end_heard(port)
-        assert everything(master) == 2 * LAST_WORDS
+        end_heard(port, ULTIMAKER2)
+        assert everything(master) == 2 * ULTIMAKER2.abort_unnumbered
     finally:
         port.close()
