@@ -138,7 +138,7 @@ class Night:
         books = Books()
         with Store(self.state.books) as store:
             for event in (
-                *(ev.PrinterAdded(at_s=now_s, name=name, bed=Bed.UNKNOWN) for name in self.names),
+                *(ev.PrinterAdded(at_s=now_s, printer=name, bed=Bed.UNKNOWN) for name in self.names),
                 ev.JobSubmitted(at_s=now_s, job=job),
                 ev.PlanningStarted(at_s=now_s, job=1),
                 self._planned(plan, now_s),

@@ -53,6 +53,7 @@ from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules
 from farm.scheduling.time_expressions import start_and_deadline_s
 from farm.state import events as ev
+from farm.state.lifecycles import InvalidTransition
 from farm.state.outage import window_s
 from farm.state.reconcile import (
     detect_alarm,
@@ -121,7 +122,10 @@ class Core:
     def happened(self, *happenings: ev.AnyEvent) -> None:
         """Take events into the books, commit each, and carry out what follows."""
         for event in happenings:
-            after, instructions = apply(event, self.books)
+            try:
+                after, instructions = apply(event, self.books)
+            except InvalidTransition as error:
+                raise self._store.tell_story(error) from None
             self._store.commit(event, self.books, after)
             self.books = after
             if isinstance(event, ev.ReelLoaded):
@@ -143,7 +147,7 @@ class Core:
         for section in self.fleet.printers:
             if section.name not in self.books.printers:
                 bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
-                self.happened(ev.PrinterAdded(at_s=now_s, name=section.name, bed=bed))
+                self.happened(ev.PrinterAdded(at_s=now_s, printer=section.name, bed=bed))
         if restored_s is not None:
             self.happened(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
         for job in list(self.books.jobs.values()):
@@ -162,7 +166,10 @@ class Core:
         """An agent said how things are."""
         before = self.snapshots.get(snapshot.printer)
         try:
-            self._book(snapshot, before)
+            try:
+                self._book(snapshot, before)
+            except InvalidTransition as error:  # whatever an agent says, the others go on
+                log.error("%s: its agent's word does not fit the books: %s", snapshot.printer, error)
             self.snapshots[snapshot.printer] = snapshot
             self.settle()
         except StoreError as error:

@@ -1,4 +1,4 @@
-"""What a change of one entry of the books does to others: a job's state, a bed, an outage. Pure."""
+"""Consequences of a change for other entries of the books: a job's state, a bed, an outage. Pure."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ BY_A_PERSON = "cancelled by a person"
 Result = tuple[Books, tuple[ev.AnyInstruction, ...]]
 
 
-def update_job_state(books: Books, number: int, at_s: float, again: bool = False) -> Books:
-    """The state that a job's plates give it; `again` also one that was cancelled."""
+def update_job_state(books: Books, number: int, at_s: float, reopen: bool = False) -> Books:
+    """Give a job the state that its plates have; one that was cancelled only where it is to `reopen`."""
     job = books.jobs[number]
-    if not job.plates or (job.state is JobState.CANCELLED and not again):
+    if not job.plates or (job.state is JobState.CANCELLED and not reopen):
         return books
     if job.state is JobState.HELD:  # what is left of its plan is still frozen
         return books
@@ -49,32 +49,36 @@ def _why_failed(books: Books, job: Job) -> str:
 
 
 def request_cancel(attempt: Print, reason: str) -> tuple[Print, ev.SendCancel]:
-    """An open print that is to be ended, and who has to be told."""
+    """Return an open print that is to be ended, and what its agent is told."""
     stopped = edited(attempt, cancel_reason=attempt.cancel_reason or reason)
     return stopped, ev.SendCancel(print_id=attempt.id, printer=attempt.printer, reason=reason)
 
 
+def request_pause(attempt: Print, wanted: bool) -> tuple[Print, ev.SendPause]:
+    """Return an open print that is to wait or to go on, and what its agent is told."""
+    send = ev.SendPause(print_id=attempt.id, printer=attempt.printer, wanted=wanted)
+    return edited(attempt, pause_requested=wanted), send
+
+
 def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
-    """Never try a plate again, unless a person asks; end its print where it is being printed.
+    """Cancel a plate and its open prints; only a person's request brings it back.
 
     One that is printed stays printed; it is not tried again if it turns out bad. One that is good loses only
     a print that makes it once more.
     """
-    standing = books.plate_state(plate)
-    if standing is PlateState.CANCELLED:
+    state = books.plate_state(plate)
+    if state is PlateState.CANCELLED:
         return books, ()
     stopped = [request_cancel(p, reason) for p in books.prints_of(plate) if not p.state.ended]
-    if standing is PlateState.GOOD:
+    if state is PlateState.GOOD:
         return put(books, *(attempt for attempt, _ in stopped)), tuple(stop for _, stop in stopped)
     books = put(books, edited(plate, cancelled=True, hold=None), *(attempt for attempt, _ in stopped))
     return books, tuple(instruction for _, instruction in stopped)
 
 
 def end_job(books: Books, number: int, state: JobState, at_s: float, error: ErrorCode, reason: str) -> Result:
-    """End a job as a whole, unless it has ended: nothing of it that is not printed is tried again."""
+    """End a job as a whole: nothing of it that is not printed is tried again."""
     job = books.job(number)
-    if job.state.ended:
-        return books, ()
     instructions: list[ev.AnyInstruction] = []
     for plate in books.plates_of(job):
         books, stops = cancel_plate(books, plate, reason)
@@ -84,7 +88,7 @@ def end_job(books: Books, number: int, state: JobState, at_s: float, error: Erro
 
 
 def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: float) -> Books:
-    """A printer is gone; where others went with it, it is an outage, and no plate's fault."""
+    """Book a lost printer; where others were lost with it, an outage, and no plate's failure."""
     books = put(books, edited(books.printer(name), disconnected_at_s=disconnected_at_s))
     together = lost_together(name, books.printers.values(), books.outage_window_s)
     if len(together) < 2:
@@ -107,17 +111,22 @@ def mark_printer_lost(books: Books, name: str, disconnected_at_s: float, at_s: f
 
 
 def mark_bed_not_clear(books: Books, printer: str) -> Books:
-    """Something may lie on the bed; what is unknown stays unknown."""
+    """Book that something may lie on a bed; an unknown one stays unknown."""
     entry = books.printers[printer]
     return put(books, edited(entry, bed=Bed.NOT_CLEAR)) if entry.bed is Bed.CLEAR else books
 
 
 def shift_print_times(books: Books, by_s: float) -> Books:
-    """Open prints last as long as they did where the clock was set; what a person wished for stays."""
+    """Shift the times of open prints with the clock; times that a person gave stay."""
 
-    def moved(at_s: float | None) -> float | None:
-        return None if at_s is None else at_s + by_s
-
-    going_on = books.open_prints()
-    moments = ((p, moved(p.assigned_s), moved(p.started_s)) for p in going_on)
-    return put(books, *(edited(p, assigned_s=given, started_s=begun) for p, given, begun in moments))
+    return put(
+        books,
+        *(
+            edited(
+                attempt,
+                assigned_s=attempt.assigned_s + by_s,
+                started_s=None if attempt.started_s is None else attempt.started_s + by_s,
+            )
+            for attempt in books.open_prints()
+        ),
+    )

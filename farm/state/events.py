@@ -21,7 +21,7 @@ class Event(BaseModel):
 class PrinterAdded(Event):
     """A printer of `fleet.yaml` that the books did not know."""
 
-    name: str
+    printer: str
     bed: Bed
 
 

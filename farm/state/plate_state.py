@@ -1,4 +1,4 @@
-"""What has become of a plate, and of the job that it belongs to. Pure.
+"""States of a plate, and of the job that it belongs to. Pure.
 
 A print that is done is not yet good: a person's word makes it good or bad. A bad one counts for nothing; the
 plate waits again. A failure of the farm's own is charged to the plate's attempts; what a person ended is not.
@@ -7,7 +7,7 @@ plate waits again. A failure of the farm's own is charged to the plate's attempt
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from enum import Enum, auto
+from enum import StrEnum
 
 from drivers.errors import Fault
 from farm.model import JobState, Plate, Print, PrintState, Verdict
@@ -16,36 +16,39 @@ ATTEMPTS = 3
 """How often a plate may fail before a person has to ask for it again."""
 
 
-class PlateState(Enum):
-    """Where a plate is."""
+class PlateState(StrEnum):
+    """State of a plate, derived from its prints and a person's wishes."""
 
-    WAITING = auto()
-    PRINTING = auto()
-    PRINTED = auto()  # nobody has looked at it
-    GOOD = auto()
-    OUT_OF_ATTEMPTS = auto()
-    CANCELLED = auto()
+    WAITING = "waiting"
+    PRINTING = "printing"
+    PRINTED = "printed"  # nobody has looked at it
+    GOOD = "good"
+    OUT_OF_ATTEMPTS = "out_of_attempts"
+    CANCELLED = "cancelled"
+    REPLACED = "replaced"  # other plates are printed in its place
 
 
 def successful_print(prints: Iterable[Print]) -> Print | None:
-    """The print that a plate's parts come from: done, and not called bad."""
+    """Return the print that a plate's parts come from: done, and not called bad."""
     return next((p for p in prints if p.state is PrintState.DONE and p.verdict is not Verdict.BAD), None)
 
 
 def stopped_print(plate: Plate, prints: Iterable[Print]) -> Print | None:
-    """The print that a person stopped by `farm estop`, where the plate waits for their word since."""
+    """Return the print that a person stopped by `farm estop`, where the plate waits for their word since."""
     last = next(reversed(list(prints)), None)
     return last if plate.paused and last is not None and last.fault == Fault.ESTOP else None
 
 
 def charged_failures(plate: Plate, prints: Iterable[Print]) -> list[Print]:
-    """The failures that are charged to a plate since a person last asked for it."""
+    """Return the failures that are charged to a plate since a person last asked for it."""
     counted = frozenset(plate.prints[plate.counted_from :])
     return [p for p in prints if p.id in counted and p.state is PrintState.FAILED and p.charged]
 
 
 def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
-    """Where a plate is, by all of its prints."""
+    """Derive the state of a plate from all of its prints."""
+    if plate.replaced_by:
+        return PlateState.REPLACED
     done = successful_print(prints)
     if done is not None:
         return PlateState.GOOD if done.verdict is Verdict.GOOD else PlateState.PRINTED
@@ -59,7 +62,7 @@ def derive_plate_state(plate: Plate, prints: Collection[Print]) -> PlateState:
 
 
 def derive_job_state(plates: Collection[PlateState]) -> JobState:
-    """The state of a planned job. A plate that is out of attempts stops none of the others."""
+    """Derive the state of a planned job. A plate that is out of attempts stops none of the others."""
     if PlateState.WAITING in plates or PlateState.PRINTING in plates:
         return JobState.PRINTING
     if PlateState.OUT_OF_ATTEMPTS in plates:

@@ -26,7 +26,7 @@ HOLD = Hold(code=HoldCode.BED_NOT_CLEAR, text="its bed is not clear")
 def night_books():
     books, _ = run(
         Books(),
-        *(ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS),
+        *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS),
         ev.JobSubmitted(at_s=0.0, job=job()),
         ev.PlanningStarted(at_s=0.0, job=1),
         plan(1, 5),

@@ -5,6 +5,7 @@ import itertools
 from farm.model import Bed, FilamentState, Job, JobOptions, Part, Plate, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
+from farm.state.lifecycles import undeclared_changes
 from farm.state.transitions import apply
 
 PRINTERS = ("a", "b", "c")
@@ -70,13 +71,15 @@ def plan(number=1, plates=2, at_s=1.0):
 def run(books, *events):
     instructions = []
     for event in events:
-        books, more = apply(event, books)
+        before = books
+        books, more = apply(event, before)
+        assert undeclared_changes(event, before, books) == []
         instructions += more
     return books, instructions
 
 
 def fleet(bed=Bed.CLEAR):
-    return [ev.PrinterAdded(at_s=0.0, name=name, bed=bed) for name in PRINTERS]
+    return [ev.PrinterAdded(at_s=0.0, printer=name, bed=bed) for name in PRINTERS]
 
 
 def printing(plates=2):

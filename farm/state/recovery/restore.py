@@ -53,8 +53,6 @@ def _frozen(job: Job) -> Job:
 def book_found_print(event: ev.PrintFound, books: Books) -> Books:
     """Book a print that its agent knows of; what became of it comes after."""
     plate = books.plates[event.plate]
-    if books.open_print_on(event.printer) is not None:
-        raise ValueError(f"{event.printer} is booked already")
     attempt = Print(
         id=event.print_id,
         plate=plate.id,

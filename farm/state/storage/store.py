@@ -6,6 +6,7 @@ import os
 import sqlite3
 import zlib
 from contextlib import closing, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self, TypeVar
 
@@ -15,6 +16,7 @@ from farm.errors import FarmError
 from farm.model import Entity, Job, Outage, Part, Plate, Print, Printer
 from farm.state.books import Books, changed
 from farm.state.events import BooksRestored, Event
+from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.migrations import CHANGED, COPIED, FORM, STEPS, TABLES, WRITTEN
 from farm.text import first_of
 
@@ -30,6 +32,11 @@ class DamagedBooks(StoreError):
 
 
 _COUNT = "-count"  # after the books' name: how many events they had when the last one was committed
+_STORY = """
+    SELECT at_s, kind, json_extract(body, '$.state') FROM event
+    WHERE json_extract(body, ?) = ? OR json_extract(body, ?) = ? ORDER BY seq DESC LIMIT 8
+"""
+"""The last events about an entity; a job's first event has it whole."""
 _OUTER = frozenset(
     (
         *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_NOMEM),
@@ -217,6 +224,19 @@ class Store:
     def events(self) -> list[tuple[float, str, str]]:
         """The event log: farm time, name, JSON."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
+
+    def tell_story(self, error: InvalidTransition) -> InvalidTransition:
+        """Return an error with the last events about its entity, oldest first."""
+        if error.lifecycle is None:
+            return error
+        path = f"$.{error.lifecycle.key}"
+        with suppress(sqlite3.Error):  # it is told without
+            rows = self._db.execute(_STORY, (path, error.key, f"{path}.id", error.key)).fetchall()
+            return error.with_story(
+                f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%d %H:%M:%S} {kind}{f' {state}' if state else ''}"
+                for at_s, kind, state in reversed(rows)
+            )
+        return error
 
     def close(self) -> None:
         self._db.close()

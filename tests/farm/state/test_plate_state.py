@@ -120,9 +120,7 @@ def test_a_person_asks_again_for_what_failed_was_cancelled_or_was_good():
 
 def test_what_a_person_cancelled_is_not_tried_again_though_the_rest_goes_on():
     cancelled = ev.PlateCancelled(at_s=5.0, plate="1/01", by="ann")
-    books, told = run(
-        printing(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled, cancelled
-    )
+    books, told = run(printing(plates=2), assigned("1/01", "a", "x"), assigned("1/02", "b", "y"), cancelled)
     assert [t for t in told if isinstance(t, ev.SendCancel)] == [
         ev.SendCancel(print_id="x", printer="a", reason="cancelled by ann")
     ]
@@ -147,7 +145,7 @@ def test_a_job_that_is_paused_parks_all_its_prints():
 def test_a_printer_is_in_maintenance_until_a_person_has_done_it():
     books, _ = run(
         Books(),
-        ev.PrinterAdded(at_s=0.0, name="a", bed=Bed.CLEAR),
+        ev.PrinterAdded(at_s=0.0, printer="a", bed=Bed.CLEAR),
         ev.MaintenanceStarted(at_s=1.0, printer="a", why="a new nozzle", by="ann"),
     )
     assert books.printers["a"].maintenance == "a new nozzle"

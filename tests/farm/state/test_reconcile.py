@@ -6,6 +6,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobState, 
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.faults import OwnFault
+from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import PlateState
 from farm.state.reconcile import handle_unknown_print, observe_idle_printer, pending_instructions, reconcile
 from make_books import fleet, printing, run
@@ -218,8 +219,15 @@ def test_a_pause_that_an_agent_does_not_know_of_is_told_again(wanted, state, tol
 
 def test_what_is_cancelled_is_not_paused_any_more():
     books, _ = run(assigned(), ev.JobCancelled(at_s=3.0, job=1))
-    books, sent = run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
-    assert (sent, books.prints["x"].pause_requested) == ([], False)
+    with pytest.raises(InvalidTransition, match="print x is assigned and being ended"):
+        run(books, ev.PauseRequested(at_s=3.0, print_id="x", wanted=True))
+    books, sent = run(
+        assigned(),
+        ev.PlateCancelled(at_s=3.0, plate="1/01", by="ann"),
+        ev.JobPaused(at_s=4.0, job=1, wanted=True),
+    )
+    assert books.prints["x"].pause_requested is False
+    assert not any(isinstance(one, ev.SendPause) for one in sent)
 
 
 @pytest.mark.parametrize("known", ["bed", "filament"])

@@ -3,9 +3,10 @@
 from farm.errors import ErrorCode
 from farm.model import PrintState
 from farm.state import events as ev
+from farm.state.books import Books
 from farm.state.outage import WINDOW_S
 from farm.views.notices import list_due_notices
-from make_books import ended, job, printing, run
+from make_books import ended, fleet, job, printing, run
 
 LATER_S = 1000.0
 
@@ -51,7 +52,13 @@ def test_what_failed_by_itself_is_told_and_what_a_person_ended_is_not():
 
 
 def test_a_job_that_cannot_be_made_is_told():
-    books, _ = run(printing(), ev.JobFailed(at_s=9.0, job=1, error=ErrorCode.NO_FIT, reason="too large"))
+    books, _ = run(
+        Books(),
+        *fleet(),
+        ev.JobSubmitted(at_s=0.0, job=job()),
+        ev.PlanningStarted(at_s=0.0, job=1),
+        ev.JobFailed(at_s=9.0, job=1, error=ErrorCode.NO_FIT, reason="too large"),
+    )
     assert told(books) == ["job 1 (bracket.stl) failed: too large", "nothing is left to do"]
 
 

@@ -49,7 +49,7 @@ def test_what_a_person_wrote_is_shown_as_it_was_written():
 
 def test_a_job_that_has_not_begun_says_only_what_is_known():
     events = (ev.JobSubmitted(at_s=0.0, job=job()), ev.PlanningStarted(at_s=0.0, job=1))
-    printers = (ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS)
+    printers = (ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS)
     held = plan(1, 1).model_copy(update={"held": True, "plan": "abc"})
     books, _ = run(Books(), *printers, *events, held)
     lines = shown(status_of(books), width=200)
@@ -108,7 +108,7 @@ def test_things_to_do_share_a_line_only_where_it_is_long_enough():
         "DO NOW   clear 3 beds: um2-01..03",
         "         inspect: um2-04 it does not get warm 00:00",
     ]
-    books, _ = run(Books(), *(ev.PrinterAdded(at_s=0.0, name=name, bed=Bed.CLEAR) for name in PRINTERS))
+    books, _ = run(Books(), *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS))
     assert shown(status_of(books))[1] == "DO NOW   nothing"
 
 

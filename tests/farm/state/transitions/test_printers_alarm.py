@@ -67,7 +67,7 @@ def test_nothing_else_that_is_known_of_the_printer_hides_it(hand: str):
     if hand == "maintenance":
         books, _ = run(books, ev.MaintenanceStarted(at_s=51.0, printer="a", why="a nozzle", by="ann"))
     else:
-        lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "ab"]
+        lost = [ev.PrinterLost(at_s=51.0, printer=name) for name in "bc"]
         books, _ = run(books, *lost)
         assert books.outage is not None
     assert list_tasks(context(books, word()))[0].code == "alarm"

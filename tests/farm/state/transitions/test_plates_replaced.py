@@ -8,6 +8,7 @@ from example_night import view_context_of
 from farm.model import Bed, Hold, HoldCode, JobState, PrintState, Verdict
 from farm.planning.plan import file_names
 from farm.state import events as ev
+from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState
 from farm.views.accounting import summarise_job
 from farm.views.jobs import describe_job
@@ -72,12 +73,12 @@ def test_a_part_that_is_sliced_again_keeps_its_name_and_its_story():
     assert job.plates == ("1/01", "1/02-2", "1/03")
     assert (job.parts, books.parts["1/p02"].plate) == (("1/p01", "1/p02", "1/p03"), "1/02-2")
     assert books.plates["1/02-2"].prints == ("x",)
-    with pytest.raises(ValueError, match="not printed any more"):
+    with pytest.raises(InvalidTransition, match="plate 1/02 is replaced"):
         run(books, begun("1/02", "c", "z"))
 
 
 @pytest.mark.parametrize("meanwhile", ["printing", "printed", "cancelled", "held", "replaced"])
-def test_what_does_not_wait_any_more_stays_as_it_is(meanwhile):
+def test_what_does_not_wait_any_more_is_not_replaced(meanwhile):
     books = failed_once()
     event = replaced(books, "1/02")
     other = {
@@ -88,7 +89,8 @@ def test_what_does_not_wait_any_more_stays_as_it_is(meanwhile):
         "replaced": [replaced(books, "1/02", ())],
     }[meanwhile]
     books, _ = run(books, *other)
-    assert run(books, event) == (books, [])
+    with pytest.raises(InvalidTransition):
+        run(books, event)
 
 
 steps = st.lists(

@@ -1,0 +1,132 @@
+"""Records of a lifecycle's table, and the error where an event does not fit it. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from farm.errors import ErrorCode, FarmError
+from farm.model import JobState, PrintState
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.plate_state import PlateState
+
+
+class PrinterState(StrEnum):
+    """State of a printer as the books have it: its open print, else its bed."""
+
+    PRINTING = "printing"
+    CLEAR = "clear"
+    NOT_CLEAR = "not_clear"
+    UNKNOWN = "unknown"
+
+
+State = JobState | PlateState | PrintState | PrinterState
+Kind = type[ev.Event]
+NEW = None
+"""State of an entity that the books do not have yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One row of a table.
+
+    Attributes
+    ----------
+    event
+        The kind of event.
+    starts
+        States in which it can happen; NEW among them where it makes the entity.
+    ends
+        States that it can lead to; None where the state stays.
+    """
+
+    event: Kind
+    starts: frozenset[State | None]
+    ends: frozenset[State] | None
+
+    def allows(self, start: State | None, end: State | None) -> bool:
+        """Return whether the row leads from one state to another."""
+        return start in self.starts and (end == start if self.ends is None else end in self.ends)
+
+
+@dataclass(frozen=True, slots=True)
+class Lifecycle:
+    """The table of one kind of entity.
+
+    Attributes
+    ----------
+    entity
+        Its name: job, plate, print or printer.
+    key
+        The field of an event that names the entity.
+    states
+        All of its states.
+    transitions
+        Events about the entity itself: what is not here is an error.
+    consequences
+        Events about another entity that change this one's state.
+    find_state
+        Gives the state of an entity of the books, NEW where they have none.
+    """
+
+    entity: str
+    key: str
+    states: type[StrEnum]
+    transitions: tuple[Transition, ...]
+    consequences: tuple[Transition, ...]
+    find_state: Callable[[Books, object], State | None]
+
+    @property
+    def kinds(self) -> frozenset[Kind]:
+        """The kinds of events about the entity itself."""
+        return frozenset(row.event for row in self.transitions)
+
+    def allows(self, kind: Kind, start: State | None, end: State | None) -> bool:
+        """Return whether an event about the entity leads from one state to the other."""
+        return any(row.event is kind and row.allows(start, end) for row in self.transitions)
+
+    def starts(self, kind: Kind) -> frozenset[State | None]:
+        """Return the states in which an event about the entity can happen."""
+        return frozenset().union(*(row.starts for row in self.transitions if row.event is kind))
+
+
+class InvalidTransition(FarmError):
+    """An event does not fit the state of what it is about.
+
+    Attributes
+    ----------
+    lifecycle, key
+        The entity; no lifecycle where it is the farm itself.
+    start
+        Its state.
+    event
+        What does not fit.
+    story
+        The entity's last events, oldest first, where a store has told them.
+    """
+
+    code = ErrorCode.REFUSED
+
+    def __init__(
+        self,
+        event: ev.Event,
+        lifecycle: Lifecycle | None,
+        key: object,
+        start: State | None,
+        reason: str | None = None,
+        story: Iterable[str] = (),
+    ) -> None:
+        self.event, self.lifecycle, self.key, self.start = event, lifecycle, key, start
+        self.story, self.reason = tuple(story), reason
+        entity = "the farm" if lifecycle is None else f"{lifecycle.entity} {key}"
+        state = reason or ("not in the books" if start is None else f"{start}")
+        message = f"{type(event).__name__} does not fit: {entity} is {state}"
+        if self.story:
+            message += f"; before that: {', '.join(self.story)}"
+        super().__init__(message)
+
+    def with_story(self, story: Iterable[str]) -> InvalidTransition:
+        """Return the same error with the entity's last events."""
+        return InvalidTransition(self.event, self.lifecycle, self.key, self.start, self.reason, story)

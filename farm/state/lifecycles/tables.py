@@ -1,0 +1,169 @@
+"""Lifecycles of jobs, plates, prints and printers: which event leads from which state to which. Pure.
+
+`farm.state.transitions.apply` refuses what these tables do not have, and the state diagrams of the
+documentation are drawn from them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from farm.model import Bed, JobState, PrintState
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.lifecycles.lifecycle import NEW, Kind, Lifecycle, PrinterState, State, Transition
+from farm.state.plate_state import PlateState
+
+
+def printer_state(books: Books, name: str) -> PrinterState | None:
+    """Return the state of a printer; NEW where the books do not have it."""
+    printer = books.printers.get(name)
+    if printer is None:
+        return NEW
+    if books.open_print_on(name) is not None:
+        return PrinterState.PRINTING
+    return _BY_BED[printer.bed]
+
+
+_BY_BED = {
+    Bed.CLEAR: PrinterState.CLEAR,
+    Bed.NOT_CLEAR: PrinterState.NOT_CLEAR,
+    Bed.UNKNOWN: PrinterState.UNKNOWN,
+}
+
+
+def _job_state(books: Books, key: object) -> State | None:
+    job = books.jobs.get(key)  # type: ignore[call-overload]
+    return NEW if job is None else job.state
+
+
+def _plate_state(books: Books, key: object) -> State | None:
+    plate = books.plates.get(str(key))
+    return NEW if plate is None else books.plate_state(plate)
+
+
+def _print_state(books: Books, key: object) -> State | None:
+    attempt = books.prints.get(str(key))
+    return NEW if attempt is None else attempt.state
+
+
+def _row(event: Kind, starts: Iterable[State | None], ends: Iterable[State] | None) -> Transition:
+    return Transition(event, frozenset(starts), None if ends is None else frozenset(ends))
+
+
+_J, _P, _A, _B = JobState, PlateState, PrintState, PrinterState
+_LIVE = (_J.QUEUED, _J.PLANNING, _J.HELD, _J.PRINTING)
+_DERIVED = (_J.PRINTING, _J.PRINTED, _J.DONE, _J.FAILED, _J.CANCELLED)
+"""States that a job's plates give it."""
+JOB = Lifecycle(
+    entity="job",
+    key="job",
+    states=JobState,
+    find_state=_job_state,
+    transitions=(
+        _row(ev.JobSubmitted, [NEW], [_J.QUEUED]),
+        _row(ev.JobHeld, [_J.QUEUED], None),
+        _row(ev.PlanningStarted, [_J.QUEUED], [_J.PLANNING]),
+        _row(ev.PlanningAbandoned, [_J.PLANNING], [_J.QUEUED]),
+        _row(ev.JobPlanned, [_J.PLANNING], [_J.HELD, _J.PRINTING]),
+        _row(ev.JobApproved, [_J.HELD], _DERIVED),
+        _row(ev.JobFailed, [_J.PLANNING], [_J.FAILED]),
+        _row(ev.JobPaused, _LIVE, None),
+        _row(ev.JobCancelled, _LIVE, [_J.CANCELLED]),
+    ),
+    consequences=(
+        _row(ev.PrintEnded, [_J.PRINTING], _DERIVED),
+        # Lost printers are found to be an outage: their prints' failures are charged no more.
+        _row(ev.PrintEnded, [_J.FAILED], [_J.PRINTING]),
+        _row(ev.PrinterLost, [_J.FAILED], [_J.PRINTING]),
+        _row(ev.BedCleared, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
+        _row(ev.PlateCancelled, [_J.PRINTING, _J.PRINTED, _J.FAILED], _DERIVED),
+        _row(ev.ReprintRequested, [_J.PRINTED, _J.DONE, _J.FAILED, _J.CANCELLED], [_J.PRINTING]),
+        _row(ev.BooksRestored, [_J.PRINTING], [_J.HELD]),
+    ),
+)
+
+_WANTED = (_P.WAITING, _P.PRINTING, _P.OUT_OF_ATTEMPTS)
+PLATE = Lifecycle(
+    entity="plate",
+    key="plate",
+    states=PlateState,
+    find_state=_plate_state,
+    transitions=(
+        _row(ev.PlateAssigned, [_P.WAITING], [_P.PRINTING]),
+        _row(ev.PlateReplaced, [_P.WAITING], [_P.REPLACED]),
+        _row(ev.PlatePaused, [_P.WAITING], None),
+        _row(ev.PlateCancelled, _WANTED, [_P.CANCELLED]),
+        _row(ev.PlateCancelled, [_P.PRINTED, _P.GOOD], None),
+        # A plate waits already where `farm estop` stopped it; prints that still go on are not ended.
+        _row(
+            ev.ReprintRequested,
+            [_P.WAITING, _P.PRINTED, _P.GOOD, _P.OUT_OF_ATTEMPTS, _P.CANCELLED],
+            [_P.WAITING, _P.PRINTING, _P.PRINTED, _P.GOOD],
+        ),
+        _row(ev.PrintFound, [_P.WAITING, _P.PRINTING], [_P.PRINTING]),
+    ),
+    consequences=(
+        _row(ev.JobPlanned, [NEW], [_P.WAITING]),
+        _row(ev.PlateReplaced, [NEW], [_P.WAITING]),
+        _row(ev.JobCancelled, _WANTED, [_P.CANCELLED]),
+        _row(ev.JobFailed, _WANTED, [_P.CANCELLED]),
+        _row(ev.PrintEnded, [_P.PRINTING], [_P.PRINTED, _P.WAITING, _P.OUT_OF_ATTEMPTS]),
+        _row(ev.PrintEnded, [_P.CANCELLED], [_P.PRINTED]),
+        _row(ev.PrintEnded, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
+        _row(ev.PrinterLost, [_P.OUT_OF_ATTEMPTS], [_P.WAITING]),
+        _row(ev.BedCleared, [_P.PRINTED], [_P.GOOD, _P.WAITING, _P.PRINTING, _P.CANCELLED]),
+        _row(ev.BedCleared, [*_WANTED, _P.CANCELLED], [_P.GOOD]),
+    ),
+)
+
+_OPEN = tuple(state for state in PrintState if not state.ended)
+PRINT = Lifecycle(
+    entity="print",
+    key="print_id",
+    states=PrintState,
+    find_state=_print_state,
+    transitions=(
+        _row(ev.PlateAssigned, [NEW], [_A.ASSIGNED]),
+        _row(ev.PrintFound, [NEW], [_A.ASSIGNED]),
+        _row(ev.PrintProgressed, _OPEN, _OPEN),
+        _row(ev.PauseRequested, _OPEN, None),
+        _row(ev.PrintFailRequested, _OPEN, None),
+        _row(ev.PrintWithdrawn, [_A.ASSIGNED], None),
+        _row(ev.PrintEnded, _OPEN, [_A.DONE, _A.FAILED, _A.CANCELLED]),
+    ),
+    consequences=(_row(ev.BedCleared, [_A.FAILED, _A.CANCELLED], [_A.DONE]),),
+)
+
+_IDLE = (_B.CLEAR, _B.NOT_CLEAR, _B.UNKNOWN)
+PRINTER = Lifecycle(
+    entity="printer",
+    key="printer",
+    states=PrinterState,
+    find_state=lambda books, key: printer_state(books, str(key)),
+    transitions=(
+        _row(ev.PrinterAdded, [NEW], _IDLE),
+        _row(ev.PlateAssigned, [_B.CLEAR], [_B.PRINTING]),
+        _row(ev.PrintFound, _IDLE, [_B.PRINTING]),
+        _row(ev.BedCleared, _IDLE, [_B.CLEAR]),
+        _row(ev.BedReported, [_B.UNKNOWN], [_B.CLEAR, _B.NOT_CLEAR, _B.UNKNOWN]),
+        _row(ev.BedReported, [_B.CLEAR, _B.NOT_CLEAR], None),
+        _row(ev.BedBecameUnknown, _IDLE, [_B.UNKNOWN]),
+        _row(ev.BedBecameUnknown, [_B.PRINTING], None),
+        _row(ev.PrinterAlarmed, PrinterState, None),
+        _row(ev.PrinterLost, _IDLE, None),
+        _row(ev.ReelLoaded, PrinterState, None),
+        _row(ev.MaintenanceStarted, PrinterState, None),
+        _row(ev.MaintenanceEnded, PrinterState, None),
+        _row(ev.AgentJournalImported, PrinterState, None),
+        _row(ev.AgentJournalImported, _IDLE, [_B.UNKNOWN]),
+    ),
+    consequences=(
+        _row(ev.PrintEnded, [_B.PRINTING], _IDLE),
+        _row(ev.BooksRestored, [_B.CLEAR, _B.UNKNOWN], [_B.NOT_CLEAR]),
+    ),
+)
+
+LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
+FARM_WIDE: frozenset[Kind] = frozenset({ev.ClockSet, ev.PlatesHeld, ev.BooksRestored, ev.OutageConfirmed})
+"""Events about the farm as a whole; they fit at any time."""

@@ -1,0 +1,91 @@
+"""Rules for events about a job. Pure."""
+
+from __future__ import annotations
+
+from farm.errors import ErrorCode
+from farm.model import Hold, HoldCode, JobState
+from farm.state import events as ev
+from farm.state.books import Books, edited, put
+from farm.state.consequences import Result, end_job, request_pause, update_job_state
+from farm.state.recovery import restore
+from farm.state.transitions.rules import change
+
+
+@change.register
+def _(event: ev.JobSubmitted, books: Books) -> Result:
+    return put(books, event.job), ()
+
+
+@change.register
+def _(event: ev.JobHeld, books: Books) -> Result:
+    return put(books, edited(books.job(event.job), hold=event.hold)), ()
+
+
+@change.register
+def _(event: ev.PlanningStarted, books: Books) -> Result:
+    return put(books, edited(books.job(event.job), state=JobState.PLANNING, hold=None)), ()
+
+
+@change.register
+def _(event: ev.PlanningAbandoned, books: Books) -> Result:
+    return put(books, edited(books.job(event.job), state=JobState.QUEUED, hold=event.hold)), ()
+
+
+@change.register
+def _(event: ev.JobPlanned, books: Books) -> Result:
+    job = books.job(event.job)
+    job = edited(
+        job,
+        state=JobState.HELD if event.held else JobState.PRINTING,
+        parts=tuple(part.id for part in event.parts),
+        plates=tuple(plate.id for plate in event.plates),
+        repairs=event.repairs,
+        scale=event.scale,
+        serial_s=event.serial_s,
+        estimated_s=event.estimated_s,
+        lower_bound_s=event.lower_bound_s,
+        plan=event.plan,
+        picture=event.picture,
+        assembly=event.assembly,
+        decomposition=event.decomposition,
+        planned_s=event.at_s,
+        hold=(restore.HOLD if job.restored else _approval_hold(job.id)) if event.held else None,
+    )
+    return put(books, job, *event.parts, *event.plates), (ev.NameFiles(job=job.id),)
+
+
+def _approval_hold(job: int) -> Hold:
+    text = f"its plan is frozen until `farm approve {job}` releases it"
+    return Hold(code=HoldCode.APPROVAL, text=text)
+
+
+@change.register
+def _(event: ev.JobApproved, books: Books) -> Result:
+    books = put(books, edited(books.job(event.job), state=JobState.PRINTING, hold=None))
+    return update_job_state(books, event.job, event.at_s), ()
+
+
+@change.register
+def _(event: ev.JobFailed, books: Books) -> Result:
+    return end_job(books, event.job, JobState.FAILED, event.at_s, event.error, event.reason)
+
+
+@change.register
+def _(event: ev.JobCancelled, books: Books) -> Result:
+    planning = books.job(event.job).state is JobState.PLANNING
+    reason = f"cancelled by {event.by}"
+    books, instructions = end_job(
+        books, event.job, JobState.CANCELLED, event.at_s, ErrorCode.CANCELLED, reason
+    )
+    return books, (ev.StopPlanning(job=event.job), *instructions) if planning else instructions
+
+
+@change.register
+def _(event: ev.JobPaused, books: Books) -> Result:
+    job = books.job(event.job)
+    books = put(books, edited(job, paused=event.wanted))
+    if not event.wanted:
+        books = put(books, *(edited(plate, paused=False) for plate in books.plates_of(job)))
+    # Prints that are being ended are not paused.
+    pauses = [request_pause(p, event.wanted) for p in books.open_prints(event.job) if p.cancel_reason is None]
+    return put(books, *(attempt for attempt, _ in pauses)), tuple(send for _, send in pauses)

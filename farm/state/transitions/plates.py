@@ -1,0 +1,82 @@
+"""Rules for events about a plate. Pure."""
+
+from __future__ import annotations
+
+from farm.model import JobState, Print, Verdict
+from farm.state import events as ev
+from farm.state.books import Books, edited, put
+from farm.state.consequences import Result, cancel_plate, update_job_state
+from farm.state.lifecycles import JOB, InvalidTransition
+from farm.state.plate_state import successful_print
+from farm.state.transitions.rules import change
+
+
+@change.register
+def _(event: ev.PlateAssigned, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    attempt = Print(
+        id=event.print_id,
+        plate=plate.id,
+        job=plate.job,
+        printer=event.printer,
+        number=books.next_number,
+        assigned_s=event.at_s,
+    )
+    plate = edited(plate, prints=(*plate.prints, attempt.id), hold=None)
+    return put(books, plate, attempt), (ev.SendStart(print_id=attempt.id, printer=event.printer),)
+
+
+@change.register
+def _(event: ev.PlatesHeld, books: Books) -> Result:
+    held = (edited(books.plates[name], hold=hold) for name, hold in event.holds.items())
+    return put(books, *held), ()
+
+
+@change.register
+def _(event: ev.PlateReplaced, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    job = books.job(plate.job)
+    if job.state is not JobState.PRINTING:
+        raise InvalidTransition(event, JOB, job.id, job.state)
+    kept = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
+    plates = [edited(new, **kept) for new in event.plates]
+    names = tuple(new.id for new in plates)
+    old = edited(plate, replaced_by=names, hold=None)
+    job = edited(
+        job,
+        plates=_replace_names(job.plates, (plate.id,), names),
+        parts=_replace_names(job.parts, plate.parts, tuple(part.id for part in event.parts)),
+        picture=event.picture or job.picture,
+        assembly=event.assembly or job.assembly,
+        cuts={**job.cuts, plate.parts[0]: event.decomposition} if event.decomposition else job.cuts,
+    )
+    return put(books, old, job, *plates, *event.parts), (ev.NameFiles(job=job.id),)
+
+
+def _replace_names(names: tuple[str, ...], old: tuple[str, ...], new: tuple[str, ...]) -> tuple[str, ...]:
+    """Put the new names where the old ones were."""
+    at = names.index(old[0])
+    kept = tuple(name for name in names if name not in old)
+    return (*kept[:at], *new, *kept[at:])
+
+
+@change.register
+def _(event: ev.PlatePaused, books: Books) -> Result:
+    return put(books, edited(books.plates[event.plate], paused=event.wanted)), ()
+
+
+@change.register
+def _(event: ev.PlateCancelled, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    books, stops = cancel_plate(books, plate, f"cancelled by {event.by}")
+    return update_job_state(books, plate.job, event.at_s), stops
+
+
+@change.register
+def _(event: ev.ReprintRequested, books: Books) -> Result:
+    plate = books.plates[event.plate]
+    done = successful_print(books.prints_of(plate))
+    if done is not None:
+        books = put(books, edited(done, verdict=Verdict.BAD, verdict_why=event.why))
+    books = put(books, edited(plate, cancelled=False, paused=False, counted_from=len(plate.prints)))
+    return update_job_state(books, plate.job, event.at_s, reopen=True), ()

@@ -1,0 +1,92 @@
+"""Rules for events about a printer. Pure."""
+
+from __future__ import annotations
+
+from farm.model import Bed, FilamentState, Printer, Verdict
+from farm.state import events as ev
+from farm.state.books import Books, edited, put
+from farm.state.consequences import Result, mark_printer_lost, update_job_state
+from farm.state.recovery import restore
+from farm.state.salvaged_parts import book_part_whole
+from farm.state.transitions.rules import change
+
+
+@change.register
+def _(event: ev.PrinterAdded, books: Books) -> Result:
+    return put(books, Printer(name=event.printer, bed=event.bed)), ()
+
+
+@change.register
+def _(event: ev.BedCleared, books: Books) -> Result:
+    printer = books.printer(event.printer)
+    filament = event.filament or printer.filament
+    judged = books.print_to_judge(printer.name)
+    books = put(books, edited(printer, bed=Bed.CLEAR, attention_reason=None, alarm=None, filament=filament))
+    if judged is not None:
+        books = put(books, edited(judged, verdict=event.verdict, verdict_why=event.why))
+        books = update_job_state(books, judged.job, event.at_s)
+    if event.verdict is Verdict.GOOD:
+        for earlier in list(books.unjudged_restored_prints(printer.name)):
+            books = put(books, edited(earlier, verdict=Verdict.GOOD))
+            books = update_job_state(books, earlier.job, event.at_s)
+    stops: tuple[ev.AnyInstruction, ...] = ()
+    if event.whole is not None:
+        books, stops = book_part_whole(books, event.whole, event.by, event.at_s)
+    return books, (*stops, ev.SendCleared(printer=printer.name, filament=event.filament))
+
+
+@change.register
+def _(event: ev.BedReported, books: Books) -> Result:
+    printer = books.printer(event.printer)
+    bed = event.bed if printer.bed is Bed.UNKNOWN else printer.bed
+    filament = event.filament if printer.filament is FilamentState.UNKNOWN else printer.filament
+    return put(books, edited(printer, bed=bed, filament=filament)), ()
+
+
+@change.register
+def _(event: ev.BedBecameUnknown, books: Books) -> Result:
+    printer = edited(
+        books.printer(event.printer),
+        bed=Bed.UNKNOWN,
+        filament=FilamentState.UNKNOWN,
+        attention_reason=event.reason,
+        attention_since_s=event.at_s,
+    )
+    return put(books, printer), ()
+
+
+@change.register
+def _(event: ev.PrinterAlarmed, books: Books) -> Result:
+    printer = edited(
+        books.printer(event.printer),
+        alarm=event.reason,
+        alarm_s=event.at_s,
+        attention_reason=event.reason,
+        attention_since_s=event.at_s,
+    )
+    return put(books, printer), ()
+
+
+@change.register
+def _(event: ev.PrinterLost, books: Books) -> Result:
+    return mark_printer_lost(books, event.printer, event.at_s, event.at_s), ()
+
+
+@change.register
+def _(event: ev.ReelLoaded, books: Books) -> Result:
+    return put(books, edited(books.printer(event.printer), reel=event.reel)), ()
+
+
+@change.register
+def _(event: ev.MaintenanceStarted, books: Books) -> Result:
+    return put(books, edited(books.printer(event.printer), maintenance=event.why)), ()
+
+
+@change.register
+def _(event: ev.MaintenanceEnded, books: Books) -> Result:
+    return put(books, edited(books.printer(event.printer), maintenance=None, attention_reason=None)), ()
+
+
+@change.register
+def _(event: ev.AgentJournalImported, books: Books) -> Result:
+    return restore.finish_journal_import(event, books), ()

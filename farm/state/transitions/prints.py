@@ -1,0 +1,141 @@
+"""Rules for events about a print. Pure."""
+
+from __future__ import annotations
+
+from drivers.errors import Fault
+from farm.model import Plate, Print, Printer, PrintState, Verdict
+from farm.state import events as ev
+from farm.state.books import Books, edited, put
+from farm.state.consequences import (
+    Result,
+    mark_bed_not_clear,
+    mark_printer_lost,
+    request_cancel,
+    request_pause,
+    update_job_state,
+)
+from farm.state.faults import LOSSES, UNCHARGED, OwnFault
+from farm.state.lifecycles import PRINT, InvalidTransition
+from farm.state.recovery import restore
+from farm.state.reels import subtract_grams, used_grams
+from farm.state.time_factor import update_time_factor
+from farm.state.transitions.rules import change
+
+
+@change.register
+def _(event: ev.PrintProgressed, books: Books) -> Result:
+    attempt = books.prints[event.print_id]
+    attempt = edited(
+        attempt,
+        state=event.state,
+        started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
+        extruded=attempt.extruded or event.extruded,
+        paused=attempt.paused or event.state is PrintState.PAUSED,
+        restored=False,
+    )
+    books = put(books, attempt)
+    return (mark_bed_not_clear(books, attempt.printer) if attempt.extruded else books), ()
+
+
+@change.register
+def _(event: ev.PrintWithdrawn, books: Books) -> Result:
+    stopped, stop = request_cancel(_not_being_ended(event, books), event.reason)
+    return put(books, stopped), (stop,)
+
+
+@change.register
+def _(event: ev.PauseRequested, books: Books) -> Result:
+    paused, send = request_pause(_not_being_ended(event, books), event.wanted)
+    return put(books, paused), (send,)
+
+
+@change.register
+def _(event: ev.PrintFailRequested, books: Books) -> Result:
+    attempt = edited(_not_being_ended(event, books), fail_reason=event.why)
+    stopped, stop = request_cancel(attempt, event.why)
+    return put(books, stopped), (stop,)
+
+
+def _not_being_ended(
+    event: ev.PrintWithdrawn | ev.PauseRequested | ev.PrintFailRequested, books: Books
+) -> Print:
+    """Return the print of an event.
+
+    Raises
+    ------
+    InvalidTransition
+        Where its agent has been told to end it.
+    """
+    attempt = books.prints[event.print_id]
+    if attempt.cancel_reason is not None:
+        reason = f"{attempt.state} and being ended ({attempt.cancel_reason})"
+        raise InvalidTransition(event, PRINT, attempt.id, attempt.state, reason)
+    return attempt
+
+
+@change.register
+def _(event: ev.PrintFound, books: Books) -> Result:
+    return restore.book_found_print(event, books), ()
+
+
+@change.register
+def _(event: ev.PrintEnded, books: Books) -> Result:
+    before = books.prints[event.print_id]
+    plate, printer = books.plates[before.plate], books.printer(before.printer)
+    unknown = _end_is_unknown(event, before)
+    attempt = _end_print(event, before, plate)
+    printer = edited(printer, filament=event.filament, reel=subtract_grams(printer.reel, attempt.grams))
+    if attempt.state is PrintState.DONE and attempt.started_s is not None and not attempt.paused:
+        printer = _learn_speed(printer, plate, attempt, event.ended_s - attempt.started_s)
+    if attempt.state is PrintState.FAILED:
+        reason = attempt.reason or attempt.fault or "its print failed"
+        printer = edited(printer, attention_reason=reason, attention_since_s=event.ended_s)
+        if attempt.fault == Fault.ESTOP:  # what a person stopped waits for their word
+            books = put(books, edited(plate, paused=True))
+    books = put(books, attempt, printer)
+    # A print that failed may have extruded without anybody having seen it.
+    if attempt.extruded or attempt.state is PrintState.FAILED:
+        books = mark_bed_not_clear(books, attempt.printer)
+    books = update_job_state(books, attempt.job, event.at_s)
+    if attempt.state is PrintState.FAILED and attempt.fault in LOSSES and not unknown:
+        books = mark_printer_lost(books, attempt.printer, event.ended_s, event.at_s)
+    return books, (ev.SendForget(print_id=attempt.id, printer=attempt.printer),)
+
+
+def _end_is_unknown(event: ev.PrintEnded, attempt: Print) -> bool:
+    """Return whether a print of restored books may have been done, or ended by a person, since their copy."""
+    lost = event.fault == OwnFault.PRINT_LOST or event.state is PrintState.CANCELLED
+    return attempt.restored and lost
+
+
+def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
+    """Return a print as it ended: with its state, fault, charge and filament."""
+    state, fault, reason = event.state, event.fault, event.reason
+    begun = attempt.state is not PrintState.ASSIGNED or event.started_s is not None
+    if state is PrintState.CANCELLED and attempt.fail_reason is not None:
+        state, fault, reason = PrintState.FAILED, OwnFault.BY_A_PERSON, attempt.fail_reason
+    elif state is PrintState.CANCELLED and attempt.cancel_reason is None and begun:
+        state = PrintState.FAILED  # nobody here asked for it
+    if state is PrintState.DONE and attempt.fail_reason is not None:  # it ended before its agent heard of it
+        attempt = edited(attempt, verdict=Verdict.BAD, verdict_why=attempt.fail_reason)
+    unknown = _end_is_unknown(event, attempt)
+    extruded = attempt.extruded or event.extruded
+    return edited(
+        attempt,
+        state=state,
+        fault=fault,
+        reason=reason,
+        charged=not unknown and attempt.cancel_reason is None and fault not in UNCHARGED,
+        started_s=attempt.started_s if attempt.started_s is not None else event.started_s,
+        ended_s=event.ended_s,
+        extruded=extruded,
+        starved_s=event.starved_s,
+        grams=used_grams(plate, state, extruded, event.printed_share),
+    )
+
+
+def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) -> Printer:
+    """Return a printer with the time factor that one more finished print teaches."""
+    reached_s = took_s - plate.prelude_s
+    factor = update_time_factor(printer.time_factor, plate.print_time_s, reached_s, attempt.starved_s)
+    return edited(printer, time_factor=factor)

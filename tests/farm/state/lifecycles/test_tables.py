@@ -1,0 +1,30 @@
+"""The tables of the lifecycles: whole, and what the rules do is what they have."""
+
+from typing import get_args
+
+import pytest
+
+from farm.state import events as ev
+from farm.state.lifecycles import FARM_WIDE, LIFECYCLES, NEW
+
+
+def test_every_event_is_about_something():
+    about = set().union(*(lifecycle.kinds for lifecycle in LIFECYCLES)) | FARM_WIDE
+    assert about == set(get_args(ev.AnyEvent))
+
+
+@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda one: one.entity)
+def test_every_state_is_reached_from_the_beginning(lifecycle):
+    rows = [*lifecycle.transitions, *lifecycle.consequences]
+    reached = {NEW}
+    while True:
+        further = set().union(*(row.ends or () for row in rows if row.starts & reached)) - reached
+        if not further:
+            break
+        reached |= further
+    assert reached - {NEW} == set(lifecycle.states)
+
+
+@pytest.mark.parametrize("lifecycle", LIFECYCLES, ids=lambda one: one.entity)
+def test_every_event_about_an_entity_names_it(lifecycle):
+    assert all(lifecycle.key in kind.model_fields for kind in lifecycle.kinds)

@@ -1,0 +1,121 @@
+"""Events that do not fit: an error with the entity's state and story, and no trace in the books."""
+
+import pytest
+
+from farm.errors import ErrorCode, NoSuchThing
+from farm.model import Bed, PrintState
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.lifecycles import InvalidTransition
+from farm.state.storage.store import Store
+from farm.state.transitions import apply
+from make_books import ended, fleet, job, plan, printing, run
+
+ASSIGNED = ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x")
+HEATING = ev.PrintProgressed(at_s=3.0, print_id="x", state=PrintState.HEATING, started_s=3.0, extruded=False)
+CANCELLED = ev.JobCancelled(at_s=5.0, job=1)
+UNFIT = {
+    "a print ends twice": ([ASSIGNED, ended("x")], ended("x"), "print x is done"),
+    "a print goes on after its end": ([ASSIGNED, ended("x")], HEATING, "print x is done"),
+    "a print that has begun is withdrawn": (
+        [ASSIGNED, HEATING],
+        ev.PrintWithdrawn(at_s=4.0, print_id="x", reason="so"),
+        "print x is heating",
+    ),
+    "a print is to fail after its end": (
+        [ASSIGNED, ended("x")],
+        ev.PrintFailRequested(at_s=9.0, print_id="x", why="a blob", by="ann"),
+        "print x is done",
+    ),
+    "a job is cancelled twice": ([CANCELLED], CANCELLED, "job 1 is cancelled"),
+    "a cancelled job is planned": ([CANCELLED], plan(), "job 1 is cancelled"),
+    "a job is approved that nobody holds": (
+        [],
+        ev.JobApproved(at_s=5.0, job=1, by="ann"),
+        "job 1 is printing",
+    ),
+    "a printed job fails": (
+        [],
+        ev.JobFailed(at_s=5.0, job=1, error=ErrorCode.ENGINE, reason="so"),
+        "job 1 is printing",
+    ),
+    "a plate that prints is paused": (
+        [ASSIGNED],
+        ev.PlatePaused(at_s=4.0, plate="1/01", wanted=True, by="ann"),
+        "plate 1/01 is printing",
+    ),
+    "a printer is added twice": ([], fleet()[0], "printer a is clear"),
+    "a bed is cleared under a print": (
+        [ASSIGNED],
+        ev.BedCleared(at_s=4.0, printer="a", by="ann"),
+        "printer a is printing",
+    ),
+    "an outage is confirmed that is none": ([], ev.OutageConfirmed(at_s=4.0, by="ann"), "in no outage"),
+    "an end is no end": (
+        [ASSIGNED],
+        ended("x", PrintState.HEATING),
+        "print x is assigned, and would be heating",
+    ),
+}
+
+
+@pytest.mark.parametrize(("before", "event", "message"), UNFIT.values(), ids=UNFIT)
+def test_an_event_that_does_not_fit_says_what_of_it_does_not(before, event, message):
+    books, _ = run(printing(), *before)
+    with pytest.raises(InvalidTransition, match=message) as caught:
+        apply(event, books)
+    assert type(event).__name__ in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        ev.JobCancelled(at_s=5.0, job=7),
+        ev.PlateCancelled(at_s=5.0, plate="7/01", by="ann"),
+        ended("nobody"),
+        ev.MaintenanceEnded(at_s=5.0, printer="z", by="ann"),
+    ],
+    ids=lambda event: type(event).__name__,
+)
+def test_what_the_books_do_not_have_is_named(event):
+    with pytest.raises(NoSuchThing, match="there is no"):
+        apply(event, printing())
+
+
+def test_a_rule_that_leads_where_the_table_does_not_is_an_error():
+    books, _ = run(Books(), *fleet(Bed.UNKNOWN))
+    begun = job().model_copy(update={"state": "printing"})
+    with pytest.raises(InvalidTransition, match="would be printing"):
+        apply(ev.JobSubmitted(at_s=1.0, job=begun), books)
+
+
+def test_the_error_tells_the_story_of_the_entity_and_of_no_other(tmp_path):
+    events = [
+        *fleet(),
+        ev.JobSubmitted(at_s=0.0, job=job()),
+        ev.PlanningStarted(at_s=1.0, job=1),
+        plan(),
+        ASSIGNED,
+        ev.PlateAssigned(at_s=2.0, plate="1/02", printer="b", print_id="y"),
+        HEATING,
+        ended("x"),
+    ]
+    with Store(tmp_path / "farm.db") as store:
+        books = Books()
+        for event in events:
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+        with pytest.raises(InvalidTransition) as caught:
+            apply(HEATING, books)
+        told = store.tell_story(caught.value)
+        with pytest.raises(InvalidTransition) as caught:
+            apply(ev.PlanningStarted(at_s=9.0, job=1), books)
+        of_the_job = store.tell_story(caught.value)
+    assert [line.partition(" ")[2].partition(" ")[2] for line in told.story] == [
+        "PlateAssigned",
+        "PrintProgressed heating",
+        "PrintEnded done",
+    ]
+    assert "print x is done; before that: 1970-01-01 00:00:02 PlateAssigned, " in str(told)
+    assert [line.split()[2] for line in of_the_job.story] == ["JobSubmitted", "PlanningStarted", "JobPlanned"]
