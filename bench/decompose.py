@@ -47,8 +47,7 @@ from farm.planning.plan_records import SliceTask
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
 MODELS = (
     "stanford-bunny.stl", "utah-teapot.obj", "3DBenchy.stl", "fandisk.stl",

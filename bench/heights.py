@@ -13,11 +13,9 @@ import sys
 
 from drivers.printers import BEDS
 from farm.planning.slicing_printers import slicing_printer
+from slicing.settings import FARM_QUALITIES, SettingsRequest, find_resources, resolve_settings
 from slicing.settings.layer_heights import EXACT_MM, SPREADS_0, LayerHeights, fit_heights, printed_mm
 from slicing.settings.limits import LAYER_SHARE
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.qualities import OURS
-from slicing.settings.resources import find_resources
 
 PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
 CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")
@@ -44,7 +42,7 @@ def main() -> int:
     args = parser.parse_args()
     hundredths = range(round(100 * args.from_mm), round(100 * args.to_mm) + 1)
     rows = []
-    for quality in (name for name, quality in OURS.items() if quality.exact_height):
+    for quality in (name for name, quality in FARM_QUALITIES.items() if quality.exact_height):
         for printer, nozzles in PRINTERS.items():
             for nozzle_mm in nozzles:
                 request = SettingsRequest(slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)

@@ -40,8 +40,14 @@ from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
-from slicing.settings.plate_settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import (
+    ANY_PART,
+    PartSettings,
+    SettingsRequest,
+    find_engine,
+    find_resources,
+    resolve_settings,
+)
 
 Shapes = Mapping[str, Callable[[], Solid]]
 

@@ -24,8 +24,7 @@ from drivers.printers import BEDS
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
 from slicing.plate import PlateRequest, slice_plate
-from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 CASES = ((0.25, 45.0), (0.1, 45.0), (0.25, 60.0))  # layer height in mm, support angle in degrees
 YAWS_DEG = (0.0, 33.0)
@@ -43,7 +42,7 @@ def leaning(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
     return block
 
 
-def is_supported(block: trimesh.Trimesh, settings: Settings, folder: Path) -> bool:
+def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> bool:
     """Whether CuraEngine prints any support."""
     stl, out = folder / "block.stl", folder / "block.gcode"
     block.export(stl)

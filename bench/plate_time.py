@@ -25,14 +25,13 @@ from drivers.remote.client import AgentClient, spawn
 from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer
 from slicing.plate import PlateRequest, PlateResult, slice_plate
-from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 MODEL = "ultimaker2_plus"
 SIDES_MM = (10.0, 20.0, 40.0)
 
 
-def sliced(side_mm: float, settings: Settings, folder: Path) -> PlateResult:
+def sliced(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResult:
     """A cube on the middle of the bed."""
     stl = folder / f"cube-{side_mm:g}.stl"
     cube = trimesh.creation.box((side_mm, side_mm, side_mm))

@@ -30,8 +30,7 @@ from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
-from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 PRINTER = "ultimaker2_plus"
 ANYWHERE = ((-500.0, -500.0, 500.0, 500.0, 500.0),)  # parts are not placed here, only timed
@@ -104,7 +103,7 @@ class Row:
     brim_s: float
 
 
-def settings_of(name: str) -> Settings:
+def settings_of(name: str) -> EngineSettings:
     """One of SETTINGS, resolved."""
     quality, nozzle_mm, overrides = SETTINGS[name]
     request = SettingsRequest(

@@ -24,8 +24,7 @@ from drivers.printers import BEDS
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SliceRejected
 from slicing.plate import PlateRequest, slice_plate
-from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
 MOVE = trimesh.transformations.translation_matrix
 ROOM = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)
@@ -67,7 +66,7 @@ class Clock:
         return cls(time.process_time(), children.ru_utime + children.ru_stime)
 
 
-def one(name: str, mesh: trimesh.Trimesh, settings: Settings, folder: Path) -> dict[str, Any]:
+def one(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> dict[str, Any]:
     """Slice and check a model, which is put on the middle of the bed."""
     mesh = mesh.copy()
     low, high = mesh.bounds

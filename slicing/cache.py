@@ -15,7 +15,7 @@ _OURS = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class CacheEntry:
     """One slice that is kept: its name, its size, and when it was used last (s, of any clock)."""
 
     name: str
@@ -23,7 +23,7 @@ class Entry:
     used_s: float
 
 
-def least_used(entries: Iterable[Entry], most_bytes: int) -> list[str]:
+def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]:
     """The names of those to remove so that the others hold `most_bytes` at most, the longest unused first."""
     kept = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
     over = sum(entry.size_bytes for entry in kept) - most_bytes
@@ -42,7 +42,7 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
     Who reads an entry that goes meanwhile slices anew. Files that are not a cache's are left alone.
     """
     files: dict[str, list[Path]] = {}
-    entries: dict[str, Entry] = {}
+    entries: dict[str, CacheEntry] = {}
     for path in _listed(folder):
         ours = _OURS.fullmatch(path.name)
         if ours is None:
@@ -51,10 +51,10 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
             facts = path.stat()
             name = ours[1]
             files.setdefault(name, []).append(path)
-            entry = entries.get(name, Entry(name, 0, 0.0))
+            entry = entries.get(name, CacheEntry(name, 0, 0.0))
             used_s = max(entry.used_s, facts.st_mtime)
-            entries[name] = Entry(name, entry.size_bytes + facts.st_size, used_s)
-    for name in least_used(entries.values(), most_bytes):
+            entries[name] = CacheEntry(name, entry.size_bytes + facts.st_size, used_s)
+    for name in find_least_used(entries.values(), most_bytes):
         for path in files[name]:
             with contextlib.suppress(OSError):
                 path.unlink()

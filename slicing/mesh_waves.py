@@ -16,7 +16,7 @@ WAVE_MM = 0.03  # what is smaller CuraEngine may take for straight
 SAME_MM = 1e-6
 
 
-def waved(corners: Floats) -> Floats:
+def add_waves(corners: Floats) -> Floats:
     """Triangles (n, 3, 3) in mm, cut where a wave turns, and each point moved by it along x and y.
 
     The wave is linear between the cuts: what was flat there stays so, and a closed mesh stays closed.

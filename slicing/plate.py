@@ -18,15 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from slicing import stl
-from slicing.checks import output
-from slicing.checks.outline import Unprinted, check_outline
-from slicing.checks.timeline import with_times
-from slicing.checks.toolpath import read_toolpath
-from slicing.checks.walls import lines_of
+from slicing.checks import Unprinted, add_times, check_outline, output, read_toolpath, wall_layout
 from slicing.engine import Progress, check_versions, engine_version, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
-from slicing.mesh_waves import waved
-from slicing.settings.plate_settings import Settings
+from slicing.mesh_waves import add_waves
+from slicing.settings import EngineSettings
 
 _FORMAT = "farm-slice-4"
 """Part of the cache's key: changes where what is stored or checked changes."""
@@ -56,7 +52,7 @@ class PlateRequest:
     """
 
     stl: Path
-    settings: Settings
+    settings: EngineSettings
     out: Path
     engine: Path
     bed: output.Bed
@@ -87,7 +83,7 @@ class _Sliced:
     """What is kept of a slice."""
 
     gcode: bytes
-    facts: output.Facts
+    facts: output.GcodeFacts
     unprinted: tuple[Unprinted, ...]
 
 
@@ -122,7 +118,7 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
             stored.write(sliced)
         # After the cache, whose key has no bed: the same file may fit one printer and not another.
         _check_bed(request, sliced.facts)
-        write_whole(request.out, sliced.gcode)
+        write_atomically(request.out, sliced.gcode)
     except OSError as error:
         raise SlicingError(
             f"{error.filename or request.out}: {error.strerror}; make room there, or see to its permissions"
@@ -152,7 +148,7 @@ def _grown(request: PlateRequest, share: float, offset_mm: float, folder: Path) 
     if not share:
         return request
     wider = folder / request.stl.name
-    wider.write_bytes(stl.grown(request.stl.read_bytes(), share))
+    wider.write_bytes(stl.scale_stl_xy(request.stl.read_bytes(), share))
     settings = request.settings
     offsets = {
         key: str(float(settings.extruder.get(key) or 0.0) + offset_mm)
@@ -164,7 +160,7 @@ def _grown(request: PlateRequest, share: float, offset_mm: float, folder: Path) 
 def _waved(request: PlateRequest, triangles: stl.Triangles, folder: Path) -> PlateRequest:
     """The same for a part whose long sides have a wave of hundredths of a mm."""
     path = folder / request.stl.name
-    path.write_bytes(stl.binary_stl(waved(triangles.corners)))
+    path.write_bytes(stl.binary_stl(add_waves(triangles.corners)))
     return replace(request, stl=path)
 
 
@@ -182,8 +178,8 @@ def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progr
     output.check_log(run.log)
     path = read_toolpath(run.gcode)
     limits, code = settings.printer.limits, settings.printer.code
-    facts = output.facts_of(path, limits.min_extrusion_c)
-    removed, lines = output.removed_layers(run.log), lines_of(settings)
+    facts = output.gather_facts(path, limits.min_extrusion_c)
+    removed, lines = output.count_removed_layers(run.log), wall_layout(settings)
     output.check(
         facts,
         height_mm=triangles.max_z_mm,
@@ -203,14 +199,14 @@ def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progr
             centre_mm=_centre(settings),
             filament_mm2=settings.filament_mm2,
         )
-    return _Sliced(output.with_header(with_times(run.gcode, path), run.log), facts, unprinted)
+    return _Sliced(output.replace_header(add_times(run.gcode, path), run.log), facts, unprinted)
 
 
-def _centre(settings: Settings) -> tuple[float, float]:
+def _centre(settings: EngineSettings) -> tuple[float, float]:
     return float(settings.global_["machine_width"]) / 2, float(settings.global_["machine_depth"]) / 2
 
 
-def _check_bed(request: PlateRequest, facts: output.Facts) -> None:
+def _check_bed(request: PlateRequest, facts: output.GcodeFacts) -> None:
     settings = request.settings
     highest_mm = max(settings.layer_height_mm, settings.layer_height_0_mm)
     output.check_bed(facts, _centre(settings), request.bed, over_mm=highest_mm / 2)
@@ -267,7 +263,7 @@ class _Stored:
             facts = dict(entry["facts"])
             facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
             unprinted = tuple(Unprinted(**wall) for wall in entry["unprinted"])
-            sliced = _Sliced(gcode, output.Facts(**facts), unprinted)
+            sliced = _Sliced(gcode, output.GcodeFacts(**facts), unprinted)
         except (OSError, ValueError, KeyError, TypeError):
             return None
         with contextlib.suppress(OSError):  # used now: what is not goes first (slicing.cache)
@@ -283,12 +279,12 @@ class _Stored:
             "facts": asdict(sliced.facts),
             "unprinted": [asdict(wall) for wall in sliced.unprinted],
         }
-        write_whole(self.folder / f"{self.key}.gcode", sliced.gcode)
+        write_atomically(self.folder / f"{self.key}.gcode", sliced.gcode)
         # Last: it makes the entry valid.
-        write_whole(self.folder / f"{self.key}.json", json.dumps(entry).encode())
+        write_atomically(self.folder / f"{self.key}.json", json.dumps(entry).encode())
 
 
-def write_whole(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """Write a file so that a reader sees all of it or none."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

@@ -72,7 +72,7 @@ def read_stl(stl: bytes) -> Triangles:
     return Triangles(corners)
 
 
-def grown(stl: bytes, share: float) -> bytes:
+def scale_stl_xy(stl: bytes, share: float) -> bytes:
     """A binary STL that is wider and deeper by a share of its size, about X 0, Y 0."""
     facets = np.frombuffer(stl, _FACET, offset=_HEADER_BYTES).copy()
     facets["vertices"][..., :2] *= 1.0 + share

@@ -6,8 +6,7 @@ from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import BadSetting, SlicingError
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_resources
+from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 
 def mistake_in(section: PrinterSection) -> tuple[str, str] | None:

@@ -13,7 +13,7 @@ from farm.model import JobOptions
 from farm.planning.error_translation import in_farm_words
 from farm.planning.plan import Inspected
 from farm.state.storage.file_store import store_file
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import find_engine, find_resources
 
 
 def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> Inspected:

@@ -23,11 +23,8 @@ from farm.planning.plan_records import printer_settings
 from farm.planning.plate_times import plate_seconds
 from farm.state.storage.file_store import sha256_of, store_file
 from slicing.errors import GcodeRefused
-from slicing.own_gcode.accept import ForeignGcode, accept
-from slicing.own_gcode.lines import LONGEST, shown
-from slicing.own_gcode.target import PrintTarget
-from slicing.settings.plate_settings import Settings
-from slicing.settings.resources import find_resources
+from slicing.own_gcode import LONGEST, ForeignGcode, PrintTarget, accept, shown
+from slicing.settings import EngineSettings, find_resources
 
 SUFFIXES = (".gcode", ".g", ".gco")
 _PACKED = {
@@ -173,7 +170,7 @@ def _accept(path: Path, section: PrinterSection, nozzle_mm: float | None, name: 
     return accepted
 
 
-def _settings(section: PrinterSection) -> Settings:
+def _settings(section: PrinterSection) -> EngineSettings:
     """For what its material says: temperatures, density and the filament's section."""
     with in_farm_words():
         return printer_settings(section, JobOptions().quality, find_resources())

@@ -28,7 +28,7 @@ from farm.planning.plan_records import (
 )
 from farm.planning.plate_times import plate_seconds, prelude_seconds
 from farm.state.storage.file_store import store_file
-from slicing.settings.resources import find_resources
+from slicing.settings import find_resources
 
 if TYPE_CHECKING:
     from slicing.plate import PlateResult

@@ -14,8 +14,7 @@ from farm.planning.parts.part_rooms import printer_room
 from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer
 from farm.state.storage.file_store import store_file
-from slicing.settings.plate_settings import Settings, SettingsRequest, resolve_settings
-from slicing.settings.resources import Resources, find_engine
+from slicing.settings import EngineSettings, Resources, SettingsRequest, find_engine, resolve_settings
 
 if TYPE_CHECKING:  # the daemon books what workers have cut and sliced, and loads nothing for either
     from decompose.results import Part as DecompositionPart
@@ -82,7 +81,7 @@ class SliceTask:
     stl: Path  # in printing pose
     request: SettingsRequest
     resources: Resources
-    settings: Settings
+    settings: EngineSettings
     room: tuple[RoomBox, ...]
     engine: Path
     out: Path
@@ -102,7 +101,7 @@ def settings_request(section: PrinterSection, quality: str) -> SettingsRequest:
     )
 
 
-def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> Settings:
+def printer_settings(section: PrinterSection, quality: str, resources: Resources) -> EngineSettings:
     """The slicer's settings for a printer of the fleet. Raises FarmError with code `settings`."""
     with in_farm_words():
         return resolve_settings(settings_request(section, quality), resources)
@@ -162,7 +161,7 @@ def booked_part(names: Names, part: DecomposedPart, files: Path, cut_from: str |
 def booked_plate(
     names: Names,
     section: PrinterSection,
-    settings: Settings,
+    settings: EngineSettings,
     sliced: PlateResult,
     factor: float,
     files: Path,

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Mapping
 
 from drivers.printers import PROFILES, Profile
 from farm.config import PrinterSection
-from slicing.settings.plate_settings import Settings
+from slicing.settings import EngineSettings
 
 START_S = 26.0
 """Homing, purging and the moves around them, beside the heat-up. Measured by bench/plate_time.py."""
@@ -36,7 +36,7 @@ def plate_seconds(
     return START_S + bed_s + profile.nozzle.seconds_to(nozzle_c) + print_time_s * factor + END_S
 
 
-def prelude_seconds(section: PrinterSection, settings: Settings) -> float:
+def prelude_seconds(section: PrinterSection, settings: EngineSettings) -> float:
     """What a plate takes on this printer beside its layers."""
     return plate_seconds(PROFILES[section.model], 0.0, settings.nozzle_c, settings.bed_c)
 

@@ -1,0 +1,16 @@
+"""Checks of what CuraEngine wrote: its log, its G-code, and each layer's outline against the model."""
+
+from slicing.checks.outline import Unprinted, check_outline
+from slicing.checks.timeline import add_times
+from slicing.checks.toolpath import Toolpath, read_toolpath
+from slicing.checks.walls import WallLayout, wall_layout
+
+__all__ = [
+    "Toolpath",
+    "Unprinted",
+    "WallLayout",
+    "add_times",
+    "check_outline",
+    "read_toolpath",
+    "wall_layout",
+]

@@ -16,7 +16,7 @@ from shapely import Geometry
 
 from slicing.checks.section import Floats, Rings, cut, measure
 from slicing.checks.toolpath import Toolpath
-from slicing.checks.walls import TOLERANCE_MM, Lines, Walls
+from slicing.checks.walls import TOLERANCE_MM, WallLayout, Walls
 from slicing.errors import Rule, SliceRejected
 
 SLACK_MM2, SLACK_MM = 0.5, 0.005
@@ -67,7 +67,7 @@ class Unprinted:
 def check_outline(
     path: Toolpath,
     corners: Floats,
-    lines: Lines,
+    lines: WallLayout,
     *,
     removed: int,
     centre_mm: tuple[float, float],
@@ -139,7 +139,7 @@ def check_outline(
     return _gathered(thin, lines, len(found) / len(looked))
 
 
-def _grown(model: Rings, lines: Lines) -> Rings:
+def _grown(model: Rings, lines: WallLayout) -> Rings:
     """The sections after the engine's horizontal expansion, to first order."""
     offset = np.full(len(model.area_mm2), lines.offset_mm)
     offset[:1] = lines.offset_0_mm
@@ -158,7 +158,7 @@ def _sample(found: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp
 class _Sections:
     """The model's sections as polygons."""
 
-    def __init__(self, corners: Floats, lines: Lines) -> None:
+    def __init__(self, corners: Floats, lines: WallLayout) -> None:
         self._corners = corners
         self._lines = lines
 
@@ -189,7 +189,7 @@ def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
 
 
 def _compare(
-    layer: int, z_mm: Floats, walls: Walls, sections: _Sections, lines: Lines
+    layer: int, z_mm: Floats, walls: Walls, sections: _Sections, lines: WallLayout
 ) -> list[tuple[int, Geometry]]:
     """The thin pieces that are missing in a layer, each with the layer; refuses anything else."""
     near = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
@@ -234,7 +234,7 @@ def _at(shape: Geometry) -> str:
     return f"X{middle.x:.1f} Y{middle.y:.1f} (from the bed's centre)"
 
 
-def _gathered(pieces: list[tuple[int, Geometry]], lines: Lines, share: float) -> tuple[Unprinted, ...]:
+def _gathered(pieces: list[tuple[int, Geometry]], lines: WallLayout, share: float) -> tuple[Unprinted, ...]:
     """Pieces above one another as one wall, the largest first."""
     if not pieces:
         return ()

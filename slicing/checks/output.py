@@ -25,7 +25,7 @@ _WARNINGS = ("disconnected faces", "Face count")
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class GcodeFacts:
     """What a walk through a G-code file found; coordinates are the printer's, in mm."""
 
     flavour: str
@@ -43,7 +43,7 @@ class Facts:
     parked_mm: float  # how far the filament is drawn back at the end
 
 
-def facts_of(path: Toolpath, min_extrusion_c: float) -> Facts:
+def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     """Gather the facts of a G-code file of the Marlin flavour.
 
     Distances and the bounding box are of the moves' centre lines.
@@ -64,7 +64,7 @@ def facts_of(path: Toolpath, min_extrusion_c: float) -> Facts:
     high = ends.max(axis=0, initial=-math.inf)
     homed = next((command.move for command in path.commands if command.code == "G28"), len(moved))
     cold, heaters_off = _heat(path, pushed_mm > 0, min_extrusion_c)
-    return Facts(
+    return GcodeFacts(
         flavour=_noted(path, "FLAVOR:"),
         print_time_s=float(_noted(path, "TIME_ELAPSED:") or 0.0),
         filament_mm=float(pushed_mm[prints].sum()),
@@ -118,7 +118,7 @@ def check_log(log: str) -> None:
 
 
 def check(
-    facts: Facts,
+    facts: GcodeFacts,
     *,
     height_mm: float,
     cut_mm: float,
@@ -190,7 +190,7 @@ def check(
             raise SliceRejected(rule, detail)
 
 
-def check_parking(facts: Facts, parked_mm: float) -> None:
+def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
     """Raise SliceRejected unless the filament ends parked as the next print expects it."""
     if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
         raise SliceRejected(
@@ -200,7 +200,7 @@ def check_parking(facts: Facts, parked_mm: float) -> None:
         )
 
 
-def check_bed(facts: Facts, centre_mm: tuple[float, float], bed: Bed, over_mm: float) -> None:
+def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, over_mm: float) -> None:
     """Raise SliceRejected unless a bed holds all that is extruded, brim and support included.
 
     Parameters
@@ -229,7 +229,7 @@ def check_bed(facts: Facts, centre_mm: tuple[float, float], bed: Bed, over_mm: f
 _HEADER_END = "End of gcode header."
 
 
-def with_header(gcode: bytes, log: str) -> bytes:
+def replace_header(gcode: bytes, log: str) -> bytes:
     """The G-code with its true header (time, filament, bounds), which the engine knows only afterwards."""
     _, found, rest = log.rpartition("Gcode header after slicing:")
     header, ended, _ = rest.partition(_HEADER_END)
@@ -242,7 +242,7 @@ def with_header(gcode: bytes, log: str) -> bytes:
 _REMOVED = re.compile(r"Removing (\d+) layers because they are empty")
 
 
-def removed_layers(log: str) -> int:
+def count_removed_layers(log: str) -> int:
     """How many layers the engine took away at the bottom, where it found nothing to print."""
     found = _REMOVED.search(log)
     return int(found[1]) if found else 0

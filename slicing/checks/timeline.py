@@ -10,7 +10,7 @@ from slicing.checks.toolpath import Toolpath
 _TIME = "TIME_ELAPSED:"
 
 
-def with_times(gcode: bytes, path: Toolpath) -> bytes:
+def add_times(gcode: bytes, path: Toolpath) -> bytes:
     """The G-code with a ``;TIME_ELAPSED:`` before each ``;TYPE:`` in a layer too.
 
     Between the ends of two layers, time is shared out as the moves would take it at their feedrates.

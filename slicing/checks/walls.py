@@ -12,7 +12,7 @@ from shapely import Geometry
 
 from slicing.checks.section import Floats, Rings, measure
 from slicing.checks.toolpath import Toolpath
-from slicing.settings.plate_settings import Settings
+from slicing.settings import EngineSettings
 
 TOLERANCE_MM = 0.15
 """How far an outline may be off: the engine simplifies it (0.05 mm), and a section on a slope is rounded."""
@@ -31,7 +31,7 @@ _FOLLOWING = {
 
 
 @dataclass(frozen=True, slots=True)
-class Lines:
+class WallLayout:
     """How the outer wall lies in the model, in mm."""
 
     layer_height_0_mm: float
@@ -58,7 +58,7 @@ class Lines:
         return self.layer_height_0_mm + layer * self.layer_height_mm
 
 
-def lines_of(settings: Settings) -> Lines | None:
+def wall_layout(settings: EngineSettings) -> WallLayout | None:
     """What the settings say of the outer wall; None where they do not follow the model's outline."""
     scopes = (settings.extruder, settings.global_)
 
@@ -69,7 +69,7 @@ def lines_of(settings: Settings) -> Lines | None:
         scope.get(key, kept) != kept for scope in scopes for key, kept in _FOLLOWING.items()
     ):
         return None
-    return Lines(
+    return WallLayout(
         layer_height_0_mm=settings.layer_height_0_mm,
         layer_height_mm=settings.layer_height_mm,
         width_mm=settings.line_width_0_mm,
@@ -100,7 +100,10 @@ class Walls:
     inner: Floats  # (k, 5) those of the inner walls: start, end, layer
 
     @classmethod
-    def of(cls, path: Toolpath, lines: Lines, centre_mm: tuple[float, float], filament_mm2: float) -> Walls:
+    def of(
+        cls, path: Toolpath, lines: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
+    ) -> Walls:
+        """Pick the walls out of a toolpath; centre and filament section as `check_outline` takes them."""
         pushed_mm = path.pushed_mm
         way_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
         prints = (pushed_mm > 0) & (way_mm > 0) & (path.layer >= 0)
@@ -146,7 +149,7 @@ class Walls:
             moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
         return Rings(area, inside.length_mm, moment)
 
-    def lost_mm2(self, lines: Lines, count: int) -> Floats:
+    def lost_mm2(self, lines: WallLayout, count: int) -> Floats:
         """(count,) How much less the inner walls enclose than they must within the outer one, added up.
 
         What is d further in than a ring encloses less by d times the ring's length at most. 0 where an inner

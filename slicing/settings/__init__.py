@@ -1,0 +1,19 @@
+"""Settings of CuraEngine, resolved from Cura's files, the farm's qualities and a person's overrides."""
+
+from slicing.settings.engine_settings import EngineSettings
+from slicing.settings.plate_settings import ANY_PART, PartSettings, SettingsRequest, resolve_settings
+from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES
+from slicing.settings.resources import Resources, find_engine, find_resources
+
+__all__ = [
+    "ANY_PART",
+    "DEFAULT_QUALITY",
+    "FARM_QUALITIES",
+    "EngineSettings",
+    "PartSettings",
+    "Resources",
+    "SettingsRequest",
+    "find_engine",
+    "find_resources",
+    "resolve_settings",
+]

@@ -151,7 +151,7 @@ def _shown(text: str) -> str:
     return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]}..."
 
 
-def as_cura_reads(text: str) -> Any:
+def parse_literal(text: str) -> Any:
     """A value of another type than the setting's: Cura reads a literal, and tells the engine what it read."""
     try:
         return ast.literal_eval(text)

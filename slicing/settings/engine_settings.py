@@ -9,7 +9,7 @@ from typing import Any
 from slicing.errors import BadSetting
 from slicing.printer import PrinterModel
 from slicing.settings.resolver import Resolver, Scope
-from slicing.settings.shrinkage import NONE, compensation
+from slicing.settings.shrinkage import NONE, shrinkage_factors
 
 SHRINKAGE = (
     "material_shrinkage_percentage",
@@ -30,7 +30,7 @@ _DIRECTIONS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class EngineSettings:
     """Every setting as CuraEngine reads it, and the numbers that others need."""
 
     printer: PrinterModel
@@ -68,19 +68,19 @@ class Settings:
         return math.pi * self.filament_diameter_mm**2 / 4
 
 
-def print_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
+def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
     """Factors (XY, Z) by which a part is printed larger: Cura's; where it has none, a material kind's."""
     known = resolver.keys(Scope.GLOBAL)
     both, xy, z = (
         float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in SHRINKAGE
     )
     scale = (xy or both or 1.0, z or both or 1.0)
-    return compensation(kind) if scale == NONE else scale
+    return shrinkage_factors(kind) if scale == NONE else scale
 
 
-def tell_engine(
+def build_engine_settings(
     printer: PrinterModel, resolver: Resolver, density_g_cm3: float, scale: tuple[float, float]
-) -> Settings:
+) -> EngineSettings:
     """Every value of both stacks as text, with start and end code, and the numbers that others need.
 
     Raises
@@ -116,7 +116,7 @@ def tell_engine(
     global_["machine_end_gcode"] = printer.code.end_code(retracted_mm)
     directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
     support = flag("support_enable")
-    return Settings(
+    return EngineSettings(
         printer=printer,
         global_=global_,
         extruder=extruder,

@@ -83,7 +83,7 @@ _RESERVED_STARTS: Mapping[str, str] = {
 }
 
 
-def why_reserved(key: str) -> str | None:
+def reserved_reason(key: str) -> str | None:
     """Why a person must not set a key; None where one may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
@@ -99,7 +99,7 @@ class Violation:
     key: str
     value: Any
     allowed: str
-    ours: bool  # a limit of ours: Cura's own profiles have to keep it too
+    is_farm_limit: bool  # Cura's own profiles have to keep it too
 
 
 def violations(
@@ -109,7 +109,7 @@ def violations(
     for scope in Scope:
         for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
             for found in _violations(resolver, printer, scope, key):
-                if key in chosen or found.ours or resolver.is_enabled(key):
+                if key in chosen or found.is_farm_limit or resolver.is_enabled(key):
                     yield found
 
 
@@ -122,7 +122,7 @@ def _violations(resolver: Resolver, printer: PrinterModel, scope: Scope, key: st
         allowed = (
             f"one of {', '.join(setting.options)}" if setting.options else f"a value of type {setting.type}"
         )
-        yield Violation(scope, key, value, allowed, ours=False)
+        yield Violation(scope, key, value, allowed, is_farm_limit=False)
         return
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return

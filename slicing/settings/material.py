@@ -99,10 +99,10 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
     density = root.findtext("m:properties/m:density", namespaces=_SPACE)
     if density is None:
         raise BadSetting(f"material {name} has no density in its file; take another one, like generic_pla")
-    return Material(values, float(density), kind_of(root))
+    return Material(values, float(density), material_kind(root))
 
 
-def kind_of(root: ET.Element) -> str:
+def material_kind(root: ET.Element) -> str:
     """What a material is, like PLA: all colours and brands of it share their qualities."""
     return root.findtext("m:metadata/m:name/m:material", default="", namespaces=_SPACE)
 

@@ -10,16 +10,14 @@ from typing import Any
 from slicing.errors import BadSetting, DefinitionError
 from slicing.printer import PrinterModel
 from slicing.settings.definitions import parse_value
-from slicing.settings.engine_settings import SHRINKAGE, Settings, print_scale, tell_engine
+from slicing.settings.engine_settings import SHRINKAGE, EngineSettings, build_engine_settings, shrinkage_scale
 from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerHeights, fit_heights
-from slicing.settings.limits import LAYER_SHARE, Violation, violations, why_reserved
-from slicing.settings.qualities import DEFAULT_QUALITY, OURS, SUPPORTED
+from slicing.settings.limits import LAYER_SHARE, Violation, reserved_reason, violations
+from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORTED
 from slicing.settings.resolver import Layer, Place, Resolver
 from slicing.settings.resources import Resources
 from slicing.settings.stacks import Stacks, find_stacks
-
-__all__ = ["ANY_PART", "PartSettings", "Settings", "SettingsRequest", "resolve_settings"]
 
 # What a file that is streamed needs.
 _FIXED: Mapping[str, Any] = {
@@ -70,7 +68,7 @@ ANY_PART = PartSettings()
 
 def resolve_settings(
     request: SettingsRequest, resources: Resources, part: PartSettings = ANY_PART
-) -> Settings:
+) -> EngineSettings:
     """Resolve a request against Cura's files, for any part or for one; the last ones are kept in memory.
 
     Raises
@@ -80,8 +78,8 @@ def resolve_settings(
     ResourcesMissing, DefinitionError
         Where Cura's files are not as expected.
     """
-    words = _Words.of(request)
-    quality = OURS.get(request.quality)
+    words = _RequestKey.of(request)
+    quality = FARM_QUALITIES.get(request.quality)
     every = _resolve(resources, words, ANY_PART, None)
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
@@ -103,7 +101,7 @@ def _has_own_heights(request: SettingsRequest) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class _Words:
+class _RequestKey:
     """A request that can be looked up."""
 
     printer: PrinterModel
@@ -114,7 +112,7 @@ class _Words:
     supported: bool
 
     @classmethod
-    def of(cls, request: SettingsRequest) -> _Words:
+    def of(cls, request: SettingsRequest) -> _RequestKey:
         overrides = tuple(sorted((key, str(raw)) for key, raw in request.overrides.items()))
         return cls(
             printer=request.printer,
@@ -128,33 +126,33 @@ class _Words:
 
 @lru_cache(maxsize=64)
 def _resolve(
-    resources: Resources, words: _Words, part: PartSettings, heights: LayerHeights | None
-) -> Settings:
+    resources: Resources, words: _RequestKey, part: PartSettings, heights: LayerHeights | None
+) -> EngineSettings:
     stacks = find_stacks(resources, words.printer.name, words.nozzle_mm, words.material, words.quality)
     resolver = _resolver(stacks, words, part, heights)
     user_keys = [key for key, _ in words.overrides]
     try:
         for found in violations(resolver, words.printer, chosen=user_keys):
-            if found.ours or not _is_cura_s(found, resources, words):
+            if found.is_farm_limit or not _is_cura_value(found, resources, words):
                 raise BadSetting(_refusal(found, words))
     except DefinitionError as error:
         if not user_keys:
             raise
         raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
-    quality = OURS.get(words.quality)
+    quality = FARM_QUALITIES.get(words.quality)
     ours = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
-    scale = print_scale(resolver, stacks.material.kind if ours else "")
-    return tell_engine(words.printer, resolver, stacks.material.density_g_cm3, scale)
+    scale = shrinkage_scale(resolver, stacks.material.kind if ours else "")
+    return build_engine_settings(words.printer, resolver, stacks.material.density_g_cm3, scale)
 
 
-def _is_cura_s(found: Violation, resources: Resources, words: _Words) -> bool:
+def _is_cura_value(found: Violation, resources: Resources, words: _RequestKey) -> bool:
     """Whether Cura's own profiles go beyond the limits of its definitions here: it prints all the same."""
     bare = replace(words, overrides=())
     stacks = find_stacks(resources, words.printer.name, words.nozzle_mm, words.material, words.quality)
     return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
 
 
-def _refusal(found: Violation, words: _Words) -> str:
+def _refusal(found: Violation, words: _RequestKey) -> str:
     value = f"{found.value:.6g}" if isinstance(found.value, float) else found.value
     chosen = [key for key, _ in words.overrides]
     cause = "" if found.key in chosen else f" follows from {', '.join(chosen)} and"
@@ -167,10 +165,12 @@ def _refusal(found: Violation, words: _Words) -> str:
     )
 
 
-def _resolver(stacks: Stacks, words: _Words, part: PartSettings, heights: LayerHeights | None) -> Resolver:
+def _resolver(
+    stacks: Stacks, words: _RequestKey, part: PartSettings, heights: LayerHeights | None
+) -> Resolver:
     """The stacks under a user's layer: a person's settings, ours for streaming, the part's, the quality's."""
     user: dict[str, Any] = dict(SUPPORTED) if words.supported else {}
-    quality = OURS.get(words.quality)
+    quality = FARM_QUALITIES.get(words.quality)
     if quality is not None:
         user |= quality.changes
     user |= {**_part_layer(part, heights), **_FIXED, "machine_gcode_flavor": words.printer.code.flavor}
@@ -178,7 +178,7 @@ def _resolver(stacks: Stacks, words: _Words, part: PartSettings, heights: LayerH
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for key, raw in words.overrides:
         setting = resolver.setting(key)
-        why = why_reserved(key)
+        why = reserved_reason(key)
         if why is not None:
             raise BadSetting(f"{key}: {why}")
         user[key] = parse_value(setting, raw)

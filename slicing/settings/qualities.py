@@ -30,7 +30,7 @@ class Quality:
     fits_first_layer: bool = False  # brim and first layer are chosen for each part
 
 
-OURS: Mapping[str, Quality] = {
+FARM_QUALITIES: Mapping[str, Quality] = {
     # The settings of the Parallelobox paper's own prints, so that times can be compared with it.
     "paper": Quality(
         ("fast",),

@@ -15,7 +15,7 @@ from typing import Any
 
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, nearest
 from slicing.settings.definitions import Setting, merge
-from slicing.settings.material import kind_of
+from slicing.settings.material import material_kind
 
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
 _HOW = "run 'make install', or set {}"
@@ -98,7 +98,7 @@ class Resources:
     def material_kind(self, name: str) -> str | None:
         """What a material is, like PLA; None where there is no such material."""
         try:
-            return kind_of(self.material(name))
+            return material_kind(self.material(name))
         except BadSetting:
             return None
 

@@ -30,6 +30,6 @@ _BY_KIND: Mapping[str, tuple[float, float]] = {
 }
 
 
-def compensation(kind: str) -> tuple[float, float]:
+def shrinkage_factors(kind: str) -> tuple[float, float]:
     """Factors (XY, Z) by which parts of a kind of material are printed larger; 1 where it is not known."""
     return _BY_KIND.get(kind, NONE)

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from slicing.errors import BadSetting, nearest
-from slicing.settings.definitions import as_cura_reads, parse_value
+from slicing.settings.definitions import parse_literal, parse_value
 from slicing.settings.formula import Formula
 from slicing.settings.material import Material, read_material
-from slicing.settings.qualities import OURS
+from slicing.settings.qualities import FARM_QUALITIES
 from slicing.settings.resolver import Layer, Place, Scope
 from slicing.settings.resources import Machine, Profile, Resources
 
@@ -67,7 +67,7 @@ def _written(machine: Machine, key: str, text: str) -> object:
     try:
         return parse_value(setting, text)
     except BadSetting:
-        return as_cura_reads(text)
+        return parse_literal(text)
 
 
 def _variant(machine: Machine, hotend: str, resources: Resources) -> Mapping[str, str]:
@@ -110,10 +110,10 @@ def _qualities(
         chosen = chosen or [p for p in fitting if _is_kind(p.metadata.get("material"), kind, resources)]
         own = {p.metadata["quality_type"]: p for p in chosen}
     have = sorted(own.keys() & shared.keys())
-    bases = OURS[quality].bases if quality in OURS else (quality,)
+    bases = FARM_QUALITIES[quality].bases if quality in FARM_QUALITIES else (quality,)
     base = next((base for base in bases if base in have), None)
     if base is None:
-        have += [name for name, one in OURS.items() if {*one.bases} & {*have}]
+        have += [name for name, one in FARM_QUALITIES.items() if {*one.bases} & {*have}]
         where = f"{material} and a nozzle of {hotend} on the {machine.name}"
         offer = f"there is {', '.join(have)}" if have else "take another material or nozzle"
         raise BadSetting(

@@ -8,8 +8,7 @@ import trimesh
 from make_stl import stl_bytes
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import PRINTERS
 
 WHOLE_BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)
@@ -33,7 +32,7 @@ def engine():
 
 @pytest.fixture(scope="session")
 def settings_of(resources):
-    """Settings for a printer, with overrides as keyword arguments."""
+    """Resolve settings for a printer, with overrides as keyword arguments."""
 
     def resolve(quality="glue", model="ultimaker2_plus", **overrides):
         return resolve_settings(SettingsRequest(PRINTERS[model], quality, overrides=overrides), resources)

@@ -18,8 +18,7 @@ from pathlib import Path
 import trimesh
 
 from slicing.engine import engine_version, run_engine
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import UM2_PLUS
 
 MOVE = trimesh.transformations.translation_matrix

@@ -5,16 +5,17 @@ import os
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slicing.cache import Entry, least_used, trim_cache
+from slicing.cache import CacheEntry, find_least_used, trim_cache
 
 ENTRIES = st.lists(
-    st.builds(Entry, st.text(min_size=1), st.integers(0, 1000), st.floats(0, 1e9)), unique_by=lambda e: e.name
+    st.builds(CacheEntry, st.text(min_size=1), st.integers(0, 1000), st.floats(0, 1e9)),
+    unique_by=lambda e: e.name,
 )
 
 
 @given(ENTRIES, st.integers(0, 5000))
 def test_what_is_kept_fits_and_was_used_last(entries, most_bytes):
-    removed = set(least_used(entries, most_bytes))
+    removed = set(find_least_used(entries, most_bytes))
     kept = [entry for entry in entries if entry.name not in removed]
     gone = [entry for entry in entries if entry.name in removed]
     assert sum(entry.size_bytes for entry in kept) <= most_bytes

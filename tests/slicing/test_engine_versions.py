@@ -14,7 +14,7 @@ from drivers.gcode.timeline import Feature
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from slicing.errors import EngineFailed, EngineMissing, Rule, SliceRejected
 from slicing.plate import slice_plate
-from slicing.settings.plate_settings import Settings
+from slicing.settings import EngineSettings
 
 RECORD = Path(__file__).parent / "fixtures" / "engine-5.0.json.gz"
 
@@ -38,7 +38,7 @@ def cura5(record, request_for, settings_of, tmp_path):
             + (body or f"cat {log} >&{stream}\ncp {gcode} part.gcode\n")
         )
         engine.chmod(0o755)
-        known = {field.name for field in dataclasses.fields(Settings)}
+        known = {field.name for field in dataclasses.fields(EngineSettings)}
         recorded = {key: value for key, value in record["settings"].items() if key in known}
         settings = dataclasses.replace(settings_of(), **recorded)
         request = request_for(base64.b64decode(record["stl"]), settings=settings)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from slicing.mesh_waves import STEPS_MM, WAVE_MM, waved
+from slicing.mesh_waves import STEPS_MM, WAVE_MM, add_waves
 from slicing.plate import slice_plate
 from slicing.stl import binary_stl, read_stl
 
@@ -24,7 +24,7 @@ def merged(corners):
     "mesh", [trimesh.creation.icosphere(2, 60.0), slab((100.0, 80.0), (90.0, 85.0), 40.0)]
 )
 def test_the_same_part_but_for_hundredths_of_a_mm(mesh):
-    new = merged(read_stl(binary_stl(waved(np.asarray(mesh.triangles)))).corners)
+    new = merged(read_stl(binary_stl(add_waves(np.asarray(mesh.triangles)))).corners)
     assert new.is_watertight
     assert new.volume == pytest.approx(mesh.volume, rel=2e-4)
     assert new.bounds == pytest.approx(mesh.bounds, abs=1.01 * WAVE_MM)
@@ -35,7 +35,7 @@ def test_the_same_part_but_for_hundredths_of_a_mm(mesh):
 def test_what_turns_lies_on_the_crests():
     """So that a flat side is straight from crest to trough, and no longer."""
     block = trimesh.creation.box((130.0, 40.0, 10.0))
-    new = merged(waved(np.asarray(block.triangles)))
+    new = merged(add_waves(np.asarray(block.triangles)))
     front = new.vertices[np.abs(new.vertices[:, 1] + 20.0) < 0.1]
     xs = np.unique(front[:, 0].round(1))
     assert np.diff(xs).max() <= STEPS_MM[0] + 0.1

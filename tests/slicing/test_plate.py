@@ -14,7 +14,7 @@ import trimesh
 from make_stl import stl_bytes
 from slicing import plate
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
-from slicing.plate import slice_plate, write_whole
+from slicing.plate import slice_plate, write_atomically
 
 
 def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
@@ -175,7 +175,7 @@ def test_a_full_disk_is_named_with_the_file_that_has_no_room(tmp_path, monkeypat
 
     monkeypatch.setattr("slicing.plate.os.fdopen", full)
     with pytest.raises(OSError, match="No space left") as error:
-        write_whole(tmp_path / "part.gcode", b"G28")
+        write_atomically(tmp_path / "part.gcode", b"G28")
     assert error.value.filename == str(tmp_path / "part.gcode")
     assert not list(tmp_path.iterdir())
 

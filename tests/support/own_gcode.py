@@ -9,8 +9,7 @@ from drivers.gcode.program import HeaterName, strip
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from make_gcode import FILAMENT_MM2, Summed
 from slicing.errors import GcodeRefused
-from slicing.own_gcode.accept import accept
-from slicing.own_gcode.target import PrintTarget
+from slicing.own_gcode import PrintTarget, accept
 from slicing_printers import UM2_PLUS
 
 ON_THE_LIST = re.compile(

@@ -23,8 +23,7 @@ from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.part_rooms import model_sizes
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_resources
+from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 MOST_PRINTERS = 100
 """That a number is chosen from, where a person names none."""

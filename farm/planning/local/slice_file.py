@@ -20,8 +20,7 @@ from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer
 from slicing.cache import trim_cache
 from slicing.errors import nearest
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 
 Tell = Callable[[str], None]
 _SPARE = 0.99  # of the largest size that fits: what is proposed is a rounded figure

@@ -29,8 +29,7 @@ from farm.planning.parts.printer_choice import Cut
 from farm.planning.plan import Decomposed, DecomposeTask, Sliced, TooFewPrinters
 from farm.planning.plan_records import DecomposedPart, printer_settings
 from farm.planning.plate_times import quickest_first
-from slicing.settings.qualities import OURS
-from slicing.settings.resources import Resources, find_resources
+from slicing.settings import FARM_QUALITIES, Resources, find_resources
 
 
 def warm() -> None:
@@ -146,7 +145,7 @@ def priced_rooms(
 
 def decomposition_options(options: JobOptions) -> Options:
     """How a job's model is cut."""
-    quality = OURS.get(options.quality)
+    quality = FARM_QUALITIES.get(options.quality)
     fits = quality is not None and quality.fits_first_layer
     return Options(Engine(options.engine), fit_first_layer=fits, prove=False)  # a person waits: no proof
 

@@ -6,7 +6,7 @@ from functools import cache
 
 from drivers.printers import PROFILES, RoomBox, part_room
 from farm.config import PrinterSection
-from slicing.settings.plate_settings import Settings
+from slicing.settings import EngineSettings
 
 
 def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]:
@@ -14,7 +14,9 @@ def printer_room(section: PrinterSection, brim_mm: float) -> tuple[RoomBox, ...]
     return part_room(PROFILES[section.model], brim_mm, section.volume_mm)
 
 
-def model_sizes(room: tuple[RoomBox, ...], settings: Settings) -> tuple[tuple[float, float, float], ...]:
+def model_sizes(
+    room: tuple[RoomBox, ...], settings: EngineSettings
+) -> tuple[tuple[float, float, float], ...]:
     """Sizes in mm (x, y, z) that a part may have in the model: it is printed larger, because it shrinks."""
     xy, z = settings.scale_xy, settings.scale_z
     return tuple((x / xy, y / xy, height / z) for x, y, height in (box.size_mm for box in room))

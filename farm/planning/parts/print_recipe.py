@@ -5,10 +5,10 @@ from __future__ import annotations
 from decompose.print_time import REFERENCE_SHRINKAGE, CostModel, Recipe
 from farm.config import PrinterSection
 from farm.planning.plate_times import prelude_seconds
-from slicing.settings.plate_settings import Settings
+from slicing.settings import EngineSettings
 
 
-def recipe(settings: Settings, prelude_s: float) -> Recipe:
+def recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
     """The numbers of the slicer's settings that decide print time, for the decomposition's cost.
 
     `prelude_s` is what each plate takes beside its layers (heat-up, start and end code).
@@ -41,7 +41,7 @@ def recipe(settings: Settings, prelude_s: float) -> Recipe:
     )
 
 
-def printer_cost(section: PrinterSection, settings: Settings) -> CostModel:
+def printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:
     """What a part costs on this printer, heat-up, start and end code included."""
     return CostModel.from_recipe(recipe(settings, prelude_seconds(section, settings)))
 

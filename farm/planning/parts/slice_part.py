@@ -13,7 +13,7 @@ from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import in_farm_words
 from farm.planning.plan_records import SliceTask
 from slicing.plate import PlateRequest, PlateResult, slice_plate
-from slicing.settings.plate_settings import PartSettings, Settings, resolve_settings
+from slicing.settings import EngineSettings, PartSettings, resolve_settings
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
@@ -49,7 +49,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         return slice_plate(request, progress)
 
 
-def settings_of(task: SliceTask, height_mm: float) -> Settings:
+def settings_of(task: SliceTask, height_mm: float) -> EngineSettings:
     """The settings for this part, which is printed so high. Raises the errors of `resolve_settings`."""
     chosen = PartSettings(
         height_mm=height_mm,

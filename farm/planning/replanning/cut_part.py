@@ -23,7 +23,7 @@ from farm.planning.error_translation import in_farm_words
 from farm.planning.parts.decompose_job import decomposition_options, priced_rooms
 from farm.planning.plan_records import DecomposedPart
 from farm.planning.replanning.replan import Pieces, ReplanTask
-from slicing.settings.resources import find_resources
+from slicing.settings import find_resources
 
 
 def cut_part(task: ReplanTask) -> Pieces:

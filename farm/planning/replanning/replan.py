@@ -17,7 +17,7 @@ from farm.model import JobOptions, Part, Plate
 from farm.planning.error_translation import in_farm_words
 from farm.planning.plan_records import DecomposedPart, Names, SliceTask, booked_part, booked_plate, slice_task
 from farm.state.storage.file_store import store_file
-from slicing.settings.resources import find_resources
+from slicing.settings import find_resources
 
 if TYPE_CHECKING:
     from slicing.plate import PlateResult

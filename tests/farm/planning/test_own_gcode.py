@@ -14,7 +14,7 @@ from farm.planning.own_gcode import inspect_gcode, is_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
 from make_gcode import marlin, square, ultigcode
 from slicing.errors import EngineMissing
-from slicing.settings.resources import find_resources
+from slicing.settings import find_resources
 
 LOW, TALL = "ultimaker2_plus", "ultimaker2_extended_plus"
 

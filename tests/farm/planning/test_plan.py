@@ -33,10 +33,8 @@ from farm.planning.plan import (
 from farm.planning.plan_records import MAY_FALL, MOST_WARNINGS, printer_settings, settings_request
 from farm.planning.plate_times import prelude_seconds
 from farm.state.storage.store import Store
-from slicing.checks.outline import Unprinted
-from slicing.settings.plate_settings import resolve_settings
-from slicing.settings.qualities import OURS
-from slicing.settings.resources import find_resources
+from slicing.checks import Unprinted
+from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
 MODEL = "ultimaker2_plus"
 
@@ -277,7 +275,7 @@ def test_parts_get_their_supports_in_every_quality(quality):
     assert settings.support_enabled
     assert settings.support_line_distance_mm > 0.0
     alone = replace(settings_request(section, quality), supported=False)
-    assert resolve_settings(alone, find_resources()).support_enabled == (quality in OURS)
+    assert resolve_settings(alone, find_resources()).support_enabled == (quality in FARM_QUALITIES)
 
 
 def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, monkeypatch):

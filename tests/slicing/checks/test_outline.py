@@ -8,13 +8,11 @@ import pytest
 import shapely
 import trimesh
 
-from slicing.checks.outline import check_outline
-from slicing.checks.toolpath import read_toolpath
-from slicing.checks.walls import Lines, lines_of
+from slicing.checks import WallLayout, check_outline, read_toolpath, wall_layout
 from slicing.errors import Rule, SliceRejected
 from slicing.plate import slice_plate
 
-LINES = Lines(
+LINES = WallLayout(
     layer_height_0_mm=0.3,
     layer_height_mm=0.2,
     width_mm=0.35,
@@ -193,11 +191,11 @@ def test_a_wall_of_one_line_is_printed():
 )
 def test_settings_that_leave_the_outline(settings_of, setting):
     settings = settings_of()
-    assert lines_of(settings) is not None
+    assert wall_layout(settings) is not None
     for scope in (settings.global_, settings.extruder):
         name = "global_" if scope is settings.global_ else "extruder"
-        assert lines_of(replace(settings, **{name: scope | setting})) is None
-    assert lines_of(replace(settings, wall_count=0)) is None
+        assert wall_layout(replace(settings, **{name: scope | setting})) is None
+    assert wall_layout(replace(settings, wall_count=0)) is None
 
 
 SPHERE = trimesh.creation.icosphere(3, 12)

@@ -4,16 +4,16 @@ import pickle
 
 import pytest
 
+from slicing.checks import read_toolpath
 from slicing.checks.output import (
     check,
     check_bed,
     check_log,
     check_parking,
-    facts_of,
-    removed_layers,
-    with_header,
+    count_removed_layers,
+    gather_facts,
+    replace_header,
 )
-from slicing.checks.toolpath import read_toolpath
 from slicing.errors import Rule, SliceRejected
 
 GOOD = b""";FLAVOR:Marlin
@@ -49,7 +49,7 @@ BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 
 def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
-    facts = facts_of(read_toolpath(gcode), 170.0)
+    facts = gather_facts(read_toolpath(gcode), 170.0)
     check(
         facts,
         height_mm=height_mm,
@@ -152,15 +152,15 @@ def test_the_true_header_replaces_the_placeholder():
     log = (
         "x\nGcode header after slicing:\n;FLAVOR:Marlin\n;TIME:21\nEnd of gcode header.\nPrint time (s): 21\n"
     )
-    headed = with_header(GOOD, log)
+    headed = replace_header(GOOD, log)
     assert headed.startswith(b";FLAVOR:Marlin\n;TIME:21\n\n;Generated with Cura")
     assert headed.partition(b"M82")[2] == GOOD.partition(b"M82")[2]
-    assert with_header(GOOD, "no header here") == GOOD
+    assert replace_header(GOOD, "no header here") == GOOD
 
 
 def test_how_many_layers_were_taken_away_at_the_bottom():
-    assert removed_layers("Starting\nRemoving 2 layers because they are empty\nLayer count: 9\n") == 2
-    assert removed_layers("Layer count: 9\n") == 0
+    assert count_removed_layers("Starting\nRemoving 2 layers because they are empty\nLayer count: 9\n") == 2
+    assert count_removed_layers("Layer count: 9\n") == 0
 
 
 def test_a_refusal_passes_between_processes():

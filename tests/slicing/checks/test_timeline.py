@@ -9,8 +9,7 @@ from drivers.gcode.program import strip
 from drivers.gcode.timeline import Feature
 from drivers.printers import PROFILES
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
-from slicing.checks.timeline import with_times
-from slicing.checks.toolpath import read_toolpath
+from slicing.checks import add_times, read_toolpath
 from slicing.plate import slice_plate
 
 TWO_LAYERS = b"""G28
@@ -32,7 +31,7 @@ G28
 
 
 def test_time_is_shared_out_by_what_the_moves_take():
-    timed = with_times(TWO_LAYERS, read_toolpath(TWO_LAYERS))
+    timed = add_times(TWO_LAYERS, read_toolpath(TWO_LAYERS))
     assert b";TIME_ELAPSED:2.000000\n;TYPE:WALL-OUTER\n" in timed
     assert b";TIME_ELAPSED:8.800000\n;TYPE:FILL\n" in timed
     assert timed.count(b"TIME_ELAPSED") == 4
@@ -42,7 +41,7 @@ def test_time_is_shared_out_by_what_the_moves_take():
 
 def test_a_file_without_times_stays_as_it_is():
     bare = TWO_LAYERS.replace(b";TIME_ELAPSED", b";NOTHING")
-    assert with_times(bare, read_toolpath(bare)) == bare
+    assert add_times(bare, read_toolpath(bare)) == bare
 
 
 def queued_s(path):

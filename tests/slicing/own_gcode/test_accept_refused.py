@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from make_gcode import FILAMENT_MM2, after, as_bytes, marlin, square, ultigcode
 from own_gcode import body, followed, refused, safe, take
 from slicing.errors import GcodeRefused
-from slicing.own_gcode.lines import LONGEST
+from slicing.own_gcode import LONGEST
 
 
 @pytest.mark.parametrize("tail", [[], ["G1 E0 F1500"]])

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slicing.plate import slice_plate
+from slicing.settings import PartSettings, SettingsRequest, resolve_settings
 from slicing.settings.layer_heights import CERTAIN_LAYERS, EXACT_MM, LayerHeights, fit_heights, printed_mm
-from slicing.settings.plate_settings import PartSettings, SettingsRequest, resolve_settings
 from slicing_printers import UM2_PLUS
 
 HIGHEST_MM = 320.0

@@ -6,9 +6,14 @@ from dataclasses import replace
 import pytest
 
 from slicing.errors import BadSetting, EngineMissing, ResourcesMissing
-from slicing.settings.plate_settings import PartSettings, SettingsRequest, resolve_settings
-from slicing.settings.qualities import OURS
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import (
+    FARM_QUALITIES,
+    PartSettings,
+    SettingsRequest,
+    find_engine,
+    find_resources,
+    resolve_settings,
+)
 from slicing_printers import UM2_PLUS
 
 
@@ -34,7 +39,7 @@ def test_the_papers_settings(resources, settings_of):
     assert s.extruder["brim_line_count"] == "23"
 
 
-@pytest.mark.parametrize("quality", ["fast", "normal", "high", *OURS])
+@pytest.mark.parametrize("quality", ["fast", "normal", "high", *FARM_QUALITIES])
 @pytest.mark.parametrize(
     ("model", "height"), [("ultimaker2_plus", "205"), ("ultimaker2_extended_plus", "305")]
 )

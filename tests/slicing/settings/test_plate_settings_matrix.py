@@ -5,18 +5,17 @@ from collections import Counter
 import pytest
 
 from slicing.errors import BadSetting
+from slicing.settings import FARM_QUALITIES, SettingsRequest, resolve_settings
 from slicing.settings.limits import violations
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.qualities import OURS
 from slicing.settings.resolver import Resolver
-from slicing.settings.shrinkage import compensation
+from slicing.settings.shrinkage import shrinkage_factors
 from slicing.settings.stacks import find_stacks
 from slicing_printers import PRINTERS, UM2_PLUS
 
 MODELS = ("ultimaker2_plus", "ultimaker2_extended_plus", "ultimaker2", "ultimaker2_extended", "ultimaker2_go")
 FIRST = ("ultimaker2_plus", "ultimaker2")  # the others have their profiles
 NOZZLES_MM = (0.25, 0.4, 0.6, 0.8)
-QUALITIES = ("high", "normal", "fast", "draft", "slightlycoarse", "coarse", "extracoarse", *OURS)
+QUALITIES = ("high", "normal", "fast", "draft", "slightlycoarse", "coarse", "extracoarse", *FARM_QUALITIES)
 # The generic materials, some brands' of both diameters, and one that is too hot.
 BRANDS = (
     "ultimaker_pla_blue",
@@ -86,7 +85,7 @@ def test_what_cura_s_own_profiles_violate_is_known(resources, model):
                 except BadSetting:
                     continue
                 resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.layers)
-                beyond |= {one.key for one in violations(resolver, PRINTERS[model]) if not one.ours}
+                beyond |= {one.key for one in violations(resolver, PRINTERS[model]) if not one.is_farm_limit}
     assert beyond <= CURA_S
 
 
@@ -110,7 +109,7 @@ def test_a_bed_that_cannot_be_heated_is_not_asked_to(resources):
 @pytest.mark.parametrize(
     ("quality", "material", "overrides", "scale"),
     [
-        ("glue", "generic_abs", {}, compensation("ABS")),
+        ("glue", "generic_abs", {}, shrinkage_factors("ABS")),
         ("glue", "generic_pla", {}, (1.002, 1.001)),
         ("paper", "generic_abs", {}, (1.0, 1.0)),
         ("fast", "generic_abs", {}, (1.0, 1.0)),

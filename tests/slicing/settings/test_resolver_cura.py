@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from slicing.errors import EngineMissing
+from slicing.settings import Resources, find_resources
 from slicing.settings.formula import Formula
 from slicing.settings.resolver import Place, Resolver, Scope
-from slicing.settings.resources import Resources, find_resources
 from slicing.settings.stacks import find_stacks
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"

@@ -19,8 +19,7 @@ from farm.planning.parts.print_recipe import recipe
 from farm.planning.plate_times import plate_seconds, prelude_seconds
 from slicing.errors import EngineMissing
 from slicing.plate import PlateRequest, slice_plate
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import UM2_PLUS
 
 BED = ((-111.5, -111.5, 111.5, 111.5, 205.0),)

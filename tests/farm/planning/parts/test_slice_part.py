@@ -10,8 +10,7 @@ from farm.errors import FarmError
 from farm.planning.parts.part_rooms import model_sizes, printer_room
 from farm.planning.parts.slice_part import slice_part
 from farm.planning.plan_records import SliceTask
-from slicing.settings.plate_settings import SettingsRequest, resolve_settings
-from slicing.settings.resources import find_engine, find_resources
+from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import PRINTERS
 
 MODEL = "ultimaker2_plus"
