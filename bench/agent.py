@@ -25,8 +25,8 @@ from pathlib import Path
 
 from drivers import messages as m
 from drivers.clock import Clock
-from drivers.emulator import wording
-from drivers.emulator.planner import Limits
+from drivers.emulator.firmware import wording
+from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.port import Port
 from drivers.errors import DriverError
 from drivers.printers import PROFILES

@@ -1,8 +1,8 @@
 """How many moves a second an emulator takes: its firmware alone, and through its port.
 
 ``python -m bench.emulator_throughput [--json] [--lines N]`` streams a spiral of short moves, one line in
-flight. The first figure is the processor time of a line in `Firmware.feed`, with the clock ahead of the
-moves; the second is the wall time of a round trip through a pseudo-terminal to an emulator process whose
+flight. The first figure is the processor time of a line in `EmulatedFirmware.feed`, with the clock ahead of
+the moves; the second is the wall time of a round trip through a pseudo-terminal to an emulator process whose
 clock runs fast enough never to wait.
 """
 
@@ -22,7 +22,7 @@ from pathlib import Path
 
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.printers import PROFILES
 
@@ -47,7 +47,7 @@ def spiral(lines: int) -> list[bytes]:
 
 def firmware_us(lines: list[bytes]) -> float:
     """Processor microseconds of a move in the firmware, its wake-ups included."""
-    firmware = Firmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
+    firmware = EmulatedFirmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
     now_s = 10.0
     firmware.feed(b"", now_s)
     began = 0.0

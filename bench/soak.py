@@ -15,7 +15,7 @@ import time
 from dataclasses import dataclass
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
@@ -58,7 +58,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     """Print so many lines; `damage` is the probability of a byte."""
     faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
     now_s = 0.0
-    firmware = Firmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
+    firmware = EmulatedFirmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
     link = Link(ULTIMAKER2)
     link.opened(now_s)
     fault: str | None = None

@@ -20,7 +20,7 @@ from itertools import pairwise
 from statistics import median
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
@@ -195,7 +195,7 @@ def move(at: int) -> bytes:
     return b"G1 X%.2f Y%.1f E%.4f" % (100 + at % 2 * 0.5, 100 + at // EVERY_LINES % 50 * 0.5, at * 0.02)
 
 
-class Recorder(Firmware):
+class Recorder(EmulatedFirmware):
     """Remembers the numbered lines that it took, besides reports."""
 
     def __init__(self, rng: random.Random) -> None:

@@ -18,14 +18,13 @@ from types import FrameType
 from typing import IO, Any
 
 from drivers.clock import Clock
-from drivers.emulator import person
 from drivers.emulator.faults import DUE, Faults, parse_faults
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware import person
+from drivers.emulator.firmware.firmware import EmulatedFirmware
+from drivers.emulator.hardware.wire import Wire
 from drivers.emulator.launch import ALIVE_LOCK, CONTROL, TTY, Command, short_path
-from drivers.emulator.mishaps import happen
 from drivers.emulator.port import Port
 from drivers.emulator.status import EmulatorStatus, write_status
-from drivers.emulator.wire import Wire
 from drivers.errors import PortError
 from drivers.printers import PROFILES, Profile
 
@@ -46,8 +45,11 @@ class Emulator:
         self._folder = folder
         self._clock = clock
         self._origin_s = clock.now()
-        self._wires = (Wire(), Wire()) if faults.wire else None  # from the host, to the host
-        self._firmware = Firmware(profile, faults, random.Random(seed), 0.0)
+        baud_rate = profile.firmware.baud_rate
+        self._wires = (
+            (Wire(baud_rate), Wire(baud_rate)) if faults.wire else None
+        )  # from the host, to the host
+        self._firmware = EmulatedFirmware(profile, faults, random.Random(seed), 0.0)
         self._port = Port(folder / TTY)
         self._control = _listen(folder)
         self._bytewise = faults.bytewise
@@ -189,7 +191,7 @@ class Emulator:
                 if request["fault"] not in DUE:
                     return {"error": f"no fault {request['fault']!r}; use one of {', '.join(DUE)}"}
                 self._firmware.feed(b"", now_s)
-                happen(request["fault"], self._firmware, now_s)
+                self._firmware.break_down(request["fault"], now_s)
             case Command.UNPLUG:
                 self._pieces.clear()
                 self._port.unplug()

@@ -1,8 +1,8 @@
 """What goes wrong on request: named faults, and the dice that they are drawn from.
 
 A new fault is a field of `Faults` (its name is its name in the url) and one place that asks for it: `Dice`
-for what happens to lines, `Board` for what is broken physically, `Firmware` for what the board does by
-itself.
+for what happens to lines, `EmulatedBoard` for what is broken physically, `EmulatedFirmware` for what the
+board does by itself.
 """
 
 from __future__ import annotations

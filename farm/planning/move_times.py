@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.emulator.planner import CAPACITY, Limits, Planner
+from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner
 from drivers.printers import Profile
 
 

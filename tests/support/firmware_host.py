@@ -7,7 +7,7 @@ from functools import reduce
 from operator import xor
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.printers import PROFILES
 
 
@@ -17,7 +17,7 @@ class Host:
     def __init__(
         self, model: str = "ultimaker2_plus", faults: Faults | None = None, boot: bool = True
     ) -> None:
-        self.firmware = Firmware(PROFILES[model], faults or Faults(), random.Random(1), 0.0)
+        self.firmware = EmulatedFirmware(PROFILES[model], faults or Faults(), random.Random(1), 0.0)
         self.board = self.firmware.board
         self.now_s = 0.0
         self.n = 0

@@ -6,7 +6,7 @@ import random
 from collections.abc import Callable
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode.program import Store, strip
@@ -67,7 +67,7 @@ class Rig:
         store: Store | None = None,
     ) -> None:
         self.now_s = 1000.0
-        self.firmware = Firmware(PROFILES[model], faults, random.Random(seed), self.now_s)
+        self.firmware = EmulatedFirmware(PROFILES[model], faults, random.Random(seed), self.now_s)
         if faults.no_reset:
             self.now_s += 60.0  # it was switched on long before
             self.firmware.feed(b"", self.now_s)

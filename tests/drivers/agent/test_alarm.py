@@ -14,7 +14,6 @@ from drivers.agent.board import Board
 from drivers.agent.journal import JOURNAL, Journal, recall
 from drivers.agent.print_record import Record
 from drivers.clock import Clock
-from drivers.emulator.mishaps import happen
 from drivers.errors import Fault, JournalError
 from drivers.link.replies import Report, Trouble
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
@@ -220,7 +219,7 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
     tmp_path: Path, mark: Path, heater: str, command: bool
 ):
     agent, rig = printing(tmp_path, relay(mark) if command else None)
-    happen(f"{heater}_burns_after", rig.firmware, rig.now_s)
+    rig.firmware.break_down(f"{heater}_burns_after", rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
     told = recall(tmp_path / JOURNAL)[0].alarm
@@ -240,7 +239,7 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
 def test_a_print_s_end_waits_for_what_came_of_the_command(tmp_path: Path, mark: Path):
     os.mkfifo(tmp_path / "gate")
     agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
-    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
     go_on(agent, rig, lambda: rig.session.context.ended)
     agent.record.remember()
     assert agent.board.session is not None and agent.journal.memory.print is not None
@@ -253,7 +252,7 @@ def test_a_print_s_end_waits_for_what_came_of_the_command(tmp_path: Path, mark: 
 
 def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
-    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
     rig.firmware.board.nozzle.temperature_c(rig.now_s)
     rig.firmware.board.nozzle.burns = False
@@ -264,7 +263,7 @@ def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path
 
 def test_a_cancel_that_leaves_a_heater_burning_asks_for_a_look(tmp_path: Path, mark: Path):
     agent, rig = printing(tmp_path, relay(mark))
-    happen("nozzle_burns_after", rig.firmware, rig.now_s)
+    rig.firmware.break_down("nozzle_burns_after", rig.now_s)
     rig.session.cancel("no more", rig.now_s)
     go_on(agent, rig, lambda: agent.board.session is None)
     assert runs(mark) == 1

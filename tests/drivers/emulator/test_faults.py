@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.faults import Dice, Faults, parse_faults, parse_url
-from drivers.emulator.wire import BYTE_S, Wire
+from drivers.emulator.hardware.wire import Wire
 from drivers.errors import PortError
 
 
@@ -57,13 +57,13 @@ def test_a_disturbed_line_differs_in_one_byte(line: bytes, seed: int) -> None:
 
 
 def test_bytes_take_their_time_one_behind_the_other() -> None:
-    wire = Wire()
+    wire, byte_s = Wire(250_000), 40e-6
     wire.put(b"x" * 100, 10.0)
     wire.put(b"y" * 50, 10.001)
-    assert wire.due_s() == pytest.approx(10.0 + 100 * BYTE_S)
+    assert wire.due_s() == pytest.approx(10.0 + 100 * byte_s)
     assert wire.take(10.0039) == b""
     assert wire.take(10.0041) == b"x" * 100
-    assert wire.due_s() == pytest.approx(10.0 + 150 * BYTE_S)
+    assert wire.due_s() == pytest.approx(10.0 + 150 * byte_s)
     assert wire.take(11.0) == b"y" * 50
     wire.put(b"z", 12.0)
     wire.cut()

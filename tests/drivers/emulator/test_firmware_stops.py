@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.listener import Phase
+from drivers.emulator.firmware.listener import Phase
 from firmware_host import Host, numbered
 
 STOPPED = (

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.emulator.planner import CAPACITY, STAND_MM_S, Limits, Planner, Point
+from drivers.emulator.firmware.planner import CAPACITY, STAND_MM_S, Limits, Planner, Point
 from drivers.printers import PROFILES
 
 PROFILE = PROFILES["ultimaker2_plus"]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.emulator.thermal import AMBIENT_C, FULL_POWER, Heater
+from drivers.emulator.hardware.thermal import AMBIENT_C, FULL_POWER, Heater
 from drivers.printers import PROFILES
 
 NOZZLE = PROFILES["ultimaker2_plus"].nozzle

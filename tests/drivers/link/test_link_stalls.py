@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from bench.stalls import KINDS, run
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase
 from drivers.printers import PROFILES
@@ -50,7 +50,10 @@ def test_behind_slow_moves_nothing_is_sent_twice_and_a_lost_ok_costs_nothing(
     """Up to 90 s a move: the board is silent for as long, and is asked meanwhile."""
     places = [20.0 + (mm if at % 2 else 0.0) for at, mm in enumerate(moves)]
     program = [b"G1 F%d X%.1f" % (feed_mm_min, x) for x in places]
-    firmware, link = Firmware(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0), Link(ULTIMAKER2)
+    firmware, link = (
+        EmulatedFirmware(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0),
+        Link(ULTIMAKER2),
+    )
     link.opened(0.0)
     now_s, up, answers = 0.0, False, 0
     while not (up and link.drained):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from bench.soak import soak
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
-from drivers.emulator.noise import Noise
+from drivers.emulator.firmware.firmware import EmulatedFirmware
+from drivers.emulator.hardware.noise import Noise
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Link, Phase, Trouble
@@ -20,7 +20,7 @@ from drivers.printers import PROFILES
 NAMED = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}
 
 
-class Recorder(Firmware):
+class Recorder(EmulatedFirmware):
     """Remembers the numbered lines that it took."""
 
     def __init__(self, faults: Faults, seed: int) -> None:

@@ -13,7 +13,7 @@ from agent_with_emulator import everything
 from drivers.agent.board import Board
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
-from drivers.emulator.receiver import RING_BYTES
+from drivers.emulator.firmware.receiver import RING_BYTES
 from drivers.firmware import ULTIMAKER2
 from drivers.link.link import Event, Link, Up
 from drivers.ports.port import Port

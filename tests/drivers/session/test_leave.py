@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.firmware import Firmware
-from drivers.emulator.mishaps import happen
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
@@ -58,13 +57,13 @@ def somebody_turns_the_knob(rig: Rig) -> None:
 
 
 def the_board_goes_mute_and_it_is_cancelled(rig: Rig) -> None:
-    happen("silent_after", rig.firmware, rig.now_s)
+    rig.firmware.break_down("silent_after", rig.now_s)
     cancelled(rig)
 
 
 def it_happens(name: str) -> Way:
     def way(rig: Rig) -> None:
-        happen(name, rig.firmware, rig.now_s)
+        rig.firmware.break_down(name, rig.now_s)
 
     way.__name__ = name
     return way
@@ -138,7 +137,7 @@ def print_again(rig: Rig) -> float:
     board = rig.firmware.board
     fresh = Faults()
     after = Rig(text=gcode(20), filament=rig.session.context.filament)
-    after.firmware = Firmware(PLUS, fresh, random.Random(0), after.now_s)
+    after.firmware = EmulatedFirmware(PLUS, fresh, random.Random(0), after.now_s)
     after.firmware.board.filament_end_mm = board.filament_end_mm
     after.run(until=lambda: after.session.context.phase is PrintPhase.PRINTING)
     return after.firmware.board.filament_end_mm

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from drivers.emulator.faults import Faults
-from drivers.emulator.listener import Phase
+from drivers.emulator.firmware.listener import Phase
 from drivers.errors import Fault
 from drivers.link.link import Phase as LinkPhase
 from drivers.link.link import Trouble

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from drivers.emulator.planner import CAPACITY, Limits, Planner
+from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner
 from drivers.gcode.program import strip
 from drivers.gcode.timeline import Feature
 from drivers.printers import PROFILES

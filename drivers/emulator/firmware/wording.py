@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from drivers.emulator.planner import Limits
+from drivers.emulator.firmware.planner import Limits
 from drivers.printers import Profile
 
 OK = b"ok\n"

@@ -12,11 +12,11 @@ from abc import ABC, abstractmethod
 from collections import deque
 from enum import StrEnum
 
-from drivers.emulator import wording
 from drivers.emulator.faults import Dice, Faults
-from drivers.emulator.machine import Machine, value
-from drivers.emulator.noise import Noise
-from drivers.emulator.receiver import Receiver
+from drivers.emulator.firmware import wording
+from drivers.emulator.firmware.machine import Machine, value
+from drivers.emulator.firmware.receiver import Receiver
+from drivers.emulator.hardware.noise import Noise
 from drivers.link.replies import checksum
 
 LINES = 8

@@ -1,9 +1,9 @@
 """The firmware's main loop: bytes and the time in, bytes out; no I/O and no clock.
 
-`Firmware.feed` works out everything that happened up to `now` at its own exact time (a move that ended at
-103.2 s frees its place at 103.2 s, also when that is noticed at 103.4 s), so that a late host does not
-stretch a print while the planner has moves left. `Firmware.deadline_s` is when it wants to be called again
-without bytes.
+`EmulatedFirmware.feed` works out everything that happened up to `now` at its own exact time (a move that
+ended at 103.2 s frees its place at 103.2 s, also when that is noticed at 103.4 s), so that a late host does
+not stretch a print while the planner has moves left. `EmulatedFirmware.deadline_s` is when it wants to be
+called again without bytes.
 
 The order of things follows ``Marlin_main.cpp``: ``get_command`` (`listener`) takes lines out of a ring of 127
 bytes into a buffer of 8, and says ok to G0-G3 there; the loop carries out one line at a time and reads no
@@ -17,13 +17,12 @@ import random
 from collections import deque
 from collections.abc import Callable
 
-from drivers.emulator import wording
-from drivers.emulator.board import Board
-from drivers.emulator.commands import Work, execute, temperatures
 from drivers.emulator.faults import SLEEP_S, Faults
-from drivers.emulator.listener import LINES, Listener, Phase
-from drivers.emulator.machine import Machine, value
-from drivers.emulator.mishaps import happen
+from drivers.emulator.firmware import wording
+from drivers.emulator.firmware.commands import Work, execute, temperatures
+from drivers.emulator.firmware.listener import LINES, Listener, Phase
+from drivers.emulator.firmware.machine import Machine, value
+from drivers.emulator.hardware.board import EmulatedBoard
 from drivers.printers import Profile
 
 BOOTLOADER_S = 1.0  # [assumed] bytes are lost
@@ -33,7 +32,7 @@ SD_FAIL_S = 2.3  # from start
 WATCHDOG_S = 4.07
 
 
-class Firmware(Listener):
+class EmulatedFirmware(Listener):
     """One printer from power on; `reset` is what an opened port does to it.
 
     Parameters
@@ -50,7 +49,7 @@ class Firmware(Listener):
 
     def __init__(self, profile: Profile, faults: Faults, rng: random.Random, now_s: float) -> None:
         super().__init__(faults, rng)
-        self.board = Board(profile, faults)
+        self.board = EmulatedBoard(profile, faults)
         self.resets = -1  # the boot at power on is none
         self._due: dict[int, list[str]] = {}
         for name, line in faults.due.items():
@@ -298,18 +297,41 @@ class Firmware(Listener):
         self.reset(now_s, boot_s=0.0)
 
     def _break_down(self) -> None:
-        """The faults that happen at a line of their own."""
+        """Let the faults happen that have a line of their own."""
         for name in self._due.get(self.lines, ()):
-            happen(name, self, self._time_s)
+            self.break_down(name, self._time_s)
 
-    def fall_silent(self) -> None:
-        """Hear and say nothing more until a reset; the heaters stay on."""
-        self.phase = Phase.MUTE
-
-    def sleep(self, now_s: float) -> None:
-        """Do nothing for a while, and then go on as if nothing had been."""
-        self._asleep_s = now_s + SLEEP_S
-
-    def stick(self) -> None:
-        """Ask for the next line for ever."""
-        self._stuck_n = self._last_n + 1
+    def break_down(self, name: str, now_s: float) -> None:
+        """Let one of the faults happen that count lines; `name` is that of its field in `Faults`."""
+        board = self.board
+        match name:
+            case "reset_after":
+                self.reset(now_s)
+            case "silent_after":
+                self.phase = Phase.MUTE  # until a reset; the heaters stay on
+            case "sleep_after":
+                self._asleep_s = now_s + SLEEP_S  # and then go on as if nothing had been
+            case "stuck_after":
+                self._stuck_n = self._last_n + 1  # asks for the next line for ever
+            case "kill_after":
+                self.kill(now_s)
+            case "zero_after":
+                board.set_nozzle(0.0, now_s)
+            case "nozzle_dies_after" | "nozzle_burns_after":
+                board.nozzle.temperature_c(now_s)
+                board.nozzle.dead, board.nozzle.burns = "dies" in name, "burns" in name
+                self.machine.foresee(now_s)
+            case "bed_dies_after" | "bed_burns_after":
+                board.bed.temperature_c(now_s)
+                board.bed.dead, board.bed.burns = "dies" in name, "burns" in name
+            case "stop_after":
+                self.stop(wording.NOZZLE_MAXTEMP, now_s)
+            case "nozzle_short_after":
+                self.stop(wording.NOZZLE_MINTEMP, now_s)
+            case "bed_open_after":
+                self.stop(wording.BED_MAXTEMP, now_s)
+            case "bed_short_after":
+                board.bed_shorted = True
+                board.set_bed(board.bed.target_c, now_s)
+            case _:
+                raise AssertionError(f"nobody knows how {name} happens")

@@ -5,20 +5,21 @@ from __future__ import annotations
 import math
 from collections import deque
 
-BYTE_S = 10 / 250_000  # 8N1: ten bits a byte
+BYTE_BITS = 10  # 8N1
 
 
 class Wire:
     """One direction of the line. What is put in together comes out together, with its last byte."""
 
-    def __init__(self) -> None:
+    def __init__(self, baud_rate: int) -> None:
+        self._byte_s = BYTE_BITS / baud_rate
         self._under_way: deque[tuple[float, bytes]] = deque()
         self._free_s = -math.inf
 
     def put(self, data: bytes, now_s: float) -> None:
         """Send bytes from now on, behind those that are under way."""
         if data:
-            self._free_s = max(self._free_s, now_s) + len(data) * BYTE_S
+            self._free_s = max(self._free_s, now_s) + len(data) * self._byte_s
             self._under_way.append((self._free_s, data))
 
     def take(self, now_s: float) -> bytes:

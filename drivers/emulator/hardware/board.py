@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from drivers.emulator.faults import WEAK_BED_C, WEAK_NOZZLE_C, Faults
-from drivers.emulator.thermal import AMBIENT_C, Heater
+from drivers.emulator.hardware.thermal import AMBIENT_C, Heater
 from drivers.printers import Profile
 
 SHORTED_C = -14.0  # [assumed] what a shorted bed sensor reads: colder than MINTEMP, which has no check here
@@ -15,7 +15,7 @@ CHANGE_HEIGHT_MM = 5.0
 OOZE_MM = 0.5
 
 
-class Board:
+class EmulatedBoard:
     """The printer without its firmware's memory.
 
     The bed is not clear as soon as more than `OOZE_MM` of filament has left the nozzle with the head lower

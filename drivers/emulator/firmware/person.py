@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from drivers.emulator.firmware import Firmware
+from drivers.emulator.firmware.firmware import EmulatedFirmware
 
 SD_FILE_BYTES = 5_000_000
 SD_NOZZLE_C, SD_BED_C = 210.0, 60.0
 
 
-def set_nozzle(firmware: Firmware, target_c: float, now_s: float) -> None:
+def set_nozzle(firmware: EmulatedFirmware, target_c: float, now_s: float) -> None:
     """Turn the nozzle's temperature."""
     firmware.feed(b"", now_s)
     firmware.machine.heat_nozzle(target_c, now_s)
 
 
-def set_bed(firmware: Firmware, target_c: float, now_s: float) -> None:
+def set_bed(firmware: EmulatedFirmware, target_c: float, now_s: float) -> None:
     """Turn the bed's temperature."""
     firmware.feed(b"", now_s)
     firmware.machine.heat_bed(target_c, now_s)
 
 
-def move(firmware: Firmware, z_mm: float, now_s: float) -> None:
+def move(firmware: EmulatedFirmware, z_mm: float, now_s: float) -> None:
     """Raise or lower the bed."""
     firmware.feed(b"", now_s)
     firmware.machine.linear(1200.0, None, None, z_mm, None, now_s)
 
 
-def print_sd(firmware: Firmware, now_s: float) -> None:
+def print_sd(firmware: EmulatedFirmware, now_s: float) -> None:
     """Print from the card: heats, moves, and M27 tells how far it is."""
     set_nozzle(firmware, SD_NOZZLE_C, now_s)
     set_bed(firmware, SD_BED_C, now_s)

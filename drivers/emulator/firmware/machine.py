@@ -10,9 +10,9 @@ import re
 from collections import deque
 from collections.abc import Callable
 
-from drivers.emulator import wording
-from drivers.emulator.board import Board
-from drivers.emulator.planner import CAPACITY, Limits, Planner, Point
+from drivers.emulator.firmware import wording
+from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner, Point
+from drivers.emulator.hardware.board import EmulatedBoard
 
 ROOM_MM = (230.0, 224.5, 10.0)  # soft limits of X and Y; of Z this much above its home
 EXTRUDE_MIN_C = 170.0
@@ -56,7 +56,11 @@ class Machine:
     """
 
     def __init__(
-        self, board: Board, say: Callable[[bytes], None], stop: Callable[[bytes, float], None], now_s: float
+        self,
+        board: EmulatedBoard,
+        say: Callable[[bytes], None],
+        stop: Callable[[bytes, float], None],
+        now_s: float,
     ) -> None:
         self.board = board
         self.limits = Limits.of(board.profile)

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from drivers.emulator import wording
-from drivers.emulator.machine import Machine, positive, value
+from drivers.emulator.firmware import wording
+from drivers.emulator.firmware.machine import Machine, positive, value
 
 Work = Iterator[float]
 
