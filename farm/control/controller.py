@@ -67,6 +67,7 @@ from farm.state.recovery.journal_import import import_agent_journal
 from farm.state.reels import fleet_with_reels
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
+from farm.state.validate import validate
 from farm.views.context import ViewContext
 
 log = logging.getLogger(__name__)
@@ -150,6 +151,8 @@ class Core:
                 self.happened(ev.PrinterAdded(at_s=now_s, printer=section.name, bed=bed))
         if restored_s is not None:
             self.happened(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
+            for problem in validate(self.books):
+                log.error("the books that were restored do not agree with themselves: %s", problem)
         for job in list(self.books.jobs.values()):
             if job.state is JobState.PLANNING:
                 self.happened(ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None))

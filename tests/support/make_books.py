@@ -7,6 +7,7 @@ from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.lifecycles import undeclared_changes
 from farm.state.transitions import apply
+from farm.state.validate import validate
 
 PRINTERS = ("a", "b", "c")
 
@@ -74,6 +75,7 @@ def run(books, *events):
         before = books
         books, more = apply(event, before)
         assert undeclared_changes(event, before, books) == []
+        assert validate(books) == []
         instructions += more
     return books, instructions
 

@@ -15,10 +15,12 @@ from farm.model import (
     JobState,
     Link,
     PrintState,
+    Reel,
     Verdict,
 )
 from farm.paths import StateFolder
 from farm.state import events as ev
+from farm.state.books import put
 from farm.state.recovery.journal_import import import_agent_journal
 from farm.state.storage.store import copy_books
 from farm.views.tasks import list_tasks
@@ -197,3 +199,13 @@ def test_a_daemon_that_dies_while_it_books_what_an_agent_told_asks_it_again(tmp_
         other.core.happened(*import_agent_journal(other.core.books, ready, prints, PLANNED_S + 1e3))
         assert other.core.books.prints == farm.core.books.prints
         assert other.core.unreported_since_s("a") is None
+
+
+def test_restored_books_that_do_not_agree_with_themselves_are_named_in_the_log(tmp_path, caplog):
+    farm = Farm(tmp_path / "farm")
+    spoilt = farm.core.books.printer("a").model_copy(
+        update={"reel": Reel(material="generic_pla", grams=-1.0, nozzle_mm=0.4)}
+    )
+    farm.core.books = put(farm.core.books, spoilt)
+    farm.core.start(restored_s=1.0)
+    assert "printer a: its reel has -1 g" in caplog.text
