@@ -42,8 +42,9 @@ from decompose.relevel import relevel_planes
 from decompose.results import Decomposition
 from drivers.printers import BEDS, PROFILES, part_room
 from farm.errors import FarmError
+from farm.model import PartPrintOptions
+from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import slice_part
-from farm.planning.plan_records import SliceTask
 from farm.planning.slicing_printers import slicing_printer
 from slicing.errors import SlicingError
 from slicing.plate import PlateRequest, slice_plate
@@ -145,10 +146,13 @@ def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, job
     def one(part: dict[str, Any]) -> float | None:
         task = SliceTask(
             part["id"], folder / part["file"], request, find_resources(), settings, room, find_engine(),
-            folder / f"{part['id']}.gcode", cache, part["brim_width_mm"], part["layer_0_expansion_mm"],
+            folder / f"{part['id']}.gcode", cache,
+            PartPrintOptions(
+                brim_width_mm=part["brim_width_mm"], layer_0_expansion_mm=part["layer_0_expansion_mm"]
+            ),
         )  # fmt: skip
         try:
-            return slice_part(task).print_time_s
+            return slice_part(task).sliced_s
         except FarmError as error:
             print(f"{run.name} {part['id']}: {error}", file=sys.stderr)
             return None
@@ -177,7 +181,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     out = stl.with_suffix(".gcode")
     request = PlateRequest(stl, settings, out, find_engine(), ANYWHERE, WHOLE_TIMEOUT_S, cache)
     try:
-        seconds = slice_plate(request).print_time_s
+        seconds = slice_plate(request).sliced_s
     except SlicingError as error:
         print(f"{run.path.stem} whole: {error}", file=sys.stderr)
         seconds = None

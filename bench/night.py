@@ -35,8 +35,8 @@ from farm.config import load_fleet
 from farm.errors import DaemonUnreachable, FarmError
 from farm.model import Bed, Job, JobOptions, PrintState
 from farm.paths import StateFolder
-from farm.planning.fleet_check import mistake_in
-from farm.planning.own_gcode import inspect_gcode, plan_gcode
+from farm.planning.inspection.fleet_check import mistake_in
+from farm.planning.inspection.own_gcode import inspect_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask, Plan
 from farm.state import events as ev
 from farm.state.books import Books
@@ -146,7 +146,7 @@ class Night:
                 after, _ = apply(event, books)
                 store.commit(event, books, after)
                 books = after
-        return plan.plates[0].estimated_s
+        return plan.plates[0].expected_s
 
     def _planned(self, plan: Plan, now_s: float) -> ev.JobPlanned:
         parts, plates = [], []
@@ -164,7 +164,7 @@ class Night:
             repairs=(),
             scale=1.0,
             serial_s=plan.serial_s * self.args.plates,
-            estimated_s=plan.estimated_s,
+            expected_s=plan.expected_s,
             picture=None,
         )
 

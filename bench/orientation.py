@@ -57,7 +57,7 @@ AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One part. Seconds are CuraEngine's but for `estimated_s`; None where a slice is refused.
+    """One part. Seconds are CuraEngine's but for `price_s`; None where a slice is refused.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Row:
     """
 
     part: str
-    estimated_s: float
+    price_s: float
     compute_s: float
     ours_s: float | None
     full_brim_s: float | None
@@ -117,7 +117,7 @@ def sliced_s(folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: P
         try:
             return slice_plate(
                 PlateRequest(stl, settings, out, find_engine(), ANYWHERE, cache=cache)
-            ).print_time_s
+            ).sliced_s
         except SlicingError as error:
             print(f"refused: {error}", file=sys.stderr)
             return None
@@ -141,7 +141,7 @@ def compare(
     chosen = PartSettings(None, ours.brim_width_mm, ours.layer_0_expansion_mm)
     return Row(
         part=name,
-        estimated_s=ours.price_s,
+        price_s=ours.price_s,
         compute_s=compute_s,
         ours_s=time_of(ours, chosen),
         full_brim_s=time_of(ours, ANY_PART),
@@ -170,7 +170,7 @@ def summary(rows: list[Row]) -> dict[str, Any]:
         "to_best_axis_full_brim": ratios([(r.full_brim_s, r.best_axis_s()) for r in rows]),
         "to_best_standing_axis": ratios([(r.ours_s, r.best_axis_s(standing=True)) for r in rows]),
         "to_as_is": ratios([(r.ours_s, r.as_is_s) for r in rows]),
-        "estimate": ratios([(r.estimated_s, r.ours_s) for r in rows]),
+        "estimate": ratios([(r.price_s, r.ours_s) for r in rows]),
         "stand": sum(r.stands for r in rows),
         "touched": sum(r.touched_mm2 > TOUCHED_MM2 for r in rows),
         "axes_touched_share": float(np.mean(touched)),

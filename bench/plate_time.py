@@ -56,7 +56,7 @@ async def printed(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnap
                     print_id="bench",
                     gcode=str(plate.gcode),
                     sha256=plate.sha256,
-                    print_time_s=plate.print_time_s,
+                    print_time_s=plate.sliced_s,
                     filament=m.Filament.PARKED,
                 )
                 reply = await client.request(start)
@@ -87,14 +87,14 @@ def main() -> None:
             if end.phase is not m.PrintPhase.DONE or end.ended_s is None or end.started_s is None:
                 raise SystemExit(f"the print ended {end.phase}: {end.reason}")
             reached_s = end.ended_s - end.started_s
-            expected_s = plate_seconds(PROFILES[MODEL], plate.print_time_s, settings.nozzle_c, settings.bed_c)
+            expected_s = plate_seconds(PROFILES[MODEL], plate.sliced_s, settings.nozzle_c, settings.bed_c)
             rows.append(
                 {
                     "cube_mm": side_mm,
-                    "layers_s": plate.print_time_s,
+                    "layers_s": plate.sliced_s,
                     "reached_s": reached_s,
                     "expected_s": expected_s,
-                    "beside_layers_s": reached_s - plate.print_time_s,
+                    "beside_layers_s": reached_s - plate.sliced_s,
                     "starved_s": end.starved_s,
                 }
             )

@@ -206,7 +206,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
         stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE, cache=cache
     )
     try:
-        sliced_s = slice_plate(request).print_time_s
+        sliced_s = slice_plate(request).sliced_s
     except SlicingError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return None

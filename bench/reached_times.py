@@ -50,11 +50,11 @@ def rows(books: Books) -> Iterator[Row]:
             if attempt.started_s is None or attempt.ended_s is None:
                 continue
             reached_s = attempt.ended_s - attempt.started_s - plate.prelude_s
-            if plate.print_time_s < SHORTEST_S or attempt.starved_s > MOST_STARVED * reached_s:
+            if plate.sliced_s < SHORTEST_S or attempt.starved_s > MOST_STARVED * reached_s:
                 continue
-            ratios.append(reached_s / plate.print_time_s)
+            ratios.append(reached_s / plate.sliced_s)
             before.append(factor)
-            factor = update_time_factor(factor, plate.print_time_s, reached_s, attempt.starved_s)
+            factor = update_time_factor(factor, plate.sliced_s, reached_s, attempt.starved_s)
         if ratios:
             ratio, known = np.array(ratios), np.array(before)
             yield Row(

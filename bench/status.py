@@ -31,6 +31,7 @@ from farm.model import (
     JobState,
     Link,
     Part,
+    PartGeometry,
     Plate,
     Print,
     Printer,
@@ -77,12 +78,12 @@ def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[En
             ended_s=None if going else start_s + HOUR_S, verdict=Verdict.GOOD if judged else None,
         )  # fmt: skip
         part = Part(
-            id=f"{number}/p{i + 1:02d}", job=number, plate=plate, file="p.stl", to_model=(1.0,) * 16,
-            min_mm=BOX[0], max_mm=BOX[1], volume_mm3=1e5,
+            id=f"{number}/p{i + 1:02d}", job=number, plate=plate, file="p.stl",
+            geometry=PartGeometry(to_model=(1.0,) * 16, min_mm=BOX[0], max_mm=BOX[1], volume_mm3=1e5),
         )  # fmt: skip
         entry = Plate(
-            id=plate, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, print_time_s=HOUR_S,
-            estimated_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOX[0],
+            id=plate, job=number, parts=(part.id,), gcode="g.gcode", sha256="0" * 64, sliced_s=HOUR_S,
+            expected_s=HOUR_S + 300.0, grams=90.0, filament_mm=11000.0, layers=500, min_mm=BOX[0],
             max_mm=BOX[1], material="generic_pla", nozzle_mm=0.4, printer=printer,
             prints=() if waits else (attempt.id,),
         )  # fmt: skip
@@ -90,7 +91,7 @@ def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[En
     job = Job(
         id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=JobOptions(),
         state=state, submitted_s=start_s, planned_s=start_s, plates=tuple(plates),
-        parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS + 1)), estimated_s=HOUR_S,
+        parts=tuple(f"{number}/p{i:02d}" for i in range(1, PARTS + 1)), expected_s=HOUR_S,
         serial_s=9 * HOUR_S, ended_s=None if open_ else start_s + HOUR_S,
     )  # fmt: skip
     return [job, *entities]

@@ -28,9 +28,9 @@ from farm.http.callers import PeerProtocol, check_operators, listen
 from farm.http.connections import BoundedServer, descriptor_limit, most_connections
 from farm.model import Job, Plate
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
-from farm.planning.job_planner import Planner
+from farm.planning.booking import list_job_files
+from farm.planning.job_planner import JobPlanner
 from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.plan import file_names
 from farm.planning.replanning.replan import ReplanTask
 from farm.planning.replanning.worker import ReplanWorker
 from farm.planning.tasks import warm
@@ -63,7 +63,7 @@ class Daemon:
         self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
         self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
         self._links = Links(fleet, self._state, self._clock, self._core)
-        self._planner = Planner(
+        self._planner = JobPlanner(
             self._state, self._workers, compute.budget_s, self._core.planned, self._core.progressed
         )
         self._replan_worker = ReplanWorker(self._state, self._workers, self._core.replanned)
@@ -89,10 +89,10 @@ class Daemon:
             self._links.perform(instruction, self._core.books, self._state.files, self._core.span)
 
     def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
-        factors = {p.name: self._core.books.printer(p.name).time_factor for p in printers}
+        time_factors = {p.name: self._core.books.printer(p.name).time_factor for p in printers}
         begins_s = max(self._clock.now(), job.not_before_s or 0.0)
         within_s = None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s)
-        self._planner.start(job, printers, rounds, factors, within_s)
+        self._planner.start(job, printers, rounds, time_factors, within_s)
 
     def replan(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None:
         books = self._core.books
@@ -104,15 +104,15 @@ class Daemon:
             options=job.options,
             printers=tuple(printers),
             files=self._state.files,
-            folder=self._state.work / f"again-{plate.id.replace('/', '-')}",
-            factors={p.name: books.printer(p.name).time_factor for p in printers},
+            folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
+            time_factors={p.name: books.printer(p.name).time_factor for p in printers},
             others=tuple(books.parts[name] for name in job.parts if name != part.id),
         )
         self._replan_worker.start(task, cut)
 
     def _name_files(self, job: Job) -> None:
         books = self._core.books
-        names = file_names(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
+        names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
         try:
             name_files(self._state.job(job.id), self._state.files, names)
         except OSError as error:  # a convenience: no reason to stop a job

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import StrEnum
+from typing import Any
 
-from pydantic import AliasChoices, AliasGenerator, BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, AliasGenerator, BaseModel, ConfigDict, Field, model_validator
 
 from farm.errors import ErrorCode
 
@@ -18,8 +19,10 @@ FORMER_NAMES = {
     "attention_since_s": "look_s",
     "cancel_reason": "cancel_asked",
     "disconnected_at_s": "lost_s",
+    "expected_s": "estimated_s",
     "fail_reason": "fail_asked",
     "pause_requested": "pause_asked",
+    "sliced_s": "print_time_s",
     "unreported_since_s": "untold_since_s",
 }
 """Fields that the books of farm 0.1 have under another name."""
@@ -200,7 +203,7 @@ class Job(Entity):
     done_by_s: float | None = None
     plan: str | None = None  # hash of the plan and its files, which `farm approve` releases
     lower_bound_s: float | None = None  # no order of its plates takes less
-    estimated_s: float | None = None  # parallel printing time of the plan
+    expected_s: float | None = None  # parallel printing time of the plan
     serial_s: float | None = None
     picture: str | None = None  # of the assembly, and the two below, in the file store
     assembly: str | None = None  # as a GLB
@@ -230,19 +233,61 @@ class PlanProgress(Entity):
     cached: int = 0  # of those done: from the cache, without the engine
 
 
+class PartGeometry(Entity):
+    """Size and pose of a part.
+
+    Attributes
+    ----------
+    to_model
+        4 x 4, row by row: from the part's file (printing pose) to the model's frame, mm.
+    min_mm, max_mm
+        Corners of its box in the model's frame.
+    """
+
+    to_model: tuple[float, ...]
+    min_mm: tuple[float, float, float]
+    max_mm: tuple[float, float, float]
+    volume_mm3: float
+
+
+class PartPrintOptions(Entity):
+    """Print settings that the decomposition chooses for one part, in its printing pose.
+
+    Attributes
+    ----------
+    brim_width_mm, layer_0_expansion_mm
+        None: the quality's.
+    stands
+        Whether the part stays upright while it is printed.
+    """
+
+    brim_width_mm: float | None = None
+    layer_0_expansion_mm: float | None = None
+    stands: bool = True
+
+
+DEFAULT_PRINT_OPTIONS = PartPrintOptions()
+
+
 class Part(Entity):
     id: str  # "3/p01"
     job: int
     plate: str
     file: str  # STL in printing pose; a person's own G-code as it was submitted
-    to_model: tuple[float, ...]
-    min_mm: tuple[float, float, float]
-    max_mm: tuple[float, float, float]
-    volume_mm3: float
-    brim_width_mm: float | None = None  # chosen for it; None: the quality's
-    layer_0_expansion_mm: float | None = None  # chosen for it; None: the quality's
-    stands: bool = True  # while it is printed
+    geometry: PartGeometry
+    print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
     cut_from: str | None = None  # the part that it is a piece of: that one failed, and was cut again
+
+    @model_validator(mode="before")
+    @classmethod
+    def _nest_flat_fields(cls, fields: Any) -> Any:
+        """Read a part of farm 0.1, whose geometry and print options stood beside its name."""
+        if not isinstance(fields, dict) or "geometry" in fields:
+            return fields
+        nested: dict[str, Any] = dict(fields)
+        for name, record in (("geometry", PartGeometry), ("print_options", PartPrintOptions)):
+            nested[name] = {key: nested.pop(key) for key in record.model_fields if key in nested}
+        return nested
 
 
 class Plate(Entity):
@@ -251,8 +296,8 @@ class Plate(Entity):
     parts: tuple[str, ...]
     gcode: str
     sha256: str
-    print_time_s: float  # CuraEngine's
-    estimated_s: float  # with heat-up, start and end code
+    sliced_s: float  # its layers, by CuraEngine; of own G-code by the firmware's planner
+    expected_s: float  # with heat-up, start and end code, at the printer's factor
     grams: float
     filament_mm: float
     price: float | None = None  # in the fleet's currency, by the reel of the printer as planned
@@ -263,7 +308,7 @@ class Plate(Entity):
     nozzle_mm: float
     kin: str | None = None  # `Profile.kin` of the printers that it was sliced for; None: any
     printer: str  # as planned
-    time_factor: float = 1.0  # of that printer, when it was planned; it is in `estimated_s`
+    time_factor: float = 1.0  # of that printer, when it was planned; it is in `expected_s`
     cached: bool = False  # sliced before: the engine did not run
     warnings: tuple[str, ...] = ()  # what of it will not be printed or may fall over, in sentences
     prints: tuple[str, ...] = ()
@@ -276,16 +321,16 @@ class Plate(Entity):
     @property
     def prelude_s(self) -> float:
         """What it takes beside its layers."""
-        return self.estimated_s - self.print_time_s * self.time_factor
+        return self.expected_s - self.sliced_s * self.time_factor
 
     @property
     def first_layer_s(self) -> float:
         """From its start until its first layer lies, which is printed at half the speed of the others."""
-        return self.prelude_s + 2.0 * self.print_time_s * self.time_factor / max(1, self.layers)
+        return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
     def seconds(self, time_factor: float) -> float:
         """What it takes on a printer with this factor."""
-        return self.prelude_s + self.print_time_s * time_factor
+        return self.prelude_s + self.sliced_s * time_factor
 
 
 class Print(Entity):

@@ -24,7 +24,7 @@ from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.mesh_waves import add_waves
 from slicing.settings import EngineSettings
 
-_FORMAT = "farm-slice-4"
+_FORMAT = "farm-slice-5"
 """Part of the cache's key: changes where what is stored or checked changes."""
 _ON_BED_MM = 0.02
 _GROWN = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
@@ -62,11 +62,11 @@ class PlateRequest:
 
 @dataclass(frozen=True, slots=True)
 class PlateResult:
-    """A G-code file that may be printed. `print_time_s` is without heating, homing and priming."""
+    """A G-code file that may be printed. `sliced_s` is without heating, homing and priming."""
 
     gcode: Path
     sha256: str
-    print_time_s: float
+    sliced_s: float
     filament_mm: float
     filament_mm3: float
     grams: float
@@ -221,7 +221,7 @@ def _result(request: PlateRequest, sliced: _Sliced, cached: bool) -> PlateResult
     return PlateResult(
         gcode=request.out,
         sha256=hashlib.sha256(sliced.gcode).hexdigest(),
-        print_time_s=facts.print_time_s,
+        sliced_s=facts.sliced_s,
         filament_mm=facts.filament_mm,
         filament_mm3=mm3,
         grams=mm3 / 1000 * settings.density_g_cm3,

@@ -126,7 +126,7 @@ class Links:
                     print_id=attempt.id,
                     gcode=str(files / plate.gcode),
                     sha256=plate.sha256,
-                    print_time_s=plate.print_time_s,
+                    print_time_s=plate.sliced_s,
                     filament=m.Filament(books.printer(instruction.printer).filament),
                     not_after_s=span.not_after_s,
                     ends_by_s=span.ends_by_s,

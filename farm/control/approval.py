@@ -12,7 +12,7 @@ from farm.errors import Refused
 from farm.http.callers import ByOperator
 from farm.model import Job, JobState, Plate, Reel
 from farm.paths import StateFolder
-from farm.planning.fleet_check import mistake_in
+from farm.planning.inspection.fleet_check import mistake_in
 from farm.scheduling.forecast import Slot, forecast
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import describe_plates

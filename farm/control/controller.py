@@ -33,7 +33,7 @@ from farm.model import (
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.planning.plan import Inspected, Plan, TooFewPrinters
+from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
 from farm.planning.planned_event import planned_event
 from farm.planning.replanning.coordinator import ReplanCoordinator
 from farm.planning.replanning.replan import ReplannedPlate
@@ -367,7 +367,12 @@ class Core:
         return next((job.id for job in self.books.jobs.values() if job.request_id == request_id), None)
 
     def submit(
-        self, request_id: str, name: str, model: Inspected, options: JobOptions, by: str | None = None
+        self,
+        request_id: str,
+        name: str,
+        model: InspectedSubmission,
+        options: JobOptions,
+        by: str | None = None,
     ) -> tuple[int, bool]:
         """Take a job; the same request id gives the same job. Returns its number, and whether it is old."""
         known = self.submitted(request_id)

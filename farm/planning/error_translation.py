@@ -1,4 +1,4 @@
-"""What the rooms' errors mean to the farm: one place that gives each its code."""
+"""Translation of errors of decompose, slicing and drivers into farm errors with a code."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _CODES: tuple[tuple[type[Exception], ErrorCode], ...] = (
 
 
 @contextmanager
-def in_farm_words() -> Iterator[None]:
+def translate_errors() -> Iterator[None]:
     """Turn an error of decompose, slicing or drivers into a FarmError with its code."""
     try:
         yield

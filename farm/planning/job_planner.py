@@ -1,23 +1,27 @@
-"""Makes the plan of one job: decompose it in a worker, slice its parts in all of them, level them."""
+"""Planning of jobs: decompose, slice, level by the slices, book. The work itself runs in workers.
+
+A submission has been inspected before (`inspection`); the plan enters the books by `planned_event`.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from farm.compute.worker_pool import DECOMPOSING, SLICING, Workers
+from farm.compute.worker_pool import DECOMPOSING, Workers
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import Job, PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.planning.plan import Decomposed, DecomposeTask, Plan, Sliced, make_plan, slice_tasks
-from farm.planning.plan_records import SliceTask
-from farm.planning.tasks import decompose_job, level_again, plan_gcode, slice_part
+from farm.planning.booking import book_plan
+from farm.planning.part_records import SliceBatch
+from farm.planning.plan import DecomposedJob, DecomposeTask, Plan, SlicedJob
+from farm.planning.slice_batch import slice_batch
+from farm.planning.tasks import decompose_job, plan_gcode, relevel_parts
 from slicing.cache import trim_cache
 
 if TYPE_CHECKING:
@@ -26,42 +30,58 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _RETRY_S = 5.0  # wall seconds
-_LEVELLED = 2  # times at most: what parts take is known well after the first
+_MOST_RELEVELS = 2  # what parts take is known well after the first
 ROOM_BYTES = 64 * 1024**2
-"""Free on the disk of the state folder, without which nobody wonders that a plan fails."""
-Done = Callable[[int, "Plan | FarmError"], None]
-Progressed = Callable[[int, PlanProgress], None]
+"""Free space on the disk of the state folder below which a failed plan is put down to it."""
+OnPlan = Callable[[int, "Plan | FarmError"], None]
+OnProgress = Callable[[int, PlanProgress], None]
 
 
-class Planner:
-    """Makes plans side by side; `done` is told each, or why there is none, and `progressed` how far it is."""
+class JobPlanner:
+    """Plans jobs side by side.
+
+    Parameters
+    ----------
+    state
+        The state folder.
+    workers
+        That decompose and slice.
+    budget_s
+        Budget of the search for the parts of a job.
+    on_plan
+        Called with a job's number and its plan, or the error why there is none.
+    on_progress
+        Called with a job's number and the progress of its plan.
+    """
 
     def __init__(
-        self, state: StateFolder, workers: Workers, budget_s: float, done: Done, progressed: Progressed
+        self, state: StateFolder, workers: Workers, budget_s: float, on_plan: OnPlan, on_progress: OnProgress
     ) -> None:
         self._state = state
         self._workers = workers
         self._budget_s = budget_s
-        self._done = done
-        self._progressed = progressed
-        self._tasks: dict[int, asyncio.Task[None]] = {}
+        self._on_plan = on_plan
+        self._on_progress = on_progress
+        self._running: dict[int, asyncio.Task[None]] = {}
 
     def start(
         self,
         job: Job,
         printers: list[PrinterSection],
         rounds: int,
-        factors: Mapping[str, float],
+        time_factors: Mapping[str, float],
         within_s: float | None = None,
     ) -> None:
         """Begin to plan a job; returns at once.
 
         Parameters
         ----------
-        factors
-            What was learned of these printers.
+        rounds
+            How many parts a printer may get.
+        time_factors
+            Learned of the printers, by name.
         within_s
-            In which it has to be printed; None where nobody said.
+            Time in which it has to be printed; None for no limit.
         """
         task = DecomposeTask(
             job=job.id,
@@ -70,27 +90,27 @@ class Planner:
             printers=tuple(printers),
             rounds=rounds,
             folder=self._state.work / f"job-{job.id}",
-            factors=factors,
+            time_factors=time_factors,
             within_s=within_s,
             budget_s=self._budget_s,
         )
-        self._tasks = {number: making for number, making in self._tasks.items() if not making.done()}
-        self._tasks[job.id] = asyncio.get_running_loop().create_task(self._run(job, task))
+        self._running = {number: running for number, running in self._running.items() if not running.done()}
+        self._running[job.id] = asyncio.get_running_loop().create_task(self._run(job, task))
 
     def stop(self, job: int | None = None) -> None:
-        """Give up that job's plan, or all that are being made."""
-        for number, task in self._tasks.items():
+        """Give up the plan of a job, or all plans."""
+        for number, running in self._running.items():
             if job in (None, number):
-                task.cancel()
+                running.cancel()
 
     async def _run(self, job: Job, task: DecomposeTask) -> None:
-        """Plan a job. What fails on a full disk, whatever it says, is planned again when that has room."""
-        while isinstance(result := await self._try(job, task), FarmError) and self._is_full():
-            log.error("job %d: %s; it is planned again when %s has room", job.id, result, self._state.root)
-            self._progressed(job.id, PlanProgress(step=PlanStep.NO_ROOM))
-            while self._is_full():
+        """Plan a job; a plan that fails on a full disk, by any error, begins anew when there is room."""
+        while isinstance(result := await self._try(job, task), FarmError) and self._is_disk_full():
+            log.error("job %d: %s; it is planned when %s has room", job.id, result, self._state.root)
+            self._on_progress(job.id, PlanProgress(step=PlanStep.NO_ROOM))
+            while self._is_disk_full():
                 await asyncio.sleep(_RETRY_S)
-        await self._tell(job.id, result)
+        await self._deliver(job.id, result)
 
     async def _try(self, job: Job, task: DecomposeTask) -> Plan | FarmError:
         try:
@@ -106,17 +126,17 @@ class Planner:
         finally:
             shutil.rmtree(task.folder, ignore_errors=True)
 
-    def _is_full(self) -> bool:
+    def _is_disk_full(self) -> bool:
         return shutil.disk_usage(self._state.root).free < ROOM_BYTES
 
-    async def _tell(self, job: int, result: Plan | FarmError) -> None:
+    async def _deliver(self, job: int, result: Plan | FarmError) -> None:
         """Hand the plan over; where the books cannot be written (a full disk), until they can.
 
-        What is wrong with a plan so that it cannot be booked is told in its stead: the job fails by it.
+        A plan that cannot be booked for another reason becomes that error: the job fails by it.
         """
         while True:
             try:
-                self._done(job, result)
+                self._on_plan(job, result)
                 return
             except FarmError as error:
                 log.error("job %d: %s; its plan is kept", job, error)
@@ -132,78 +152,54 @@ class Planner:
     async def _plan(self, job: Job, task: DecomposeTask) -> Plan:
         if job.own_gcode is not None:
             return await self._workers.run(plan_gcode, task, self._state.files)
-        self._progressed(job.id, PlanProgress(step=PlanStep.DECOMPOSING))
+        self._on_progress(job.id, PlanProgress(step=PlanStep.DECOMPOSING))
         decomposed = await self._workers.run(decompose_job, task, limit=DECOMPOSING)
-        sliced = await self._levelled(await self._sliced(task, decomposed))
-        plan = await asyncio.to_thread(make_plan, sliced, self._state.files)
+        sliced = await self._slice(task, decomposed)
+        levelled = await self._relevel(sliced)
+        plan = await asyncio.to_thread(book_plan, levelled, self._state.files)
         await asyncio.to_thread(trim_cache, self._state.slices)
         return plan
 
-    async def _levelled(self, sliced: Sliced) -> Sliced:
-        """The parts with their cuts moved, as long as the last one, as it is sliced, ends sooner by that."""
+    async def _slice(self, task: DecomposeTask, decomposed: DecomposedJob) -> SlicedJob:
+        """Slice all parts, and report each."""
+        done = cached = 0
+
+        def report_progress() -> None:
+            step = PlanProgress(step=PlanStep.SLICING, done=done, of=len(decomposed.parts), cached=cached)
+            self._on_progress(task.job, step)
+
+        def count_slice(result: PlateResult) -> None:
+            nonlocal done, cached
+            done += 1
+            cached += result.cached
+            report_progress()
+
+        report_progress()
+        batch = SliceBatch(
+            decomposed.parts, task.printers, task.options.quality, task.folder, self._state.slices
+        )
+        return SlicedJob(task, decomposed, await slice_batch(self._workers, batch, count_slice))
+
+    async def _relevel(self, sliced: SlicedJob) -> SlicedJob:
+        """Move the cuts as long as the part that ends last, as it is sliced, ends sooner by that."""
         job = sliced.task.job
-        for _ in range(_LEVELLED):
-            if not sliced.worth_levelling():
+        for _ in range(_MOST_RELEVELS):
+            if not sliced.should_relevel():
                 break
-            self._progressed(job, PlanProgress(step=PlanStep.LEVELLING))
+            self._on_progress(job, PlanProgress(step=PlanStep.LEVELLING))
             folder = sliced.task.folder / "levelled"
             try:
-                decomposed = await self._workers.run(level_again, sliced, folder, limit=DECOMPOSING)
+                decomposed = await self._workers.run(relevel_parts, sliced, folder, limit=DECOMPOSING)
                 if decomposed is None:
                     break
-                moved = await self._sliced(replace(sliced.task, folder=folder), decomposed)
+                moved = await self._slice(replace(sliced.task, folder=folder), decomposed)
             except FarmError as error:
-                log.warning("job %d: its parts are not levelled again: %s", job, error)
+                log.warning("job %d: its parts keep their cuts: %s", job, error)
                 break
             except Exception:  # there is a plan already, whatever is wrong with a better one
-                log.exception("job %d: its parts are not levelled again", job)
+                log.exception("job %d: its parts keep their cuts", job)
                 break
             if moved.makespan_s() >= sliced.makespan_s():
                 break
             sliced = moved
         return sliced
-
-    async def _sliced(self, task: DecomposeTask, decomposed: Decomposed) -> Sliced:
-        # Resolving settings and writing files would keep the event loop: both in a thread.
-        tasks = await asyncio.to_thread(slice_tasks, task, decomposed, self._state.slices)
-        # Longest first: the workers are done soonest then.
-        order = sorted(range(len(tasks)), key=lambda i: -decomposed.parts[i].estimated_s)
-        results = await self._slice(task.job, [tasks[i] for i in order])
-        slices = [result for _, result in sorted(zip(order, results, strict=True), key=itemgetter(0))]
-        return Sliced(task, decomposed, tuple(tasks), tuple(slices))
-
-    async def _slice(self, job: int, tasks: list[SliceTask]) -> list[PlateResult]:
-        """Slice, and tell how far that is."""
-        done = cached = 0
-
-        def tell() -> None:
-            progress = PlanProgress(step=PlanStep.SLICING, done=done, of=len(tasks), cached=cached)
-            self._progressed(job, progress)
-
-        def one_more(result: PlateResult) -> None:
-            nonlocal done, cached
-            done += 1
-            cached += result.cached
-            tell()
-
-        tell()
-        return await slice_all(self._workers, tasks, one_more)
-
-
-async def slice_all(
-    workers: Workers, tasks: Sequence[SliceTask], sliced: Callable[[PlateResult], None] = lambda _: None
-) -> list[PlateResult]:
-    """All workers slice, and `sliced` is told of each; where one fails, or this is cancelled, all end."""
-
-    async def one(task: SliceTask) -> PlateResult:
-        result = await workers.run(slice_part, task, limit=SLICING)
-        sliced(result)
-        return result
-
-    slicing = [asyncio.ensure_future(one(task)) for task in tasks]
-    try:
-        return await asyncio.gather(*slicing)
-    finally:
-        for future in slicing:
-            future.cancel()
-        await asyncio.gather(*slicing, return_exceptions=True)  # until their workers are gone

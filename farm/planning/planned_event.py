@@ -51,7 +51,7 @@ def planned_event(
         repairs=notices,
         scale=plan.scale,
         serial_s=plan.serial_s,
-        estimated_s=plan.estimated_s if at_once else seen.ends_s - seen.starts_s,
+        expected_s=plan.expected_s if at_once else seen.ends_s - seen.starts_s,
         lower_bound_s=max(0.0, seen.lower_bound_s - seen.starts_s),
         picture=plan.picture,
         assembly=plan.assembly,

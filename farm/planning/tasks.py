@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING
 from farm.compute.deferred import Deferred
 
 if TYPE_CHECKING:
-    from farm.planning.inspect_submission import inspect_submission
-    from farm.planning.own_gcode import plan_gcode
-    from farm.planning.parts.decompose_job import decompose_job, level_again, warm
+    from farm.planning.inspection.inspect_submission import inspect_submission
+    from farm.planning.inspection.own_gcode import plan_gcode
+    from farm.planning.parts.decompose_job import decompose_job, warm
+    from farm.planning.parts.relevel_parts import relevel_parts
     from farm.planning.parts.slice_part import slice_part
     from farm.planning.replanning.cut_part import cut_part
 else:
-    inspect_submission = Deferred("farm.planning.inspect_submission:inspect_submission")
+    inspect_submission = Deferred("farm.planning.inspection.inspect_submission:inspect_submission")
     decompose_job = Deferred("farm.planning.parts.decompose_job:decompose_job")
-    level_again = Deferred("farm.planning.parts.decompose_job:level_again")
+    relevel_parts = Deferred("farm.planning.parts.relevel_parts:relevel_parts")
     warm = Deferred("farm.planning.parts.decompose_job:warm")
-    plan_gcode = Deferred("farm.planning.own_gcode:plan_gcode")
+    plan_gcode = Deferred("farm.planning.inspection.own_gcode:plan_gcode")
     slice_part = Deferred("farm.planning.parts.slice_part:slice_part")
     cut_part = Deferred("farm.planning.replanning.cut_part:cut_part")
 
@@ -25,8 +26,8 @@ __all__ = [
     "cut_part",
     "decompose_job",
     "inspect_submission",
-    "level_again",
     "plan_gcode",
+    "relevel_parts",
     "slice_part",
     "warm",
 ]

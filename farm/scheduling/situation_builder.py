@@ -84,7 +84,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
                 box=(*plate.min_mm[:2], *plate.max_mm),
             ),
             planned=plate.printer,
-            expected_s=plate.estimated_s,
+            expected_s=plate.expected_s,
             priority=job.options.priority,
             grams=plate.grams,
             heating_s=plate.prelude_s,

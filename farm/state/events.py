@@ -60,7 +60,7 @@ class JobPlanned(Event):
     repairs: tuple[str, ...]
     scale: float
     serial_s: float
-    estimated_s: float
+    expected_s: float
     picture: str | None
     assembly: str | None = None
     decomposition: str | None = None

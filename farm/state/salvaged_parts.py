@@ -38,7 +38,7 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
     if attempt.started_s is None or attempt.ended_s is None:
         return None
     plate = books.plates[attempt.plate]
-    soonest_s = _SOONEST * plate.print_time_s * books.printer(printer).time_factor
+    soonest_s = _SOONEST * plate.sliced_s * books.printer(printer).time_factor
     if attempt.ended_s - attempt.started_s < soonest_s:
         return None
     wanted = any(books.plate_state(one) in _WANTED for one in attempted_plates(books, attempt))

@@ -47,5 +47,5 @@ class ViewContext:
         factor = self.books.printer(attempt.printer).time_factor
         said = self.reported_print(attempt)
         if said is not None and said.progress_s > 0:
-            return max(0.0, plate.print_time_s - said.progress_s) * factor
+            return max(0.0, plate.sliced_s - said.progress_s) * factor
         return max(0.0, plate.seconds(factor) - (self.now_s - (attempt.started_s or self.now_s)))

@@ -65,7 +65,7 @@ def _history_row(context: ViewContext, attempt: Print) -> api.HistoryRow:
         name=context.books.jobs[attempt.job].name,
         submitted_by=context.books.jobs[attempt.job].submitted_by,
         took_s=duration_s(attempt),
-        expected_s=plate.estimated_s,
+        expected_s=plate.expected_s,
         grams=attempt.grams,
         wasted=is_wasted(attempt),
     )

@@ -29,7 +29,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
     makespan_s = None
     if ended or not job.state.ended:  # a job that failed or was cancelled was no quicker for it
         makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
-        makespan_s = makespan_s or job.estimated_s
+        makespan_s = makespan_s or job.expected_s
     busy_s = sum(_busy_s(context, plate) for plate in plates)
     reached_s = sum(map(duration_s, prints))
     used = {attempt.printer for attempt in prints} | {p.printer for p in plates if not p.prints}
@@ -55,7 +55,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         scale=job.scale,
         plan=job.plan,
         starts=context.format_time(job.not_before_s),
-        estimated_s=job.estimated_s,
+        estimated_s=job.expected_s,
         lower_bound_s=job.lower_bound_s,
         eta=context.format_time(job.ended_s if ended else _eta_s(context, job, remaining_s)),
         elapsed_s=elapsed_s,
@@ -93,11 +93,11 @@ def _remaining_s(context: ViewContext, plates: list[Plate]) -> float:
 def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
     stands = context.books.plate_state(plate)
     if stands is PlateState.WAITING:
-        return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.estimated_s) - context.now_s)
+        return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.expected_s) - context.now_s)
     if stands is not PlateState.PRINTING:
         return 0.0
     attempt = _last(context.books, plate)
-    return plate.estimated_s if attempt.started_s is None else context.remaining_s(attempt)
+    return plate.expected_s if attempt.started_s is None else context.remaining_s(attempt)
 
 
 def _eta_s(context: ViewContext, job: Job, remaining_s: float | None) -> float | None:
@@ -110,7 +110,7 @@ def _busy_s(context: ViewContext, plate: Plate) -> float:
         attempt = _last(context.books, plate)
         if attempt.state is PrintState.DONE and attempt.started_s is not None and attempt.ended_s is not None:
             return attempt.ended_s - attempt.started_s
-    return plate.estimated_s
+    return plate.expected_s
 
 
 def _price(plates: list[Plate]) -> float | None:
@@ -179,7 +179,7 @@ def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
         parts=list(plate.parts),
         printer=own[-1].printer if own else plate.printer,
         gcode=str(context.state.files / plate.gcode),
-        estimated_s=plate.estimated_s,
+        estimated_s=plate.expected_s,
         grams=plate.grams,
         filament_mm=plate.filament_mm,
         price=plate.price,

@@ -42,7 +42,7 @@ def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
         return None
     off = None
     if attempt.state is PrintState.DONE and not attempt.paused:
-        off = duration_s(attempt) / context.books.plates[attempt.plate].estimated_s - 1
+        off = duration_s(attempt) / context.books.plates[attempt.plate].expected_s - 1
     return api.LastPrint(
         plate=attempt.plate,
         state=attempt.state,
@@ -70,7 +70,7 @@ def _progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
         job=attempt.job,
         plate=attempt.plate,
         state=attempt.state,
-        progress=min(1.0, max(0.0, 1 - remaining_s / plate.estimated_s)),
+        progress=min(1.0, max(0.0, 1 - remaining_s / plate.expected_s)),
         remaining_s=remaining_s,
         layer=said.layer if said else None,
         layers=plate.layers,

@@ -29,7 +29,7 @@ class GcodeFacts:
     """What a walk through a G-code file found; coordinates are the printer's, in mm."""
 
     flavour: str
-    print_time_s: float  # the layers, without heating, homing, start and end
+    sliced_s: float  # the layers, without heating, homing, start and end
     filament_mm: float  # without priming
     layer_count: int  # as the engine planned
     layers: int  # those with extrusion
@@ -66,7 +66,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     cold, heaters_off = _heat(path, pushed_mm > 0, min_extrusion_c)
     return GcodeFacts(
         flavour=_noted(path, "FLAVOR:"),
-        print_time_s=float(_noted(path, "TIME_ELAPSED:") or 0.0),
+        sliced_s=float(_noted(path, "TIME_ELAPSED:") or 0.0),
         filament_mm=float(pushed_mm[prints].sum()),
         layer_count=int(_noted(path, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),

@@ -7,7 +7,7 @@ import pytest
 
 from farm.config import load_fleet
 from farm.errors import ExitCode, FleetFileError
-from farm.planning.fleet_check import mistake_in
+from farm.planning.inspection.fleet_check import mistake_in
 
 MODELS = frozenset({"ultimaker2_plus", "ultimaker2_extended_plus"})
 ROOT = Path(__file__).parents[2]

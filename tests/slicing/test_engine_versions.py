@@ -50,7 +50,7 @@ def cura5(record, request_for, settings_of, tmp_path):
 @pytest.mark.parametrize("stream", [1, 2])
 def test_a_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
     result = slice_plate(cura5(stream))
-    assert f"Print time (s): {int(result.print_time_s)}\n" in record["log"]
+    assert f"Print time (s): {int(result.sliced_s)}\n" in record["log"]
     assert f"Filament (mm^3): {int(result.filament_mm3)}\n" in record["log"]
     assert result.layers == 20
     assert result.height_mm == pytest.approx(4.0, abs=0.11)
@@ -60,7 +60,7 @@ def test_a_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
     assert result.unprinted == ()  # the fin is a line of its own here
     with result.gcode.open("rb") as lines:
         program = strip(lines, ULTIMAKER2_PLUS)
-    assert program.time_s == result.print_time_s
+    assert program.time_s == result.sliced_s
     assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.SKIN}
 
 

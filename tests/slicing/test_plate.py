@@ -20,7 +20,7 @@ from slicing.plate import slice_plate, write_atomically
 def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
     """The checksum of the whole chain: other settings give up to six times this time."""
     result = slice_plate(request_for(trimesh.creation.box((50, 50, 50)), settings=settings_of("paper")))
-    assert int(result.print_time_s) == 4906
+    assert int(result.sliced_s) == 4906
     assert int(result.filament_mm3) == 17911
     assert (result.layers, result.height_mm) == (200, pytest.approx(50.02))
     assert result.grams == pytest.approx(17.911 * 1.24, rel=1e-3)
@@ -30,7 +30,7 @@ def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
 def test_the_file_is_ready_to_stream(request_for, cube_20):
     result = slice_plate(request_for(cube_20))
     text = result.gcode.read_text()
-    assert f";TIME:{int(result.print_time_s)}\n" in text[:200]
+    assert f";TIME:{int(result.sliced_s)}\n" in text[:200]
     assert "2.14748e+06" not in text
     order = [
         text.index(mark)

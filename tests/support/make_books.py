@@ -2,7 +2,7 @@
 
 import itertools
 
-from farm.model import Bed, FilamentState, Job, JobOptions, Part, Plate, PrintState
+from farm.model import Bed, FilamentState, Job, JobOptions, Part, PartGeometry, Plate, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.lifecycles import undeclared_changes
@@ -34,10 +34,9 @@ def plan(number=1, plates=2, at_s=1.0):
                 job=number,
                 plate=name,
                 file="p.stl",
-                to_model=(1.0,) * 16,
-                min_mm=(0.0, 0.0, 0.0),
-                max_mm=(1.0, 1.0, 1.0),
-                volume_mm3=1.0,
+                geometry=PartGeometry(
+                    to_model=(1.0,) * 16, min_mm=(0.0, 0.0, 0.0), max_mm=(1.0, 1.0, 1.0), volume_mm3=1.0
+                ),
             )
             for i, name in enumerate(names, 1)
         ),
@@ -48,8 +47,8 @@ def plan(number=1, plates=2, at_s=1.0):
                 parts=(f"{number}/p{i:02d}",),
                 gcode="g.gcode",
                 sha256="0" * 64,
-                print_time_s=90.0,
-                estimated_s=100.0,
+                sliced_s=90.0,
+                expected_s=100.0,
                 grams=3.0,
                 filament_mm=400.0,
                 layers=10,
@@ -64,7 +63,7 @@ def plan(number=1, plates=2, at_s=1.0):
         repairs=(),
         scale=1.0,
         serial_s=500.0,
-        estimated_s=100.0,
+        expected_s=100.0,
         picture=None,
     )
 

@@ -6,10 +6,10 @@ from farm.control.controller import Core
 from farm.control.print_commands import Desk
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.plan import Inspected
+from farm.planning.plan import InspectedSubmission
 from farm.state.storage.store import Store
 
-MODEL = Inspected("m.npz", ("closed 3 holes",), 1000.0)
+MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1000.0)
 
 
 class Hands:

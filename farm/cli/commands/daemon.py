@@ -54,7 +54,7 @@ def up(
 
 
 def _load_fleet(places: Places) -> Fleet:
-    from farm.planning.fleet_check import mistake_in
+    from farm.planning.inspection.fleet_check import mistake_in
 
     return load_fleet(places.fleet, frozenset(PROFILES), mistake_in)
 

@@ -19,7 +19,7 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from drivers.printers import PROFILES, part_room
 from farm.errors import ErrorCode, FarmError, Refused
-from farm.planning.error_translation import in_farm_words
+from farm.planning.error_translation import translate_errors
 from farm.planning.parts.part_rooms import model_sizes
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
@@ -93,7 +93,7 @@ def decompose_to_folder(
         parallelobox=ParalleloboxOptions(tries, read),
     )
     _empty_for_parts(out)
-    with in_farm_words():
+    with translate_errors():
         settings = resolve_settings(SettingsRequest(slicing_printer(profile)), find_resources())
         model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
         rooms = [

@@ -13,9 +13,9 @@ from typing import Any
 from decompose.geometry import load_model
 from drivers.printers import BEDS, RoomBox, part_room, place
 from farm.errors import ErrorCode, FarmError
-from farm.planning.error_translation import in_farm_words
+from farm.planning.error_translation import translate_errors
+from farm.planning.part_records import SliceTask
 from farm.planning.parts.slice_part import settings_of, slice_part
-from farm.planning.plan_records import SliceTask
 from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer
 from slicing.cache import trim_cache
@@ -76,7 +76,7 @@ def slice_to_file(
     profile = BEDS[printer_model]
     request = SettingsRequest(slicing_printer(profile), quality, material, nozzle_mm, overrides)
     _check_writable(out, path)
-    with in_farm_words():
+    with translate_errors():
         resources, engine = find_resources(), find_engine()
         settings = resolve_settings(request, resources)
         tell(f"reading {path.name}")
@@ -106,17 +106,17 @@ def slice_to_file(
         )
         tell(f"slicing {path.name}")
         result = slice_part(task, lambda share: tell(f"slicing {path.name}, {share:.0%}"))
-        with in_farm_words():
+        with translate_errors():
             settings = settings_of(task, size[2])
         _put(result.gcode, out)
     if cache is not None:
         trim_cache(cache)
-    expected_s = plate_seconds(profile, result.print_time_s, settings.nozzle_c, settings.bed_c)
+    expected_s = plate_seconds(profile, result.sliced_s, settings.nozzle_c, settings.bed_c)
     return {
         "schema": 1,
         "repairs": list(model.repairs),
         "scale": model.scale,
-        "print_time_s": result.print_time_s,
+        "print_time_s": result.sliced_s,
         "estimated_s": expected_s,
         "filament_mm": result.filament_mm,
         "filament_mm3": result.filament_mm3,

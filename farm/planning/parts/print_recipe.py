@@ -1,4 +1,4 @@
-"""What the decomposition is told of a printer's settings: a recipe."""
+"""Print-time recipe of a printer's settings, for the cost model of the decomposition."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from slicing.settings import EngineSettings
 
 
 def recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
-    """The numbers of the slicer's settings that decide print time, for the decomposition's cost.
+    """Return the numbers of the slicer's settings that decide print time.
 
-    `prelude_s` is what each plate takes beside its layers (heat-up, start and end code).
+    Parameters
+    ----------
+    prelude_s
+        Time of a plate beside its layers: heat-up, start and end code.
     """
     extruder, shared = settings.extruder, settings.global_
     connected = extruder["infill_pattern"] == "zigzag" or extruder["zig_zaggify_infill"] == "True"
@@ -42,11 +45,11 @@ def recipe(settings: EngineSettings, prelude_s: float) -> Recipe:
 
 
 def printer_cost(section: PrinterSection, settings: EngineSettings) -> CostModel:
-    """What a part costs on this printer, heat-up, start and end code included."""
+    """Return the cost model of a printer, heat-up, start and end code included."""
     return CostModel.from_recipe(recipe(settings, prelude_seconds(section, settings)))
 
 
-def slower(cost: CostModel, than: CostModel) -> float:
-    """How many times as long a part takes at one printer's settings as at another's: a cube of 50 mm."""
+def time_ratio(cost: CostModel, reference: CostModel) -> float:
+    """Return the price of a cube of 50 mm at one printer's settings over that at another's."""
     sums, size = (125_000.0, 10_000.0, 5_000.0, 0.0, 0.0), (50.0, 50.0, 50.0)
-    return cost.price_s(sums, size) / than.price_s(sums, size)
+    return cost.price_s(sums, size) / reference.price_s(sums, size)

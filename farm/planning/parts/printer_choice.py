@@ -1,4 +1,4 @@
-"""How a job's model is cut: for all of its printers, for as many as are worth it, or to be done in time."""
+"""Choice of the printers that a model is cut for: one, all, as many as are worth it, or to end in time."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
 
-LATE = 1.1
+LATE_SHARE = 1.1
 """The margin of `--done-by`: planning itself takes its time, and so may a print."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cut:
-    """A model, and the printers that it may be cut for."""
+class ModelCutter:
+    """A model, and the printers that it may be cut for. Every method raises the errors of `decompose`."""
 
     model: Model
     rooms: list[PrinterRoom]
@@ -28,16 +28,21 @@ class Cut:
     cost: CostModel
     executor: Executor
 
-    def for_all(self) -> Decomposition:
+    def cut_for_all(self) -> Decomposition:
+        """Cut the model for all of the printers."""
         return decompose_model(self.model, self.rooms, self.options, self.cost, self.executor)
 
-    def worth_it(self, within_s: float | None = None) -> Decomposition:
+    def cut_for_worthwhile(self, within_s: float | None = None) -> Decomposition:
+        """Cut the model for as many printers as are worth it, or as few as end within a time."""
         return decompose_auto(
             self.model, self.rooms, self.options, self.cost, self.executor, within_s=within_s
         )
 
-    def whole(self) -> Decomposition | None:
-        """A model that one printer can hold stays in one part: who wants it sooner says how many printers."""
+    def cut_for_one(self) -> Decomposition | None:
+        """Keep the model whole, on the lowest printer that can hold it; None where none can.
+
+        Who wants it sooner says how many printers.
+        """
         x, y, z = map(float, self.model.extents_mm)
         poses = ((x, y, z), (y, z, x), (z, x, y))
         rooms = [room for room in self.rooms if any(room.fits(*pose) for pose in poses)]
@@ -49,10 +54,10 @@ class Cut:
                 continue
         return None
 
-    def in_time(self, within_s: float) -> Decomposition:
-        """As few parts as are printed within that time, with a margin; where none are, the soonest."""
-        enough_s = within_s / LATE
-        whole = self.whole()
-        if whole is not None and whole.makespan_s <= enough_s:
+    def cut_in_time(self, within_s: float) -> Decomposition:
+        """Cut the model into as few parts as end within a time, with a margin; else into the soonest."""
+        limit_s = within_s / LATE_SHARE
+        whole = self.cut_for_one()
+        if whole is not None and whole.makespan_s <= limit_s:
             return whole
-        return self.worth_it(within_s=enough_s)
+        return self.cut_for_worthwhile(within_s=limit_s)

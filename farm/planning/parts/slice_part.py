@@ -1,4 +1,4 @@
-"""From a part in its printing pose to a plate: placed on the bed, sliced, checked. Runs in a worker."""
+"""Slicing of one part: placed on the bed, sliced, checked. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ import trimesh
 
 from drivers.printers import Placement, place
 from farm.errors import ErrorCode, FarmError
-from farm.planning.error_translation import in_farm_words
-from farm.planning.plan_records import SliceTask
+from farm.planning.error_translation import translate_errors
+from farm.planning.part_records import SliceTask
 from slicing.plate import PlateRequest, PlateResult, slice_plate
 from slicing.settings import EngineSettings, PartSettings, resolve_settings
 
 
 def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None) -> PlateResult:
-    """Place a part on its bed and slice it; `progress` is told how far the engine is, from 0 to 1.
+    """Place a part on its bed and slice it.
+
+    Parameters
+    ----------
+    progress
+        Called with the share of the engine's work that is done, 0 to 1.
 
     Raises
     ------
@@ -41,7 +46,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
         for box in task.room
         for r in (box.rect.grown(task.settings.brim_width_mm),)
     )
-    with in_farm_words():
+    with translate_errors():
         settings = settings_of(task, extents[2])
         request = PlateRequest(
             stl=placed, settings=settings, out=task.out, engine=task.engine, bed=bed, cache=task.cache
@@ -50,11 +55,11 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
 
 
 def settings_of(task: SliceTask, height_mm: float) -> EngineSettings:
-    """The settings for this part, which is printed so high. Raises the errors of `resolve_settings`."""
+    """Resolve the settings of a part that is printed so high. Raises the errors of `resolve_settings`."""
     chosen = PartSettings(
         height_mm=height_mm,
-        brim_width_mm=task.brim_width_mm,
-        layer_0_expansion_mm=task.layer_0_expansion_mm,
+        brim_width_mm=task.print_options.brim_width_mm,
+        layer_0_expansion_mm=task.print_options.layer_0_expansion_mm,
     )
     return resolve_settings(task.request, task.resources, chosen)
 
@@ -62,7 +67,10 @@ def settings_of(task: SliceTask, height_mm: float) -> EngineSettings:
 def _transform(
     mesh: trimesh.Trimesh, placement: Placement, scale: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """(4, 4) To the placement, larger by `scale` (3,): centre of the bounding box there, underside at Z 0."""
+    """Return the (4, 4) transform of a mesh to its placement.
+
+    It is larger by `scale` (3,); the centre of its box lies at the placement, its underside at Z 0.
+    """
     centre = mesh.bounds.mean(axis=0)
     transform = np.eye(4)
     if placement.turned:

@@ -1,4 +1,4 @@
-"""A part that failed, cut for several printers: what a worker does of it, and all that it loads for it."""
+"""Cut of a failed part for several printers. Runs in a worker."""
 
 from __future__ import annotations
 
@@ -19,80 +19,80 @@ from decompose.results import Decomposition
 from decompose.results import Part as Drawn
 from farm.errors import ErrorCode, FarmError
 from farm.model import Part
-from farm.planning.error_translation import in_farm_words
-from farm.planning.parts.decompose_job import decomposition_options, priced_rooms
-from farm.planning.plan_records import DecomposedPart
+from farm.planning.error_translation import translate_errors
+from farm.planning.part_records import DecomposedPart
+from farm.planning.parts.priced_rooms import decomposition_options, price_rooms
 from farm.planning.replanning.replan import Pieces, ReplanTask
 from slicing.settings import find_resources
 
 
 def cut_part(task: ReplanTask) -> Pieces:
-    """Cut a part for its printers, as many of them as are worth it; runs in a worker.
+    """Cut a part for as many of its printers as are worth it.
 
     Raises
     ------
     FarmError
-        `no_fit` where it stays whole, else as `decomposing.decompose_job`.
+        `no_fit` where it stays whole, else as `decompose_job`.
     """
-    with in_farm_words():
+    with translate_errors():
         resources = find_resources()
-    rooms, cost = priced_rooms(task.printers, task.factors, task.options.quality, resources)
+    rooms, cost = price_rooms(task.printers, task.time_factors, task.options.quality, resources)
     options = replace(decomposition_options(task.options), interior=Interior.KEEP)  # no hollows
-    whole = Model(_solid(task.files / task.part.file), (), 1.0)
+    whole = Model(_read_solid(task.files / task.part.file), (), 1.0)
     try:
         found = decompose_auto(whole, rooms, options, cost)
         if len(found.parts) < 2:
             raise FarmError(f"part {task.part.id} is printed sooner in one piece", ErrorCode.NO_FIT)
-        written = write_decomposition(_named(found, task.part), task.folder)
+        written = write_decomposition(_rename_pieces(found, task.part), task.folder)
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error
     except FarmError:
         raise
     except Exception:
-        with in_farm_words():
+        with translate_errors():
             raise
     pieces = tuple(DecomposedPart.of(part, task.folder) for part in written.parts)
-    drawn = [*(_drawn(task.files, other) for other in task.others), *written.parts]
+    drawn = [*(_as_drawn(task.files, other) for other in task.others), *written.parts]
     picture, assembly = task.folder / "job.png", task.folder / "job.glb"
     draw_assembly(drawn, picture)
     write_glb(drawn, assembly)
     return Pieces(pieces, picture, assembly, task.folder / REPORT)
 
 
-def _named(found: Decomposition, whole: Part) -> Decomposition:
-    """The pieces by their part's name and a letter, in the frame of its job's model."""
-    to_model = np.reshape(whole.to_model, (4, 4))
+def _rename_pieces(found: Decomposition, whole: Part) -> Decomposition:
+    """Name the pieces by their part and a letter, and bring them into the frame of its job's model."""
+    to_model = np.reshape(whole.geometry.to_model, (4, 4))
     name = Path(whole.id).name
     pieces = (
         replace(
             piece,
             id=f"{name}{letter}",
-            solid=_moved(piece.solid, to_model),
+            solid=_move_solid(piece.solid, to_model),
             to_model=to_model @ piece.to_model,
-            planes=_moved_planes(piece.planes, to_model),
+            planes=_move_planes(piece.planes, to_model),
         )
         for letter, piece in zip(string.ascii_lowercase, found.parts, strict=False)
     )
     return replace(found, parts=tuple(pieces))
 
 
-def _solid(stl: Path) -> Solid:
+def _read_solid(stl: Path) -> Solid:
     mesh = trimesh.load_mesh(stl)
     return Solid.from_arrays(mesh.vertices, mesh.faces)
 
 
-def _moved(solid: Solid, transform: np.ndarray) -> Solid:
+def _move_solid(solid: Solid, transform: np.ndarray) -> Solid:
     vertices, faces = solid.arrays()
     return Solid.from_arrays(vertices @ transform[:3, :3].T + transform[:3, 3], faces)
 
 
-def _moved_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
-    """Rows nx, ny, nz, d."""
+def _move_planes(planes: np.ndarray, transform: np.ndarray) -> np.ndarray:
+    """Transform planes, rows nx, ny, nz, d."""
     normals = planes[:, :3] @ transform[:3, :3].T
     return np.column_stack((normals, planes[:, 3] + normals @ transform[:3, 3]))
 
 
-def _drawn(files: Path, part: Part) -> Drawn:
-    """A part of the books, as a picture wants it."""
-    to_model = np.reshape(part.to_model, (4, 4))
-    return Drawn(Path(part.id).name, _moved(_solid(files / part.file), to_model), to_model, 0.0, "")
+def _as_drawn(files: Path, part: Part) -> Drawn:
+    """Build a part for the picture from a part of the books."""
+    to_model = np.reshape(part.geometry.to_model, (4, 4))
+    return Drawn(Path(part.id).name, _move_solid(_read_solid(files / part.file), to_model), to_model, 0.0, "")

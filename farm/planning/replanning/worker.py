@@ -1,4 +1,4 @@
-"""Makes a waiting plate otherwise, in workers: slices its part for another printer, or cuts it for more."""
+"""Replanning of waiting plates in the workers: slice a part for another printer, or cut it for several."""
 
 from __future__ import annotations
 
@@ -7,50 +7,60 @@ import logging
 import shutil
 from collections.abc import Callable
 
-from farm.compute.worker_pool import SLICING, Limit, Workers
+from farm.compute.worker_pool import Limit, Workers
 from farm.errors import FarmError
 from farm.paths import StateFolder
-from farm.planning.job_planner import slice_all
+from farm.planning.part_records import DecomposedPart, SliceBatch, SlicedPart
 from farm.planning.replanning.replan import (
     ReplannedPlate,
     ReplanTask,
-    planned_part,
-    recut_plates,
-    reslice_tasks,
-    resliced_plate,
+    book_recut,
+    book_resliced,
+    copy_part,
 )
-from farm.planning.tasks import cut_part, slice_part
+from farm.planning.slice_batch import slice_batch
+from farm.planning.tasks import cut_part
 
 log = logging.getLogger(__name__)
 
-CUTTING = Limit("cutting a part again", 900.0)
-Done = Callable[[str, "ReplannedPlate | FarmError"], None]
+CUTTING = Limit("recutting a part", 900.0)
+OnReplan = Callable[[str, "ReplannedPlate | FarmError"], None]
 
 
 class ReplanWorker:
-    """Works on several plates side by side; `done` is told of each what came of it."""
+    """Replans plates side by side.
 
-    def __init__(self, state: StateFolder, workers: Workers, done: Done) -> None:
-        self._state, self._workers, self._done = state, workers, done
+    Parameters
+    ----------
+    state
+        The state folder.
+    workers
+        That cut and slice.
+    on_replan
+        Called with a plate's id and what replaces it, or the error why nothing does.
+    """
+
+    def __init__(self, state: StateFolder, workers: Workers, on_replan: OnReplan) -> None:
+        self._state, self._workers, self._on_replan = state, workers, on_replan
         self._running: set[asyncio.Task[None]] = set()
 
     def start(self, task: ReplanTask, cut: bool) -> None:
-        """Begin; returns at once."""
-        making = asyncio.get_running_loop().create_task(self._run(task, cut))
-        self._running.add(making)
-        making.add_done_callback(self._running.discard)
+        """Begin to replan a plate; returns at once."""
+        running = asyncio.get_running_loop().create_task(self._run(task, cut))
+        self._running.add(running)
+        running.add_done_callback(self._running.discard)
 
     def stop(self) -> None:
-        """Give everything up: the next daemon decides anew."""
-        for making in self._running:
-            making.cancel()
+        """Give up all replans: the next daemon decides anew."""
+        for running in self._running:
+            running.cancel()
 
     async def _run(self, task: ReplanTask, cut: bool) -> None:
         result: ReplannedPlate | FarmError
         try:
             shutil.rmtree(task.folder, ignore_errors=True)
             task.folder.mkdir()
-            result = await (self._cut(task) if cut else self._slice(task))
+            result = await (self._recut(task) if cut else self._reslice(task))
         except FarmError as error:
             result = error
         except asyncio.CancelledError:
@@ -61,18 +71,20 @@ class ReplanWorker:
         finally:
             shutil.rmtree(task.folder, ignore_errors=True)
         try:
-            self._done(task.plate.id, result)
+            self._on_replan(task.plate.id, result)
         except FarmError as error:  # the books cannot be written: it is looked at again when they can
             log.error("plate %s: %s", task.plate.id, error)
 
-    async def _slice(self, task: ReplanTask) -> ReplannedPlate:
-        part = await asyncio.to_thread(planned_part, task)
-        (work,) = await asyncio.to_thread(reslice_tasks, task, [part], self._state.slices)
-        sliced = await self._workers.run(slice_part, work, limit=SLICING)
-        return await asyncio.to_thread(resliced_plate, task, part, work, sliced)
+    async def _reslice(self, task: ReplanTask) -> ReplannedPlate:
+        part = await asyncio.to_thread(copy_part, task)
+        (sliced,) = await self._slice(task, (part,))
+        return await asyncio.to_thread(book_resliced, task, sliced)
 
-    async def _cut(self, task: ReplanTask) -> ReplannedPlate:
+    async def _recut(self, task: ReplanTask) -> ReplannedPlate:
         pieces = await self._workers.run(cut_part, task, limit=CUTTING)
-        tasks = await asyncio.to_thread(reslice_tasks, task, pieces.parts, self._state.slices)
-        slices = await slice_all(self._workers, tasks)
-        return await asyncio.to_thread(recut_plates, task, pieces, tasks, slices)
+        sliced = await self._slice(task, pieces.parts)
+        return await asyncio.to_thread(book_recut, task, pieces, sliced)
+
+    async def _slice(self, task: ReplanTask, parts: tuple[DecomposedPart, ...]) -> tuple[SlicedPart, ...]:
+        batch = SliceBatch(parts, task.printers, task.options.quality, task.folder, self._state.slices)
+        return await slice_batch(self._workers, batch)

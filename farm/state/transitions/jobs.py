@@ -42,7 +42,7 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
         repairs=event.repairs,
         scale=event.scale,
         serial_s=event.serial_s,
-        estimated_s=event.estimated_s,
+        expected_s=event.expected_s,
         lower_bound_s=event.lower_bound_s,
         plan=event.plan,
         picture=event.picture,

@@ -137,5 +137,5 @@ def _end_print(event: ev.PrintEnded, attempt: Print, plate: Plate) -> Print:
 def _learn_speed(printer: Printer, plate: Plate, attempt: Print, took_s: float) -> Printer:
     """Return a printer with the time factor that one more finished print teaches."""
     reached_s = took_s - plate.prelude_s
-    factor = update_time_factor(printer.time_factor, plate.print_time_s, reached_s, attempt.starved_s)
+    factor = update_time_factor(printer.time_factor, plate.sliced_s, reached_s, attempt.starved_s)
     return edited(printer, time_factor=factor)

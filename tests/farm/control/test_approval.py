@@ -13,7 +13,7 @@ from farm.control.approval import Ahead
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import HoldCode, JobOptions, JobState, OwnGcode
 from farm.paths import StateFolder
-from farm.planning.plan import Inspected, Plan
+from farm.planning.plan import InspectedSubmission, Plan
 from farm.state import events as ev
 from farm.state.books import put
 from farm.state.storage.file_store import sha256_of
@@ -22,7 +22,7 @@ from farm.views.tasks import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 
-GCODE = Inspected(
+GCODE = InspectedSubmission(
     "x.gcode", (), 1.0, OwnGcode(nozzle_mm=0.4, min_mm=(-5.0, -5.0, 0.2), max_mm=(5.0, 5.0, 9.0))
 )
 
@@ -280,7 +280,7 @@ def test_the_night_of_a_held_job_is_foreseen(farm, state):
     assert {slot.plate for slot in night.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
     assert night.grams == pytest.approx(9.0)
     assert night.lower_bound_s <= night.makespan_s
-    assert farm.core.books.job(number).estimated_s == pytest.approx(night.makespan_s)
+    assert farm.core.books.job(number).expected_s == pytest.approx(night.makespan_s)
 
 
 def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, state, monkeypatch):

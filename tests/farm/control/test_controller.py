@@ -17,7 +17,7 @@ from farm.model import (
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.planning.plan import Inspected, Plan, TooFewPrinters
+from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
 from farm.state import events as ev
 from farm.views.jobs import describe_job
 from farm.views.printers import describe_printer
@@ -80,7 +80,9 @@ def test_own_g_code_takes_one_printer_that_has_its_nozzle_and_its_room(farm):
     def submit(request_id, nozzle_mm, half_mm):
         box = {"min_mm": (-half_mm, -half_mm, 0.2), "max_mm": (half_mm, half_mm, 9.0)}
         own = OwnGcode(nozzle_mm=nozzle_mm, **box)
-        return farm.core.submit(request_id, "x.gcode", Inspected("x.gcode", (), 1.0, own), JobOptions())[0]
+        return farm.core.submit(
+            request_id, "x.gcode", InspectedSubmission("x.gcode", (), 1.0, own), JobOptions()
+        )[0]
 
     farm.ready("a")
     farm.ready("b", bed_clear=False)

@@ -67,7 +67,7 @@ def asked(farm):
 def test_a_print_is_told_until_when_it_may_begin_and_when_it_ends(farm):
     attempt = farm.core.books.open_print_on("a")
     span = farm.core.span(attempt.id)
-    needed_s = farm.core.books.plates[attempt.plate].estimated_s * 1.05
+    needed_s = farm.core.books.plates[attempt.plate].expected_s * 1.05
     assert span.not_after_s == pytest.approx(STOP - needed_s)
     assert span.ends_by_s == STOP
 

@@ -21,7 +21,7 @@ from farm.http.callers import PeerProtocol, Person, check_operators, listen
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.plan import Inspected
+from farm.planning.plan import InspectedSubmission
 from farm.state.storage.store import Store
 
 MODEL = "ultimaker2_plus"
@@ -42,7 +42,7 @@ class SameProcess:
     """Workers that find every model good."""
 
     async def run(self, work, *args):
-        return Inspected(file="m.npz", scale=1.0, repairs=())
+        return InspectedSubmission(file="m.npz", scale=1.0, repairs=())
 
 
 def make(folder, **fleet):

@@ -11,9 +11,9 @@ from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
 from farm.model import Job, JobOptions, PlanProgress, PlanStep
 from farm.paths import StateFolder
-from farm.planning import job_planner as planner
-from farm.planning.inspect_model import inspect_model
-from farm.planning.job_planner import ROOM_BYTES, Planner
+from farm.planning import job_planner, slice_batch
+from farm.planning.inspection.inspect_model import inspect_model
+from farm.planning.job_planner import ROOM_BYTES, JobPlanner
 from farm.planning.plan import Plan
 from farm.views.tasks import list_tasks
 from recording_controller import Farm
@@ -41,14 +41,14 @@ def plan(state, job, factor=1.0):
 
     async def main():
         done = asyncio.get_running_loop().create_future()
-        making = Planner(
+        planner = JobPlanner(
             state,
             SameProcess(),
             20.0,
             lambda _, result: done.set_result(result),
             lambda _, far: told.append(far),
         )
-        making.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
+        planner.start(job, list(fleet.printers), 1, dict.fromkeys("ab", factor))
         return await done
 
     return told, asyncio.run(main())
@@ -68,8 +68,8 @@ def test_a_plan_tells_how_far_it_is_and_slices_nothing_twice(state, bar):
     assert [plate.cached for plate in again.plates] == [True, True]
     assert [plate.sha256 for plate in again.plates] == [plate.sha256 for plate in first.plates]
     # What was learned of the printers is in the expected time, without slicing anew.
-    longest = max(first.plates, key=lambda plate: plate.estimated_s)
-    assert again.estimated_s == pytest.approx(longest.seconds(1.1))
+    longest = max(first.plates, key=lambda plate: plate.expected_s)
+    assert again.expected_s == pytest.approx(longest.seconds(1.1))
     assert not list(state.work.iterdir())
 
 
@@ -85,7 +85,7 @@ def bar(state, tmp_path):
 
 def slowed(monkeypatch, late_s, fail=None):
     """CuraEngine says that parts take so many seconds more than they do; what was cut again it may refuse."""
-    slice_part, asked = planner.slice_part, []
+    slice_part, asked = slice_batch.slice_part, []
 
     def slow(task):
         asked.append(task.stl)
@@ -93,9 +93,9 @@ def slowed(monkeypatch, late_s, fail=None):
             raise fail
         sliced = slice_part(task)
         mesh = trimesh.load_mesh(task.stl)
-        return replace(sliced, print_time_s=sliced.print_time_s + late_s(task.stl, mesh.extents.max()))
+        return replace(sliced, sliced_s=sliced.sliced_s + late_s(task.stl, mesh.extents.max()))
 
-    monkeypatch.setattr(planner, "slice_part", slow)
+    monkeypatch.setattr(slice_batch, "slice_part", slow)
     return asked
 
 
@@ -107,14 +107,14 @@ def test_a_part_that_is_slow_as_it_is_sliced_is_cut_again(state, bar, monkeypatc
     steps = [far.step for far in told]
     assert steps.count(PlanStep.LEVELLING) >= 1
     assert steps.index(PlanStep.LEVELLING) > steps.index(PlanStep.SLICING)
-    a, b = (plate.print_time_s for plate in result.plates)
+    a, b = (plate.sliced_s for plate in result.plates)
     assert b == pytest.approx(a, rel=0.03)
-    left, right = sorted(result.parts, key=lambda part: part.volume_mm3)
-    assert left.volume_mm3 < 0.75 * right.volume_mm3
-    assert left.volume_mm3 + right.volume_mm3 == pytest.approx(260 * 14 * 12)
+    left, right = sorted(result.parts, key=lambda part: part.geometry.volume_mm3)
+    assert left.geometry.volume_mm3 < 0.75 * right.geometry.volume_mm3
+    assert left.geometry.volume_mm3 + right.geometry.volume_mm3 == pytest.approx(260 * 14 * 12)
     for part in result.parts:  # what is booked is what was cut last
         mesh = trimesh.load_mesh(state.files / part.file)
-        assert mesh.volume == pytest.approx(part.volume_mm3, rel=1e-4)
+        assert mesh.volume == pytest.approx(part.geometry.volume_mm3, rel=1e-4)
     assert not list(state.work.iterdir())
 
 
@@ -136,15 +136,15 @@ def test_what_is_no_gain_or_cannot_be_sliced_is_as_if_it_never_was(state, bar, f
     assert PlanStep.LEVELLING in [far.step for far in told]
     assert any("levelled" in str(stl) for stl in asked)
     first, second = result.parts
-    assert first.volume_mm3 == pytest.approx(second.volume_mm3, rel=0.05)
-    assert result.plates[1].print_time_s - result.plates[0].print_time_s == pytest.approx(600.0, rel=0.1)
+    assert first.geometry.volume_mm3 == pytest.approx(second.geometry.volume_mm3, rel=0.05)
+    assert result.plates[1].sliced_s - result.plates[0].sliced_s == pytest.approx(600.0, rel=0.1)
 
 
 def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_path, monkeypatch):
     """Jobs that wait in a night with a full disk would fail one after the other."""
     usage, looks = shutil.disk_usage(state.root), iter([ROOM_BYTES - 1] * 3 + [ROOM_BYTES] * 9)
-    monkeypatch.setattr(planner, "_RETRY_S", 0.0)
-    monkeypatch.setattr(planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
+    monkeypatch.setattr(job_planner, "_RETRY_S", 0.0)
+    monkeypatch.setattr(job_planner.shutil, "disk_usage", lambda _: usage._replace(free=next(looks)))
     answers = iter([FarmError("the engine wrote half a file", ErrorCode.SLICE), OSError(28, "No space left")])
 
     class FullDisk:
@@ -163,9 +163,9 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
 
     async def main():
         done = asyncio.get_running_loop().create_future()
-        making = Planner(state, FullDisk(), 20.0, lambda _, result: done.set_result(result), tell)
+        planner = JobPlanner(state, FullDisk(), 20.0, lambda _, result: done.set_result(result), tell)
         job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
-        making.start(job, [], 1, {})
+        planner.start(job, [], 1, {})
         return await done
 
     result = asyncio.run(main())
@@ -177,7 +177,7 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
 
 def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
     """It was left planning until the next daemon, with nothing but a line in the log."""
-    monkeypatch.setattr(planner.Planner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
+    monkeypatch.setattr(job_planner.JobPlanner, "_plan", lambda *_: asyncio.sleep(0, object.__new__(Plan)))
     told = []
 
     def done(number, result):
@@ -186,9 +186,9 @@ def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
             raise KeyError("p07")
 
     async def main():
-        making = Planner(state, SameProcess(), 20.0, done, lambda *_: None)
+        planner = JobPlanner(state, SameProcess(), 20.0, done, lambda *_: None)
         job = Job(id=7, request_id="r" * 8, name="x", model_file="x", options=JobOptions(), submitted_s=0.0)
-        making.start(job, [], 1, {})
+        planner.start(job, [], 1, {})
         while asyncio.all_tasks() - {asyncio.current_task()}:
             await asyncio.sleep(0)
 

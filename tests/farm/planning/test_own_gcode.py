@@ -9,8 +9,8 @@ from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
 from farm.model import Engine, JobOptions
-from farm.planning.move_times import FirmwareTime
-from farm.planning.own_gcode import inspect_gcode, is_gcode, plan_gcode
+from farm.planning.inspection.move_times import FirmwareTime
+from farm.planning.inspection.own_gcode import inspect_gcode, is_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask
 from make_gcode import marlin, square, ultigcode
 from slicing.errors import EngineMissing
@@ -154,7 +154,7 @@ def test_a_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
     made = plan(marlin(), [printer("b", TALL), printer("c", price_per_kg=30.0), printer("d")])
     (plate,), (part,) = made.plates, made.parts
     assert (plate.printer, plate.parts, part.plate) == ("c", (part.id,), plate.id)
-    assert made.serial_s == made.estimated_s == plate.estimated_s > plate.print_time_s > 0
+    assert made.serial_s == made.expected_s == plate.expected_s > plate.sliced_s > 0
     assert plate.filament_mm == pytest.approx(240 * 0.08 / (math.pi * 2.85**2 / 4), abs=1e-3)
     assert plate.grams == pytest.approx(240 * 0.08 / 1000 * 1.24, rel=0.01)
     assert plate.price == pytest.approx(plate.grams * 0.03)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.printers import PROFILES
-from farm.planning.plate_times import plate_seconds, quickest_first
+from farm.planning.plate_times import plate_seconds, reassign_loads
 
 NAMES = list("abcdef")
 SECONDS = st.floats(0.0, 1e6)
@@ -29,7 +29,7 @@ def makespan(loads_s, takes, factors):
     st.fixed_dictionaries({name: st.sampled_from(["low", "tall"]) for name in NAMES}),
 )
 def test_work_moves_only_among_equals_and_ends_no_later_for_it(loads_s, factors, kinds):
-    takes = quickest_first(loads_s, kinds, factors)
+    takes = reassign_loads(loads_s, kinds, factors)
     assert sorted(takes) == sorted(takes.values()) == NAMES
     assert all(kinds[one] == kinds[other] for one, other in takes.items())
     stays = {name: name for name in NAMES}
@@ -38,9 +38,9 @@ def test_work_moves_only_among_equals_and_ends_no_later_for_it(loads_s, factors,
 
 def test_where_nothing_was_learned_everything_stays():
     kinds = dict.fromkeys(NAMES, "low")
-    assert quickest_first({"a": 1.0, "b": 9.0}, kinds, {}) == {name: name for name in NAMES}
+    assert reassign_loads({"a": 1.0, "b": 9.0}, kinds, {}) == {name: name for name in NAMES}
 
 
 def test_a_single_part_goes_to_the_quickest_printer_though_the_plan_had_no_work_for_it():
-    takes = quickest_first({"a": 5.0}, {"a": 0, "b": 0}, {"a": 1.1, "b": 0.9})
+    takes = reassign_loads({"a": 5.0}, {"a": 0, "b": 0}, {"a": 1.1, "b": 0.9})
     assert takes == {"a": "b", "b": "a"}

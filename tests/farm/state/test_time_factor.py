@@ -71,9 +71,9 @@ def long_plate(books, factor):
     """A plate of an hour of layers and 100 s beside them, planned with a factor."""
     plate = books.plates["1/01"]
     changes = {
-        "print_time_s": HOUR_S,
+        "sliced_s": HOUR_S,
         "time_factor": factor,
-        "estimated_s": HOUR_S * factor + 100.0,
+        "expected_s": HOUR_S * factor + 100.0,
     }
     books.plates["1/01"] = plate.model_copy(update=changes)
     return books

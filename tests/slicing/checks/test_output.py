@@ -65,7 +65,7 @@ def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
 
 def test_what_a_good_file_says():
     facts = checked(GOOD)
-    assert facts.print_time_s == 21.25
+    assert facts.sliced_s == 21.25
     assert facts.filament_mm == pytest.approx(3.0)  # without priming and retraction
     assert (facts.layer_count, facts.layers, facts.top_layer) == (2, 2, 1)
     assert facts.min_mm == (100.0, 90.0, 0.27)

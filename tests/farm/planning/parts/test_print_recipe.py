@@ -119,7 +119,7 @@ def test_prices_are_those_of_the_engine(how, settings_of, tmp_path):
             stl=stl, settings=settings, out=stl.with_suffix(".gcode"), engine=engine, bed=BED
         )
         priced_s = pose_prices_s(vertices, faces, UPRIGHT, cost)[0]
-        errors.append(priced_s / slice_plate(request).print_time_s - 1.0)
+        errors.append(priced_s / slice_plate(request).sliced_s - 1.0)
     assert mean(map(abs, errors)) < 0.04, errors
     assert max(map(abs, errors)) < 0.1, errors
 

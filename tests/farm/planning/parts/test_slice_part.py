@@ -7,9 +7,10 @@ import trimesh
 from drivers.printers import PROFILES, part_room
 from farm.config import PrinterSection
 from farm.errors import FarmError
+from farm.model import PartPrintOptions
+from farm.planning.part_records import SliceTask
 from farm.planning.parts.part_rooms import model_sizes, printer_room
 from farm.planning.parts.slice_part import slice_part
-from farm.planning.plan_records import SliceTask
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import PRINTERS
 
@@ -18,7 +19,7 @@ MODEL = "ultimaker2_plus"
 
 @pytest.fixture
 def task(tmp_path):
-    def make(mesh, *, material="generic_pla", quality="glue", **rest):
+    def make(mesh, *, material="generic_pla", quality="glue", **options):
         stl = tmp_path / "part.stl"
         mesh.export(stl)
         request = SettingsRequest(PRINTERS[MODEL], quality, material)
@@ -34,7 +35,7 @@ def task(tmp_path):
             engine=find_engine(),
             out=tmp_path / "part.gcode",
             cache=None,
-            **rest,
+            print_options=PartPrintOptions(**options),
         )
 
     return make

@@ -5,7 +5,7 @@ import pytest
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, HoldCode, JobOptions, Link, PrintState
 from farm.planning.plan import Plan
-from farm.planning.replanning.replan import ReplannedPlate, next_name
+from farm.planning.replanning.replan import ReplannedPlate, next_plate_id
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
 from make_books import plan as planned
@@ -32,7 +32,7 @@ def begun(tmp_path, models, plates=1, **options):
     farm.ready(*farm.names)
     farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = planned(1, plates)
-    hours = {"estimated_s": 10 * HOUR, "print_time_s": 10 * HOUR - 300.0, "kin": PLUS}
+    hours = {"expected_s": 10 * HOUR, "sliced_s": 10 * HOUR - 300.0, "kin": PLUS}
     long = tuple(plate.model_copy(update=hours) for plate in event.plates)
     farm.core.planned(1, Plan(event.parts, long, (), 1.0, 1.0, 10 * HOUR, None))
     if options.get("hold"):
@@ -61,7 +61,7 @@ def pieces(farm, plate, hours, printers):
     for letter, printer in zip("abcdefgh", printers, strict=False):
         own = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
         parts.append(part.model_copy(update=own))
-        time = {"estimated_s": hours * HOUR, "print_time_s": hours * HOUR - 300.0}
+        time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0}
         own = {"id": f"{plate}{letter}", "parts": (f"{part.id}{letter}",), "printer": printer}
         plates.append(old.model_copy(update={"prints": (), **own, **time}))
     return ReplannedPlate(tuple(parts), tuple(plates), "n.png")
@@ -149,8 +149,8 @@ def test_what_a_person_approved_is_printed_as_it_was_approved(tmp_path):
 
 def sliced(farm, plate, printer, hours):
     old = farm.core.books.plates[plate]
-    name = next_name(plate)
-    time = {"estimated_s": hours * HOUR, "print_time_s": hours * HOUR - 300.0, "prints": ()}
+    name = next_plate_id(plate)
+    time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
     new = old.model_copy(update={"id": name, "kin": PLAIN, "printer": printer, **time})
     (part,) = (farm.core.books.parts[one].model_copy(update={"plate": name}) for one in old.parts)
     return ReplannedPlate((part,), (new,))
@@ -186,4 +186,4 @@ def test_its_own_printer_may_take_it_before_the_slice_is_made(tmp_path):
     assert printing(farm) == {"a": "1/01"}
     farm.core.replanned("1/01", sliced(farm, "1/01", "b", 9.0))
     assert farm.core.books.jobs[1].plates == ("1/01",)
-    assert [next_name(name) for name in ("3/07", "3/07-2", "3/07a")] == ["3/07-2", "3/07-3", "3/07a-2"]
+    assert [next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == ["3/07-2", "3/07-3", "3/07a-2"]

@@ -11,7 +11,7 @@ import trimesh
 from decompose.geometry import Solid
 from farm.config import Fleet
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions, Part, Plate
+from farm.model import JobOptions, Part, PartPrintOptions, Plate
 from farm.paths import StateFolder
 from farm.planning.replanning import replan
 from farm.planning.replanning.cut_part import cut_part
@@ -48,10 +48,16 @@ def task_of(state, size=(160.0, 90.0, 70.0), models=(PLUS, PLUS, PLAIN)):
         {"printers": [{"name": n, "model": model, "port": f"sim://{model}"} for n, model in names]}
     )
     known = plan(1, 2)
-    at = {"file": store_file(state.files, stl), "to_model": tuple(TURNED.ravel()), "brim_width_mm": 3.0}
-    part: Part = known.parts[0].model_copy(update=at)
+    planned: Part = known.parts[0]
+    part = planned.model_copy(
+        update={
+            "file": store_file(state.files, stl),
+            "geometry": planned.geometry.model_copy(update={"to_model": tuple(TURNED.ravel())}),
+            "print_options": PartPrintOptions(brim_width_mm=3.0),
+        }
+    )
     plate: Plate = known.plates[0]
-    folder = state.work / "again"
+    folder = state.work / "replan"
     folder.mkdir(exist_ok=True)
     other = known.parts[1].model_copy(update={"file": part.file})
     options = JobOptions(engine="guillotine")
@@ -70,28 +76,28 @@ def test_a_part_that_is_sooner_whole_is_not_cut(state):
     assert told.value.code is ErrorCode.NO_FIT
 
 
-def remade(state, task, cut):
-    told = []
+def run_replan(state, task, cut):
+    results = []
 
     async def main():
-        remaker = ReplanWorker(state, SameProcess(), lambda *came: told.append(came))
-        remaker.start(task, cut)
-        while not told:
+        worker = ReplanWorker(state, SameProcess(), lambda *came: results.append(came))
+        worker.start(task, cut)
+        while not results:
             await asyncio.sleep(0)
 
     asyncio.run(main())
-    ((plate, result),) = told
+    ((plate, result),) = results
     assert plate == task.plate.id
-    assert not list(state.work.glob("again*"))
+    assert not list(state.work.glob("replan*"))
     return result
 
 
 def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(state):
     task = task_of(state)
-    whole = in_model(state.files / task.part.file, task.part.to_model)
-    result = remade(state, task, cut=True)
+    whole = in_model(state.files / task.part.file, task.part.geometry.to_model)
+    result = run_replan(state, task, cut=True)
     assert isinstance(result, ReplannedPlate), result
-    solids = [in_model(state.files / part.file, part.to_model) for part in result.parts]
+    solids = [in_model(state.files / part.file, part.geometry.to_model) for part in result.parts]
     together = Solid.union(solids)
     volumes = (
         sum(solid.volume_mm3 for solid in solids),  # nothing is left out
@@ -100,7 +106,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
     )
     assert volumes == pytest.approx((whole.volume_mm3,) * 3, rel=1e-5)
     for part, solid in zip(result.parts, solids, strict=True):
-        assert np.allclose(solid.bounds_mm, (part.min_mm, part.max_mm), atol=1e-3)
+        assert np.allclose(solid.bounds_mm, (part.geometry.min_mm, part.geometry.max_mm), atol=1e-3)
     letters = "abc"[: len(result.parts)]
     assert [part.id for part in result.parts] == [f"1/p01{letter}" for letter in letters]
     assert [plate.id for plate in result.plates] == [f"1/01{letter}" for letter in letters]
@@ -113,7 +119,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
         (f"p01{letter}", f"p01{letter}.stl") for letter in letters
     ]
     for one, part in zip(report["parts"], result.parts, strict=True):
-        assert np.allclose(np.ravel(one["to_model"]), part.to_model)
+        assert np.allclose(np.ravel(one["to_model"]), part.geometry.to_model)
     assert {one["a"] for one in report["joints"]} <= {one["id"] for one in report["parts"]}
     for name in (
         result.picture,
@@ -126,7 +132,7 @@ def test_pieces_fill_their_part_exactly_and_are_sliced_each_for_its_own_printer(
 
 def test_a_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
     task = task_of(state, (40.0, 30.0, 4.0), (PLAIN,))
-    result = remade(state, task, cut=False)
+    result = run_replan(state, task, cut=False)
     assert isinstance(result, ReplannedPlate), result
     ((part,), (plate,)) = result.parts, result.plates
     assert part == task.part.model_copy(update={"plate": "1/01-2"})
@@ -138,7 +144,7 @@ def test_a_part_is_sliced_for_another_printer_and_its_plan_is_kept(state):
 def test_a_printer_that_loses_walls_of_the_plan_is_not_used(state, monkeypatch):
     task = task_of(state, (40.0, 0.5, 4.0), (PLAIN,))
     task = replace(task, printers=(task.printers[0].model_copy(update={"nozzle_mm": 0.8}),))
-    result = remade(state, task, cut=False)
+    result = run_replan(state, task, cut=False)
     assert isinstance(result, FarmError)
     assert (state.files / task.part.file).is_file()
-    assert replan.next_name("1/01") == "1/01-2"
+    assert replan.next_plate_id("1/01") == "1/01-2"

@@ -2,7 +2,7 @@
 
 from drivers.agent.journal import JOURNAL, Journal
 from drivers.messages import PrintPhase
-from farm.model import Bed, JobState, PrintState, Verdict
+from farm.model import Bed, JobState, Part, PrintState, Verdict
 from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
 from recorded_state import unpack_state
@@ -24,9 +24,10 @@ def test_the_books_of_the_first_release_open(tmp_path):
     assert (printing.job, printing.printer, printing.state) == (2, "um2x-01", PrintState.PRINTING)
     (plate,) = books.plates_of(books.job(4))
     assert books.plate_state(plate) is PlateState.PRINTED
-    assert round(plate.estimated_s / 60) == 18 and plate.kin == "ultimaker2_plus"
+    assert round(plate.expected_s / 60) == 18 and plate.kin == "ultimaker2_plus"
     (part,) = (books.parts[name] for name in plate.parts)
-    assert part.volume_mm3 > 2000.0 and part.stands
+    assert part.geometry.volume_mm3 > 2000.0 and part.print_options.stands
+    assert Part.model_validate_json(part.model_dump_json()) == part
     first = books.printer("um2-01")
     assert (first.bed, round(first.reel.grams)) == (Bed.NOT_CLEAR, 697)
 

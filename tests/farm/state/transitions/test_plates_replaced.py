@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from example_night import view_context_of
 from farm.model import Bed, Hold, HoldCode, JobState, PrintState, Verdict
-from farm.planning.plan import file_names
+from farm.planning.booking import list_job_files
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState
@@ -53,7 +53,7 @@ def test_pieces_take_the_place_of_their_part_and_go_on_with_its_attempts():
     assert job.plates == ("1/01", "1/02a", "1/02b", "1/03")
     assert job.parts == ("1/p01", "1/p02a", "1/p02b", "1/p03")
     assert (job.picture, told) == ("n.png", [ev.NameFiles(job=1)])
-    assert file_names(job, (), ())["decomposition-p02.json"] == "c.json"
+    assert list_job_files(job, (), ())["decomposition-p02.json"] == "c.json"
     assert books.plates["1/02"].replaced_by == ("1/02a", "1/02b")
     assert books.parts["1/p02a"].cut_from == "1/p02"
     assert {plate.id for plate in books.waiting_plates()} == set(job.plates)

@@ -10,13 +10,13 @@ import numpy as np
 from decompose.geometry import Model, Solid, load_model
 from farm.errors import ErrorCode, FarmError
 from farm.model import JobOptions
-from farm.planning.error_translation import in_farm_words
-from farm.planning.plan import Inspected
+from farm.planning.error_translation import translate_errors
+from farm.planning.plan import InspectedSubmission
 from farm.state.storage.file_store import store_file
 from slicing.settings import find_engine, find_resources
 
 
-def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> Inspected:
+def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> InspectedSubmission:
     """Read, repair and scale a model, which a person knows by `name`; runs in a worker.
 
     Raises
@@ -25,7 +25,7 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
         With code `model` and the reason, where it cannot be made a solid; with code `engine` where there is
         nothing to slice it with later.
     """
-    with in_farm_words():
+    with translate_errors():
         find_engine()
         find_resources()
         model = load_model(path, name=name, scale=options.scale, longest_side_mm=options.longest_side_mm)
@@ -38,7 +38,7 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
         scale=model.scale,
         repairs=np.array(model.repairs, dtype=np.str_),
     )
-    return Inspected(store_file(files, temporary), tuple(model.repairs), float(model.scale))
+    return InspectedSubmission(store_file(files, temporary), tuple(model.repairs), float(model.scale))
 
 
 def read_inspected(path: Path) -> Model:

@@ -14,13 +14,13 @@ from drivers.gcode import program as wire
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
-from farm.model import JobOptions, OwnGcode, Part, Plate
-from farm.planning.error_translation import in_farm_words
-from farm.planning.move_times import FirmwareTime
+from farm.model import JobOptions, OwnGcode, Part, PartGeometry, Plate
+from farm.planning.error_translation import translate_errors
+from farm.planning.inspection.move_times import FirmwareTime
 from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.plan import DecomposeTask, Inspected, Plan, matching_printers
-from farm.planning.plan_records import printer_settings
+from farm.planning.plan import DecomposeTask, InspectedSubmission, Plan
 from farm.planning.plate_times import plate_seconds
+from farm.planning.printer_settings import matching_printers, printer_settings
 from farm.state.storage.file_store import sha256_of, store_file
 from slicing.errors import GcodeRefused
 from slicing.own_gcode import LONGEST, ForeignGcode, PrintTarget, accept, shown
@@ -61,7 +61,7 @@ def _is_plain(lower: str) -> bool:
 
 def inspect_gcode(
     path: Path, name: str, options: JobOptions, printers: Sequence[PrinterSection], files: Path
-) -> Inspected:
+) -> InspectedSubmission:
     """Whether a file can be printed on one of these printers; runs in a worker.
 
     Raises
@@ -77,7 +77,7 @@ def inspect_gcode(
     own = _own(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
     stored.hardlink_to(path)  # where its worker dies now, another one reads the upload again
-    return Inspected(store_file(files, stored), _notices(accepted, section), 1.0, own)
+    return InspectedSubmission(store_file(files, stored), _notices(accepted, section), 1.0, own)
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
@@ -92,7 +92,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         task.printers,
         key=lambda section: (
             PROFILES[section.model].height_mm,
-            task.factors.get(section.name, 1.0),
+            task.time_factors.get(section.name, 1.0),
             section.name,
         ),
     )
@@ -107,8 +107,8 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
     settings = _settings(section)
     filament_mm3 = accepted.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
-    factor = task.factors.get(section.name, 1.0)
-    estimated_s = plate_seconds(
+    factor = task.time_factors.get(section.name, 1.0)
+    expected_s = plate_seconds(
         PROFILES[section.model], accepted.print_time_s, accepted.nozzle_c, accepted.bed_c, factor
     )
     part = Part(
@@ -116,10 +116,9 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         job=task.job,
         plate=f"{task.job}/01",
         file=task.model.name,
-        to_model=_IDENTITY,
-        min_mm=own.min_mm,
-        max_mm=own.max_mm,
-        volume_mm3=filament_mm3,
+        geometry=PartGeometry(
+            to_model=_IDENTITY, min_mm=own.min_mm, max_mm=own.max_mm, volume_mm3=filament_mm3
+        ),
     )
     plate = Plate(
         id=part.plate,
@@ -127,8 +126,8 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         parts=(part.id,),
         sha256=sha256_of(out),
         gcode=store_file(files, out),
-        print_time_s=accepted.print_time_s,
-        estimated_s=estimated_s,
+        sliced_s=accepted.print_time_s,
+        expected_s=expected_s,
         grams=grams,
         filament_mm=accepted.filament_mm,
         price=section.price(grams),
@@ -140,7 +139,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         printer=section.name,
         time_factor=factor,
     )
-    return Plan((part,), (plate,), _notices(accepted, section), 1.0, estimated_s, estimated_s)
+    return Plan((part,), (plate,), _notices(accepted, section), 1.0, expected_s, expected_s)
 
 
 def _nozzle(printers: Sequence[PrinterSection]) -> float | None:
@@ -172,7 +171,7 @@ def _accept(path: Path, section: PrinterSection, nozzle_mm: float | None, name: 
 
 def _settings(section: PrinterSection) -> EngineSettings:
     """For what its material says: temperatures, density and the filament's section."""
-    with in_farm_words():
+    with translate_errors():
         return printer_settings(section, JobOptions().quality, find_resources())
 
 

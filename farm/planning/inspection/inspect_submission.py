@@ -7,14 +7,15 @@ from pathlib import Path
 
 from farm.config import PrinterSection
 from farm.model import JobOptions
-from farm.planning.inspect_model import inspect_model
-from farm.planning.own_gcode import inspect_gcode, is_gcode
-from farm.planning.plan import Inspected, check_settings
+from farm.planning.inspection.inspect_model import inspect_model
+from farm.planning.inspection.own_gcode import inspect_gcode, is_gcode
+from farm.planning.plan import InspectedSubmission
+from farm.planning.printer_settings import check_settings
 
 
 def inspect_submission(
     path: Path, name: str, options: JobOptions, printers: Sequence[PrinterSection], files: Path
-) -> Inspected:
+) -> InspectedSubmission:
     """Check a submission, and put what can be printed of it into the file store.
 
     Parameters

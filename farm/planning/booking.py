@@ -1,0 +1,122 @@
+"""Books of a plan: the part, the plate and the plan that are committed, and their files in the store."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from decompose.file_names import ASSEMBLY, PICTURE, REPORT
+from drivers.printers import PROFILES
+from farm.model import Job, Part, Plate
+from farm.planning.part_records import DecomposedPart, SlicedPart
+from farm.planning.plan import Plan, SlicedJob
+from farm.planning.plate_times import prelude_seconds
+from farm.state.storage.file_store import store_file
+
+MOST_WARNINGS = 3
+"""Of a plate: walls too thin to print, the largest first."""
+MAY_FALL = "stands on too little in every pose that fits: watch it while it prints, or give it a wider brim"
+
+
+@dataclass(frozen=True, slots=True)
+class PlateNames:
+    """Identifiers of a plate with one part, in the books."""
+
+    job: int
+    part: str
+    plate: str
+
+
+def book_part(names: PlateNames, part: DecomposedPart, files: Path, cut_from: str | None = None) -> Part:
+    """Put a part's file into the store and return its record."""
+    return Part(
+        id=names.part,
+        job=names.job,
+        plate=names.plate,
+        file=store_file(files, part.stl),
+        geometry=part.geometry,
+        print_options=part.print_options,
+        cut_from=cut_from,
+    )
+
+
+def book_plate(names: PlateNames, sliced: SlicedPart, time_factor: float, files: Path) -> Plate:
+    """Put a slice's G-code into the store and return the record of its plate.
+
+    Parameters
+    ----------
+    time_factor
+        Learned of the printer (farm.state.time_factor).
+    files
+        The store.
+    """
+    section, result = sliced.printer, sliced.result
+    falls = () if sliced.part.print_options.stands else (MAY_FALL,)
+    return Plate(
+        id=names.plate,
+        job=names.job,
+        parts=(names.part,),
+        gcode=store_file(files, result.gcode),
+        sha256=result.sha256,
+        sliced_s=result.sliced_s,
+        expected_s=sliced.expected_s(time_factor),
+        grams=result.grams,
+        filament_mm=result.filament_mm,
+        price=section.price(result.grams),
+        layers=result.layers,
+        min_mm=result.min_mm,
+        max_mm=result.max_mm,
+        material=section.material,
+        nozzle_mm=section.nozzle_mm,
+        kin=PROFILES[section.model].kin,
+        printer=section.name,
+        time_factor=time_factor,
+        cached=result.cached,
+        warnings=(*falls, *map(str, result.unprinted[:MOST_WARNINGS])),
+    )
+
+
+def book_plan(sliced: SlicedJob, files: Path) -> Plan:
+    """Put a sliced job's files into the store and return its plan."""
+    task, decomposed = sliced.task, sliced.decomposed
+    parts, plates = [], []
+    for number, part in enumerate(sliced.parts, 1):
+        names = PlateNames(task.job, f"{task.job}/{part.part.id}", f"{task.job}/{number:02d}")
+        parts.append(book_part(names, part.part, files))
+        plates.append(book_plate(names, part, task.time_factors.get(part.printer.name, 1.0), files))
+    return Plan(
+        parts=tuple(parts),
+        plates=tuple(plates),
+        repairs=decomposed.repairs,
+        scale=decomposed.scale,
+        serial_s=_serial_s(sliced),
+        expected_s=sliced.makespan_s(),
+        picture=store_file(files, task.folder / PICTURE),
+        assembly=store_file(files, task.folder / ASSEMBLY),
+        decomposition=store_file(files, task.folder / REPORT),
+    )
+
+
+def list_job_files(job: Job, parts: Iterable[Part], plates: Iterable[Plate]) -> dict[str, str]:
+    """Return the stored files of a planned job, of these parts and plates, by the names that people see."""
+    names = {Path(part.id).name + Path(part.file).suffix: part.file for part in parts}
+    names |= {f"plate-{Path(plate.id).name}.gcode": plate.gcode for plate in plates}
+    of_all = {PICTURE: job.picture, ASSEMBLY: job.assembly, REPORT: job.decomposition}
+    names |= {name: stored for name, stored in of_all.items() if stored}
+    report = Path(REPORT)
+    return names | {
+        f"{report.stem}-{Path(part).name}{report.suffix}": stored for part, stored in job.cuts.items()
+    }
+
+
+def _serial_s(sliced: SlicedJob) -> float:
+    """Return the time of the whole model in one piece: its price, corrected by the parts' error.
+
+    Slicing the whole would take minutes, for a printer that nobody has.
+    """
+    first = sliced.parts[0]
+    prelude_s = prelude_seconds(first.printer, first.task.settings)
+    price_s = sum(part.part.price_s - prelude_s for part in sliced.parts)
+    sliced_s = sum(float(part.result.sliced_s) for part in sliced.parts)
+    return prelude_s + (sliced.decomposed.serial_price_s - prelude_s) * sliced_s / price_s

@@ -1,0 +1,140 @@
+"""Records of one part on its way through planning: decomposed, to be sliced, sliced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from drivers.printers import PROFILES, RoomBox
+from farm.config import PrinterSection
+from farm.model import DEFAULT_PRINT_OPTIONS, PartGeometry, PartPrintOptions
+from farm.planning.plate_times import plate_seconds
+from slicing.settings import EngineSettings, Resources, SettingsRequest
+
+if TYPE_CHECKING:  # the daemon books what workers have cut and sliced, and loads nothing for either
+    from decompose.results import Part as DecompositionPart
+    from slicing.plate import PlateResult
+
+
+@dataclass(frozen=True, slots=True)
+class DecomposedPart:
+    """A part as a file, before it is sliced.
+
+    Attributes
+    ----------
+    stl
+        In printing pose.
+    price_s
+        Its printing time by the cost model of the decomposition.
+    printer
+        Name of the printer that it was cut for.
+    """
+
+    id: str
+    stl: Path
+    geometry: PartGeometry
+    price_s: float
+    printer: str
+    print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
+
+    @staticmethod
+    def of(part: DecompositionPart, folder: Path) -> DecomposedPart:
+        """Describe a part of a decomposition that was written into a folder."""
+        low, high = part.solid.bounds_mm
+        return DecomposedPart(
+            id=part.id,
+            stl=folder / part.file,
+            geometry=PartGeometry(
+                to_model=tuple(map(float, part.to_model.ravel())),
+                min_mm=(float(low[0]), float(low[1]), float(low[2])),
+                max_mm=(float(high[0]), float(high[1]), float(high[2])),
+                volume_mm3=part.solid.volume_mm3,
+            ),
+            price_s=part.price_s,
+            printer=part.printer,
+            print_options=PartPrintOptions(
+                brim_width_mm=part.brim_width_mm,
+                layer_0_expansion_mm=part.layer_0_expansion_mm,
+                stands=part.stands,
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SliceTask:
+    """Work for a slicing worker: one part, to be printed alone.
+
+    Attributes
+    ----------
+    part
+        Its name, for messages.
+    stl
+        In printing pose.
+    settings
+        The quality's, for which `room` was computed; the part is sliced with its own brim, first layer and
+        layer height.
+    room
+        Boxes of the bed that the part may fill.
+    out
+        The G-code file to write.
+    cache
+        Folder of earlier slices; None for none.
+    """
+
+    part: str
+    stl: Path
+    request: SettingsRequest
+    resources: Resources
+    settings: EngineSettings
+    room: tuple[RoomBox, ...]
+    engine: Path
+    out: Path
+    cache: Path | None
+    print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
+
+
+@dataclass(frozen=True, slots=True)
+class SliceBatch:
+    """Parts that are sliced side by side, each for its own printer.
+
+    Attributes
+    ----------
+    printers
+        At least those that the parts name.
+    folder
+        Where the G-code goes.
+    cache
+        Folder of earlier slices; None for none.
+    """
+
+    parts: tuple[DecomposedPart, ...]
+    printers: tuple[PrinterSection, ...]
+    quality: str
+    folder: Path
+    cache: Path | None
+
+    def printer_of(self, part: DecomposedPart) -> PrinterSection:
+        """Return the printer that a part was cut for."""
+        return next(section for section in self.printers if section.name == part.printer)
+
+
+@dataclass(frozen=True, slots=True)
+class SlicedPart:
+    """A part with its printer, its slice task and the result of that."""
+
+    part: DecomposedPart
+    printer: PrinterSection
+    task: SliceTask
+    result: PlateResult
+
+    def expected_s(self, time_factor: float = 1.0) -> float:
+        """Return the seconds from the first command of its print to the last, as `plate_seconds`."""
+        settings = self.task.settings
+        return plate_seconds(
+            PROFILES[self.printer.model],
+            self.result.sliced_s,
+            settings.nozzle_c,
+            settings.bed_c,
+            time_factor,
+        )

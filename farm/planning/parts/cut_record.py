@@ -1,0 +1,95 @@
+"""File that records how a job was cut, so that a later worker can move its cuts.
+
+The file is JSON of `_CutRecord`: the figures and options of a `Decomposition` and its `Cutting`, without
+solids. Numbers are written so that they read back bit by bit: boxes are grouped by equality.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from decompose.engines.guillotine import CurvePoint
+from decompose.options import Engine, Options
+from decompose.printers import PrinterRoom
+from decompose.results import Attempt, Coverage, Cutting, Decomposition
+from farm.errors import ErrorCode, FarmError
+
+CUT_RECORD = "cut-record.json"
+_Row = tuple[float, float, float]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
+
+
+class _CuttingRecord(_Record):
+    """`decompose.results.Cutting`; its arrays as rows."""
+
+    granularity: str | int
+    frame: tuple[_Row, _Row, _Row]
+    boxes_mm: tuple[tuple[_Row, _Row], ...]
+    cut_for: tuple[PrinterRoom | None, ...]
+    printers: tuple[PrinterRoom, ...]
+
+
+class _CutRecord(_Record):
+    """`decompose.results.Decomposition` without parts, joints and faults."""
+
+    engine: Engine
+    options: Options
+    serial_s: float
+    serial_as_is_s: float
+    makespan_s: float
+    sum_s: float
+    grid_makespan_s: float
+    lower_bound_s: float
+    gap: float
+    compute_s: dict[str, float]
+    coverage: Coverage
+    cells: tuple[int, int, int] | None
+    yaw_deg: float
+    attempts: tuple[Attempt, ...]
+    curve: tuple[CurvePoint, ...]
+    cutting: _CuttingRecord
+
+
+def write_cut_record(decomposition: Decomposition, folder: Path) -> Path | None:
+    """Write how a model was cut into a folder.
+
+    Returns
+    -------
+    Path | None
+        The file; None where the engine left nothing that cuts can be moved by.
+    """
+    cutting = decomposition.cutting
+    if cutting is None:
+        return None
+    figures = {name: getattr(decomposition, name) for name in _CutRecord.model_fields if name != "cutting"}
+    rows = {"frame": cutting.frame.tolist(), "boxes_mm": cutting.boxes_mm.tolist()}
+    others = {name: getattr(cutting, name) for name in ("granularity", "cut_for", "printers")}
+    record = _CutRecord(**figures, cutting=_CuttingRecord(**rows, **others))
+    path = folder / CUT_RECORD
+    path.write_text(record.model_dump_json())
+    return path
+
+
+def read_cut_record(path: Path) -> Decomposition:
+    """Read what `write_cut_record` wrote, as a decomposition without parts.
+
+    Raises
+    ------
+    FarmError
+        The file cannot be read.
+    """
+    try:
+        record = _CutRecord.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise FarmError(f"{path}: cannot be read: {error}", ErrorCode.MODEL) from error
+    figures = {name: getattr(record, name) for name in _CutRecord.model_fields}
+    cutting = {field.name: getattr(record.cutting, field.name) for field in fields(Cutting)}
+    arrays = {"frame": np.array(cutting["frame"]), "boxes_mm": np.array(cutting["boxes_mm"])}
+    return Decomposition(**{**figures, "parts": (), "cutting": Cutting(**{**cutting, **arrays})})

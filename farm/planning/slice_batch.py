@@ -1,0 +1,56 @@
+"""Slicing of a batch of parts in the workers."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from farm.compute.worker_pool import SLICING, Workers
+from farm.planning.part_records import SliceBatch, SlicedPart
+from farm.planning.parts.slice_tasks import build_slice_tasks
+from farm.planning.tasks import slice_part
+
+if TYPE_CHECKING:
+    from farm.planning.part_records import DecomposedPart, SliceTask
+    from slicing.plate import PlateResult
+
+
+async def slice_batch(
+    workers: Workers, batch: SliceBatch, on_slice: Callable[[PlateResult], None] = lambda _: None
+) -> tuple[SlicedPart, ...]:
+    """Slice all parts of a batch; where one fails, or this is cancelled, all end.
+
+    Parameters
+    ----------
+    on_slice
+        Called with each slice as it comes.
+
+    Returns
+    -------
+    tuple[SlicedPart, ...]
+        In the order of the batch.
+
+    Raises
+    ------
+    FarmError
+        As `build_slice_tasks` and `slice_part`.
+    """
+
+    async def slice_one(part: DecomposedPart, task: SliceTask) -> SlicedPart:
+        result = await workers.run(slice_part, task, limit=SLICING)
+        on_slice(result)
+        return SlicedPart(part, batch.printer_of(part), task, result)
+
+    # Resolving settings and writing files would keep the event loop: both in a thread.
+    tasks = await asyncio.to_thread(build_slice_tasks, batch)
+    # Longest first: the workers are done soonest then.
+    order = sorted(range(len(tasks)), key=lambda i: -batch.parts[i].price_s)
+    running = {i: asyncio.ensure_future(slice_one(batch.parts[i], tasks[i])) for i in order}
+    try:
+        await asyncio.gather(*running.values())
+        return tuple(running[i].result() for i in range(len(tasks)))
+    finally:
+        for future in running.values():
+            future.cancel()
+        await asyncio.gather(*running.values(), return_exceptions=True)  # until their workers are gone

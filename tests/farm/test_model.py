@@ -1,0 +1,50 @@
+"""Records as the books of farm 0.1 have them."""
+
+import pytest
+from pydantic import ValidationError
+
+from farm.model import Part, PartGeometry, PartPrintOptions
+from make_books import plan
+
+FLAT = {
+    "id": "1/p01",
+    "job": 1,
+    "plate": "1/01",
+    "file": "p.stl",
+    "cut_from": "1/p00",
+    "to_model": [1.0] * 16,
+    "min_mm": [0.0] * 3,
+    "max_mm": [1.0] * 3,
+    "volume_mm3": 1.0,
+    "brim_width_mm": 3.0,
+    "layer_0_expansion_mm": -0.2,
+    "stands": False,
+}
+
+
+def test_a_part_of_farm_0_1_is_read_into_nested_records():
+    part = Part.model_validate(FLAT)
+    assert part.print_options == PartPrintOptions(brim_width_mm=3.0, layer_0_expansion_mm=-0.2, stands=False)
+    assert (part.geometry, part.cut_from) == (plan().parts[0].geometry, "1/p00")
+    assert Part.model_validate_json(part.model_dump_json()) == part
+    assert "brim_width_mm" in FLAT  # what was read is left as it was
+
+
+def test_a_part_of_before_print_options_has_the_quality_s():
+    options = ("brim_width_mm", "layer_0_expansion_mm", "stands")
+    part = Part.model_validate({name: value for name, value in FLAT.items() if name not in options})
+    assert part.print_options == PartPrintOptions()
+    assert isinstance(part.geometry, PartGeometry)
+
+
+@pytest.mark.parametrize("damage", [{"to_model": None}, {"stand": True}, {"volume_mm3": "much"}])
+def test_a_damaged_part_is_refused(damage):
+    with pytest.raises(ValidationError):
+        Part.model_validate({**FLAT, **damage})
+
+
+def test_a_plate_of_farm_0_1_is_read_by_its_former_names():
+    plate = plan().plates[0]
+    former = plate.model_dump()
+    former |= {"print_time_s": former.pop("sliced_s"), "estimated_s": former.pop("expected_s")}
+    assert type(plate).model_validate(former) == plate
