@@ -15,13 +15,25 @@ from typing import Any
 
 from slicing.errors import DefinitionError
 
+
+def _of_numbers(operation: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Restrict an operation to numbers: on text and lists, its result may have any length."""
+
+    def operate(left: Any, right: Any) -> Any:
+        if not isinstance(left, int | float) or not isinstance(right, int | float):
+            raise TypeError(f"{operation.__name__} of {type(left).__name__} and {type(right).__name__}")
+        return operation(left, right)
+
+    return operate
+
+
 _BINARY: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
+    ast.Mult: _of_numbers(operator.mul),
     ast.Div: operator.truediv,
     ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
+    ast.Mod: _of_numbers(operator.mod),
     ast.Pow: math.pow,  # of floats: a power of integers has no bound
 }
 _UNARY: Mapping[type[ast.unaryop], Callable[[Any], Any]] = {

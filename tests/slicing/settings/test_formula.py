@@ -58,6 +58,9 @@ def test_cura_functions_are_called():
         "1 / 0",
         "'x' + 1",
         "10 ** 10 ** 10",
+        "'%9d' % 1",  # with enough nines it was all of the memory
+        "'x' * 9",
+        "9 * [1]",
         "a +",
         "",
         "a\x00",
