@@ -18,8 +18,9 @@ import httpx
 from drivers.clock import Clock
 from farm.compute.worker_pool import Workers
 from farm.config import Fleet
-from farm.control.controller import Core
+from farm.control.controller import Controller
 from farm.http.app import make_app
+from farm.http.services import Services
 from farm.model import (
     AgentPrint,
     AgentSnapshot,
@@ -48,16 +49,6 @@ GOING = 10  # jobs that are being printed, and as many that wait for a verdict
 WAITING = 20  # jobs with no plate begun
 HOUR_S = 3600.0
 BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
-
-
-class Hands:
-    """Does nothing: only the answer is measured."""
-
-    def perform(self, instruction: object) -> None:
-        pass
-
-    def plan(self, *_: object) -> None:
-        pass
 
 
 def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
@@ -121,20 +112,20 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
         {"printers": [{"name": n, "model": "ultimaker2_plus", "port": port} for n in names]}
     )
     clock = Clock()
-    core = Core(fleet, Store(folder / "farm.db"), clock, bed_boxes, Hands())
-    core.stopping = True  # nothing is scheduled: only the answer is measured
+    controller = Controller(fleet, Store(folder / "farm.db"), clock, bed_boxes)
+    controller.stopping = True  # nothing is scheduled: only the answer is measured
     now_s = clock.now()
     entities = [entity for number in range(1, jobs + 1) for entity in job_of(number, jobs, names, now_s)]
     beds = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
-    core.books = Books.of([*entities, *beds])
+    controller.books = Books.of([*entities, *beds])
     for name in names:
-        core.snapshots[name] = snapshot(name, core.books)
+        controller.telemetry.snapshots[name] = snapshot(name, controller.books)
 
     async def down(now: bool) -> None:
         pass
 
     workers = Workers(folder / "workers", 1, None)
-    app = make_app(core, StateFolder(folder), folder / "fleet.yaml", now_s, workers, down)
+    app = make_app(Services(controller, StateFolder(folder), folder / "fleet.yaml", workers, down))
     took_s, cpu_s = [], []
     async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://farm") as client:
         for _ in range(times + 1):
@@ -148,7 +139,7 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
     return {
         "printers": printers,
         "jobs": jobs,
-        "prints": len(core.books.prints),
+        "prints": len(controller.books.prints),
         "answer_bytes": len(answer.content),
         "median_s": statistics.median(took_s),
         "worst_s": took_s[-1],

@@ -1,4 +1,4 @@
-"""The daemon's wiring: clock, store, core, links, planner, timers and server, and how it ends."""
+"""Daemon: wires clock, store, controller, agents, planner, timers and server, and ends them."""
 
 from __future__ import annotations
 
@@ -16,35 +16,32 @@ from typing import IO
 import uvicorn
 
 from drivers.clock import Clock
-from farm.agents.manager import Links
+from farm.agents.manager import AgentManager
 from farm.compute.worker_pool import Workers
-from farm.config import Fleet, PrinterSection
-from farm.control.controller import Core
+from farm.config import Fleet
+from farm.control.controller import Controller
+from farm.control.effects import FarmEffects
 from farm.control.notifier import Notifier, forget
 from farm.control.timers import Timers
 from farm.errors import FarmError, Refused
 from farm.http.app import make_app
 from farm.http.callers import PeerProtocol, check_operators, listen
 from farm.http.connections import BoundedServer, descriptor_limit, most_connections
-from farm.model import Job, Plate
+from farm.http.services import Services
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
-from farm.planning.booking import list_job_files
 from farm.planning.job_planner import JobPlanner
 from farm.planning.parts.part_rooms import bed_boxes
-from farm.planning.replanning.replan import ReplanTask
 from farm.planning.replanning.worker import ReplanWorker
 from farm.planning.tasks import warm
-from farm.state import events as ev
 from farm.state.storage.backups import Nightly, open_books
-from farm.state.storage.file_store import name_files
 from slicing.cache import trim_cache
 
 log = logging.getLogger(__name__)
 
 _WATCH_S = 0.5  # wall seconds; a dead agent's printer must be cold within 5
-_SETTLE_S = 1.0
+_SCHEDULE_S = 1.0
 _NOTIFY_S = 2.0
-_FORGET_S = 5.0
+_DRY_RUNS_S = 5.0
 _FOLLOW_S = 1.0  # wall seconds: as long as a clock that is set back may delay what is due
 _ABORT_S = 150.0  # wall seconds in which every print can be ended safely
 _GRACE_S = 3  # wall seconds for requests that are under way when the daemon ends
@@ -61,12 +58,15 @@ class Daemon:
         self._store, self._restored_s = open_books(self._state, self._clock.now())
         compute = fleet.fleet.compute
         self._workers = Workers(self._state.work / "workers", compute.workers, compute.memory_gb, warm)
-        self._core = Core(fleet, self._store, self._clock, bed_boxes, self)
-        self._links = Links(fleet, self._state, self._clock, self._core)
+        controller = self._controller = Controller(fleet, self._store, self._clock, bed_boxes)
+        self._agents = AgentManager(fleet, self._state, self._clock, controller)
         self._planner = JobPlanner(
-            self._state, self._workers, compute.budget_s, self._core.planned, self._core.progressed
+            self._state, self._workers, compute.budget_s, controller.on_plan, controller.on_plan_progress
         )
-        self._replan_worker = ReplanWorker(self._state, self._workers, self._core.replanned)
+        self._replan_worker = ReplanWorker(self._state, self._workers, controller.on_replan)
+        self._effects = FarmEffects(
+            fleet, self._state, self._clock, self._agents, self._planner, self._replan_worker
+        )
         self._timers = Timers(self._clock)
         self._notifier: Notifier | None = None
         if fleet.fleet.notify:
@@ -78,60 +78,20 @@ class Daemon:
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
 
-    # -- the core's hands -------------------------------------------------------------------------------
-
-    def perform(self, instruction: ev.AnyInstruction) -> None:
-        if isinstance(instruction, ev.StopPlanning):
-            self._planner.stop(instruction.job)
-        elif isinstance(instruction, ev.NameFiles):
-            self._name_files(self._core.books.job(instruction.job))
-        else:
-            self._links.perform(instruction, self._core.books, self._state.files, self._core.span)
-
-    def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None:
-        time_factors = {p.name: self._core.books.printer(p.name).time_factor for p in printers}
-        begins_s = max(self._clock.now(), job.not_before_s or 0.0)
-        within_s = None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s)
-        self._planner.start(job, printers, rounds, time_factors, within_s)
-
-    def replan(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None:
-        books = self._core.books
-        (part,) = (books.parts[name] for name in plate.parts)
-        job = books.job(plate.job)
-        task = ReplanTask(
-            plate=plate,
-            part=part,
-            options=job.options,
-            printers=tuple(printers),
-            files=self._state.files,
-            folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
-            time_factors={p.name: books.printer(p.name).time_factor for p in printers},
-            others=tuple(books.parts[name] for name in job.parts if name != part.id),
-        )
-        self._replan_worker.start(task, cut)
-
-    def _name_files(self, job: Job) -> None:
-        books = self._core.books
-        names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
-        try:
-            name_files(self._state.job(job.id), self._state.files, names)
-        except OSError as error:  # a convenience: no reason to stop a job
-            log.warning("job %d: its files could not be named: %s", job.id, error)
-
     # -- life -------------------------------------------------------------------------------------------
 
     async def run(self) -> None:
         """Serve until told to stop."""
         listening = listen(self._places.socket, self._fleet.fleet.group)
-        app = make_app(
-            self._core,
+        services = Services(
+            self._controller,
             self._state,
             self._places.fleet,
-            self._clock.now(),
             self._workers,
-            self._down,
-            self._links.replace,
+            self._shut_down,
+            self._agents.replace,
         )
+        app = make_app(services)
         config = uvicorn.Config(
             app,
             http=PeerProtocol,
@@ -143,17 +103,19 @@ class Daemon:
         workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
         most = most_connections(descriptor_limit(), len(self._fleet.printers), workers)
         self._server = BoundedServer(config, most)
-        self._core.start(self._restored_s)
-        self._links.start({attempt.printer for attempt in self._core.books.open_prints()})
+        self._controller.start(self._effects, self._restored_s)
+        self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
         timers = self._timers
-        timers.every(_WATCH_S, "watch agents", self._links.watch)
-        timers.every(_SETTLE_S, "settle", self._turn)
+        timers.every(_WATCH_S, "watch agents", self._agents.watch)
+        timers.every(_SCHEDULE_S, "schedule", self._schedule)
         timers.every(_NOTIFY_S, "notify", self._notify)
-        forgotten = app.state.dry_runs.end_forgotten
-        timers.every(_FORGET_S, "dry runs", lambda: forgotten(time.monotonic()))
+        cancel_abandoned = app.state.dry_runs.cancel_abandoned
+        timers.every(_DRY_RUNS_S, "dry runs", lambda: cancel_abandoned(time.monotonic()))
         timers.start()
         following = asyncio.get_running_loop().create_task(self._follow_clock())
-        await Nightly(self._state, self._clock, self._fleet.zone, timers.at, self._core.copied).begin()
+        await Nightly(
+            self._state, self._clock, self._fleet.zone, timers.at, self._controller.on_backup
+        ).begin()
         try:
             await self._server.serve(sockets=[listening])
         finally:
@@ -161,7 +123,7 @@ class Daemon:
             timers.stop()
             self._planner.stop()
             self._replan_worker.stop()
-            await self._links.close()
+            await self._agents.close()
             self._workers.close()
             listening.close()
             self._places.socket.unlink(missing_ok=True)
@@ -177,37 +139,37 @@ class Daemon:
                 self._timers.clock_set()
                 if self._notifier is not None:
                     self._notifier.clock_set(step_s)
-                self._core.clock_set(step_s)
+                self._controller.on_clock_set(step_s)
 
     def _notify(self) -> None:
         if self._notifier is not None:
-            self._notifier.tell(self._core.books, self._clock.now())
+            self._notifier.tell(self._controller.books, self._clock.now())
 
-    def _turn(self) -> None:
-        """Settle, and be awake when hours or start times change."""
-        self._core.settle()
-        edge_s = self._core.next_edge_s()
+    def _schedule(self) -> None:
+        """Schedule what time alone changes, and set a timer for when hours or start times next change."""
+        self._controller.handle()
+        edge_s = self._controller.next_edge_s()
         if edge_s is not None and edge_s != self._edge_s:
-            self._timers.at(edge_s, "edge of hours", self._turn)
+            self._timers.at(edge_s, "edge of hours", self._schedule)
         self._edge_s = edge_s
 
-    async def _down(self, now: bool) -> None:
+    async def _shut_down(self, now: bool) -> None:
         """End the farm: every print first (with `now`), then the agents, then the daemon."""
-        self._core.stopping = True
+        self._controller.stopping = True
         if now:
-            self._core.abort_all()
+            self._controller.abort_all()
         give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         self._ending = asyncio.get_running_loop().create_task(self._end(give_up))
 
     async def _end(self, give_up: float) -> None:
         """Wait for open prints, then end. Prints that do not end keep the farm up: somebody has to look."""
-        while open_prints := sorted({attempt.printer for attempt in self._core.books.open_prints()}):
+        while open_prints := sorted({attempt.printer for attempt in self._controller.books.open_prints()}):
             if asyncio.get_running_loop().time() > give_up:
                 log.error("not going down: %s did not end within %g s", " ".join(open_prints), _ABORT_S)
-                self._core.stopping = False
+                self._controller.stopping = False
                 return
             await asyncio.sleep(0.1)
-        await self._links.shut_down_agents()
+        await self._agents.shut_down_agents()
         if self._server is not None:
             self._server.should_exit = True
 

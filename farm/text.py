@@ -36,3 +36,8 @@ def count(number: int, what: str) -> str:
 def first_of(mistakes: Sequence[ErrorDetails]) -> str:
     """Where the first mistake in some data is, and what it is, as the library that found it says."""
     return f"{'.'.join(map(str, mistakes[0]['loc']))}: {mistakes[0]['msg']}"
+
+
+def part_number(part: str) -> str:
+    """The number of a part in its job: of 3/p01, p01, 01 or 1 it is 1."""
+    return part.rpartition("/")[2].removeprefix("p").lstrip("0")

@@ -1,12 +1,15 @@
-"""An agent's words in the farm's. Pure."""
+"""Adapter between the farm's words and the agent protocol's. Pure."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from pathlib import Path
 
 from drivers import messages as m
 from drivers.clock import Clock
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
+from farm.state import events as ev
+from farm.state.books import Books
 from farm.text import one_line
 
 _CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
@@ -34,6 +37,48 @@ def shift_s(said: m.Snapshot, clock: Clock) -> float:
     late_s = clock.now() - clock.ahead_s - said.now_s
     apart = abs(clock.wall_seconds(late_s)) > _CLOCKS_APART_S
     return clock.ahead_s + (late_s if apart else 0.0)
+
+
+def request_for(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.Request | None:
+    """Return the request that carries an instruction to an agent; None for one that is not an agent's.
+
+    Parameters
+    ----------
+    instruction
+        Names the print or the printer.
+    books
+        As committed.
+    files
+        The folder of the G-code files.
+    """
+    match instruction:
+        case ev.SendStart():
+            attempt = books.prints[instruction.print_id]
+            plate = books.plates[attempt.plate]
+            return m.StartPrint(
+                id=0,
+                print_id=attempt.id,
+                gcode=str(files / plate.gcode),
+                sha256=plate.sha256,
+                print_time_s=plate.sliced_s,
+                filament=m.Filament(books.printer(instruction.printer).filament),
+                not_after_s=instruction.not_after_s,
+                ends_by_s=instruction.ends_by_s,
+            )
+        case ev.SendEndBy():
+            return m.EndPrintBy(id=0, print_id=instruction.print_id, ends_by_s=instruction.ends_by_s)
+        case ev.SendCancel():
+            return m.CancelPrint(id=0, print_id=instruction.print_id, reason=instruction.reason)
+        case ev.SendPause():
+            pause = m.PausePrint if instruction.wanted else m.ResumePrint
+            return pause(id=0, print_id=instruction.print_id)
+        case ev.SendForget():
+            return m.ForgetPrint(id=0, print_id=instruction.print_id)
+        case ev.SendCleared():
+            filament = m.Filament(instruction.filament) if instruction.filament else None
+            return m.BedCleared(id=0, filament=filament)
+        case ev.StopPlanning() | ev.NameFiles():
+            return None
 
 
 def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:

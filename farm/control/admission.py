@@ -1,109 +1,145 @@
-"""The job in front: planned for the printers that it takes, or held with what it waits for."""
+"""Admission of jobs to planning: the front of the queue begins, the others get a reason to wait. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
-from farm.config import PrinterSection
 from farm.model import Hold, HoldCode, Job, JobState
-from farm.scheduling.admission import Availability, JobRequest, begin_beside, unmatched
-from farm.scheduling.matching import FleetPrinter
+from farm.scheduling.admission import Availability, Begin, JobRequest, begin_beside, unmatched
+from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import job_requirements
 from farm.scheduling.spares import spare_printers
-from farm.state import events as ev
+from farm.state.books import Books
 
-if TYPE_CHECKING:
-    from farm.control.controller import Core
+
+@dataclass(frozen=True, slots=True)
+class StartPlanning:
+    """Instruction to plan a job for these printers, in as many rounds."""
+
+    job: int
+    printers: tuple[str, ...]
+    rounds: int
+
+
+@dataclass(frozen=True, slots=True)
+class HoldJob:
+    """A reason for a job to wait."""
+
+    job: int
+    hold: Hold
 
 
 class JobAdmission:
-    """What it remembers goes with the daemon: a plan that died with one is made anew.
+    """Decides which jobs begin to be planned, and remembers for which printers.
 
-    Parameters
-    ----------
-    core
-        Whose jobs these are.
-    plan
-        Starts the planning of a job for these printers, in as many rounds, and returns at once.
+    It is in memory only: a plan that died with a daemon is made again by the next one.
     """
 
-    def __init__(self, core: Core, plan: Callable[[Job, list[PrinterSection], int], None]) -> None:
-        self._core, self._plan = core, plan
-        self._least: dict[int, int] = {}  # parts that a job was seen to need
+    def __init__(self) -> None:
+        self._least_parts: dict[int, int] = {}
         self._planned: dict[int, frozenset[str]] = {}  # the printers that a job is being planned for
 
-    def needs(self, number: int, parts: int) -> None:
-        """A job was seen to need so many parts."""
-        self._least[number] = parts
+    def require_parts(self, number: int, parts: int) -> None:
+        """Note that a job needs so many parts, as an attempt to plan it has shown."""
+        self._least_parts[number] = parts
 
-    def planned(self, number: int) -> None:
-        """A job is not being planned any more."""
+    def begin(self, order: StartPlanning) -> None:
+        """Note that a job is being planned."""
+        self._planned[order.job] = frozenset(order.printers)
+
+    def end(self, number: int) -> None:
+        """Note that a job is not being planned any more."""
         self._planned.pop(number, None)
 
-    def settle(self, held: Mapping[str, Hold], promised: frozenset[str]) -> None:
-        """Begin the job in front. One that no printer matches (any more) is held, and others pass it.
+    def decide(
+        self, books: Books, situation: Situation, taken: frozenset[str], starting: bool
+    ) -> Iterator[StartPlanning | HoldJob]:
+        """Yield what becomes of each queued job: it begins, or has a (new) reason to wait.
 
-        G-code has a front of its own: it is planned in a moment, and never waits for a decomposition.
+        Own G-code has a front of its own: it is planned in a moment, and never waits for a decomposition. A
+        job that no printer matches lets the others pass.
 
         Parameters
         ----------
-        held
-            The waiting plates that no printer takes now.
-        promised
-            Printers that a plate is being made otherwise for.
+        books
+            As committed, with the plates that have just been assigned.
+        situation
+            The fleet after that, the rules, and the spares.
+        taken
+            Printers that a waiting plate will get, or is being replanned for.
+        starting
+            The farm has just started: printers that are still connecting are waited for.
         """
-        views, now_s = self._core.fleet_printers(), self._core.clock.now()
+        planned = dict(self._planned)
         fronts: dict[bool, Job] = {}
-        for job in self._core.books.queue():
+        for job in books.queue():
             own = job.own_gcode is not None
-            nobody = unmatched(job_requirements(job), views)
             if job.state is JobState.PLANNING:
                 fronts[own] = job
-            elif nobody is not None:
-                self._hold(job, nobody)
-            elif job.paused:
-                self._hold(job, Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`"))
-            elif job.not_before_s is not None and now_s < job.not_before_s and not job.options.hold:
-                text = f"it starts {self._core.rules.words(job.not_before_s)}"
-                self._hold(job, Hold(code=HoldCode.START_TIME, text=text))
-            elif own in fronts:
+                continue
+            decision: Begin | Hold | None = _own_hold(job, situation)
+            if decision is None and own in fronts:
                 text = f"job {fronts[own].id} is in front of it"
-                self._hold(job, Hold(code=HoldCode.NOT_FRONT, text=text))
-            else:
+                decision = Hold(code=HoldCode.NOT_FRONT, text=text)
+            if decision is None:
                 fronts[own] = job
-                self._begin(job, views, held, promised)
+                decision = begin_beside(
+                    self._request(job),
+                    _availability(situation, taken, starting),
+                    job.options.priority,
+                    [(books.job(n).options.priority, names) for n, names in planned.items()],
+                )
+            if isinstance(decision, Begin):
+                planned[job.id] = frozenset(decision.printers)
+                yield StartPlanning(job.id, decision.printers, decision.rounds)
+            elif decision != job.hold:
+                yield HoldJob(job.id, decision)
 
-    def _begin(
-        self, job: Job, views: list[FleetPrinter], held: Mapping[str, Hold], promised: frozenset[str]
-    ) -> None:
-        """Start to plan a job, or book what it waits for."""
-        attended = self._core.rules.is_attended(self._core.clock.now())
-        taken = frozenset(self._core.books.plates[name].printer for name in held)
-        taken |= spare_printers(views, taken, self._core.spares()) | promised
-        request = JobRequest(
+    def _request(self, job: Job) -> JobRequest:
+        return JobRequest(
             requirements=job_requirements(job),
             printers=job.options.printers if job.own_gcode is None else None,  # its plan chooses one
-            least_parts=self._least.get(job.id, 0),
+            least_parts=self._least_parts.get(job.id, 0),
             spares=job.options.spares,
             needs_approval=job.options.hold,
         )
-        availability = Availability(
-            printers=tuple(views),
-            taken=taken,
-            starting=self._core.arriving(),
-            unattended_blocked=frozenset(p.name for p in views if not (p.unattended or attended)),
-        )
-        planned = [(self._core.books.job(n).options.priority, names) for n, names in self._planned.items()]
-        answer = begin_beside(request, availability, job.options.priority, planned)
-        if isinstance(answer, Hold):
-            self._hold(job, answer)
-            return
-        self._core.happened(ev.PlanningStarted(at_s=self._core.clock.now(), job=job.id))
-        self._planned[job.id] = frozenset(answer.printers)
-        sections = [self._core.fleet.printer(name) for name in answer.printers]
-        self._plan(self._core.books.job(job.id), sections, answer.rounds)
 
-    def _hold(self, job: Job, hold: Hold) -> None:
-        if job.hold != hold:
-            self._core.happened(ev.JobHeld(at_s=self._core.clock.now(), job=job.id, hold=hold))
+
+def taken_printers(
+    books: Books, situation: Situation, holds: Mapping[str, Hold], reserved: frozenset[str]
+) -> frozenset[str]:
+    """Return the printers that no job can count on.
+
+    Parameters
+    ----------
+    books
+        As committed.
+    situation
+        The fleet, and how many spares are kept.
+    holds
+        The plates that no printer takes now.
+    reserved
+        Printers that plates are being replanned for.
+    """
+    planned = frozenset(books.plates[name].printer for name in holds)
+    return planned | spare_printers(situation.printers, planned, situation.spares) | reserved
+
+
+def _own_hold(job: Job, situation: Situation) -> Hold | None:
+    """Return why a job would begin on no printer, whoever is in front of it."""
+    nobody = unmatched(job_requirements(job), situation.printers)
+    if nobody is not None:
+        return nobody
+    if job.paused:
+        return Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`")
+    if job.not_before_s is not None and situation.now_s < job.not_before_s and not job.options.hold:
+        text = f"it starts {situation.rules.words(job.not_before_s)}"
+        return Hold(code=HoldCode.START_TIME, text=text)
+    return None
+
+
+def _availability(situation: Situation, taken: frozenset[str], starting: bool) -> Availability:
+    attended = situation.rules.is_attended(situation.now_s)
+    blocked = frozenset(p.name for p in situation.printers if not (p.unattended or attended))
+    return Availability(situation.printers, taken, starting, blocked)

@@ -1,7 +1,7 @@
-"""The one event loop's heart: events in, books committed, instructions out.
+"""Controller of the farm: the only entry to its state.
 
-Everything here runs on one thread and never waits. `happened` is the only way in which the books change:
-event, new state, commit, and only then what follows from it.
+Everything here runs on one thread and never waits. Whatever happens goes through `Controller.handle`: the
+events are applied and committed, the scheduler runs once, and what follows is performed after that.
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ from __future__ import annotations
 import logging
 import uuid
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from itertools import chain
 
 from drivers.clock import Clock
-from farm.config import Fleet, PrinterSection
-from farm.control.admission import JobAdmission
+from farm.config import Fleet
+from farm.control.admission import HoldJob, JobAdmission, taken_printers
+from farm.control.effects import Effect, Effects
 from farm.control.forecast_cache import ForecastCache
+from farm.control.telemetry import Telemetry, read_snapshot
 from farm.errors import FarmError
 from farm.model import (
     AgentPrint,
@@ -24,16 +26,13 @@ from farm.model import (
     Bed,
     Hold,
     Job,
-    JobOptions,
     JobState,
-    Link,
     PlanProgress,
-    Plate,
     Print,
     PrintState,
 )
 from farm.paths import StateFolder
-from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
+from farm.planning.plan import Plan, TooFewPrinters
 from farm.planning.planned_event import planned_event
 from farm.planning.replanning.coordinator import ReplanCoordinator
 from farm.planning.replanning.replan import ReplannedPlate
@@ -51,18 +50,10 @@ from farm.scheduling.situation_builder import (
 )
 from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules
-from farm.scheduling.time_expressions import start_and_deadline_s
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.outage import window_s
-from farm.state.reconcile import (
-    detect_alarm,
-    handle_unknown_print,
-    observe_idle_printer,
-    pending_instructions,
-    reconcile,
-    refused_print_end,
-)
+from farm.state.reconcile import pending_instructions, refused_print_end
 from farm.state.recovery.journal_import import import_agent_journal
 from farm.state.reels import fleet_with_reels
 from farm.state.storage.store import Store, StoreError
@@ -78,51 +69,89 @@ REFUSALS = 5
 """How often an agent may refuse to start a print; a port that is just opening refuses too."""
 
 
-class Hands(Protocol):
-    """What carries out instructions: it starts things and returns at once."""
+class Controller:
+    """State of the farm, and all decisions on it, without any I/O but the store's.
 
-    def perform(self, instruction: ev.AnyInstruction) -> None: ...
+    Parameters
+    ----------
+    fleet
+        The fleet as `fleet.yaml` has it.
+    store
+        The books.
+    clock
+        The farm's clock.
+    rooms
+        Gives the boxes that a printer of a section can print in.
+    """
 
-    def plan(self, job: Job, printers: list[PrinterSection], rounds: int) -> None: ...
-
-    def replan(self, plate: Plate, printers: list[PrinterSection], cut: bool) -> None: ...
-
-
-class Core:
-    """The farm's state and its rules, without any I/O but the store's."""
-
-    def __init__(
-        self,
-        fleet: Fleet,
-        store: Store,
-        clock: Clock,
-        rooms: Rooms,
-        hands: Hands,
-    ) -> None:
-        self._written = fleet
+    def __init__(self, fleet: Fleet, store: Store, clock: Clock, rooms: Rooms) -> None:
         self.clock = clock
-        self.since_s = clock.now()
-        self.snapshots: dict[str, AgentSnapshot] = {}
+        self.started_s = clock.now()
+        self.telemetry = Telemetry()
         self.progress: dict[int, PlanProgress] = {}
         self.stopping = False
-        self._warning: str | None = None  # what is wrong with the farm itself, for a person
-        self._unbooked: dict[str, str] = {}  # by printer: why its agent's last word is not in the books
-        self._store = store
-        self._room = rooms
         self.rules = StartRules.of(fleet.fleet)
-        self._hands = hands
-        self._admission = JobAdmission(self, hands.plan)
-        self._forecast_cache = ForecastCache(self.rules, clock.scale)
-        self._replanning = ReplanCoordinator(clock, self._start_replan)
-        self._refusals: Counter[str] = Counter()
         self.books = replace(store.load(), outage_window_s=window_s(clock.scale))
         self.fleet = fleet_with_reels(fleet, self.books.printers)
+        self._written = fleet
+        self._store = store
+        self._rooms = rooms
+        self._effects: Effects | None = None
+        self._admission = JobAdmission()
+        self._replanning = ReplanCoordinator()
+        self._forecast_cache = ForecastCache(self.rules, clock.scale)
+        self._refusals: Counter[str] = Counter()
+        self._backup_failure: str | None = None
 
-    # -- events -----------------------------------------------------------------------------------------
+    def start(self, effects: Effects, restored_s: float | None = None) -> None:
+        """Bring the books in line with the fleet, and give up plans that died with a daemon.
 
-    def happened(self, *happenings: ev.AnyEvent) -> None:
-        """Take events into the books, commit each, and carry out what follows."""
-        for event in happenings:
+        Nothing is scheduled: no agent has been heard.
+
+        Parameters
+        ----------
+        effects
+            Performs what is decided from now on.
+        restored_s
+            When the books were copied, where they are a copy because they were damaged.
+        """
+        self._effects = effects
+        now_s = self.clock.now()
+        events: list[ev.AnyEvent] = []
+        for section in self.fleet.printers:
+            if section.name not in self.books.printers:
+                bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
+                events.append(ev.PrinterAdded(at_s=now_s, printer=section.name, bed=bed))
+        if restored_s is not None:
+            events.append(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
+        planning = (job.id for job in self.books.jobs.values() if job.state is JobState.PLANNING)
+        events += [ev.PlanningAbandoned(at_s=now_s, job=number, hold=None) for number in planning]
+        self._perform(self._commit(events))
+        for problem in validate(self.books) if restored_s is not None else ():
+            log.error("the books that were restored do not agree with themselves: %s", problem)
+
+    # -- the one entry ----------------------------------------------------------------------------------
+
+    def handle(self, *events: ev.AnyEvent) -> None:
+        """Apply events, commit each, schedule once, and have what follows performed.
+
+        Without events, what time alone changes is scheduled: hours, start times, the end of a wait.
+
+        Raises
+        ------
+        StoreError
+            Where the books cannot be written. What was committed before that is performed.
+        """
+        effects: list[Effect] = []
+        try:
+            for effect in chain(self._commit(events), self._schedule()):
+                effects.append(effect)  # noqa: PERF402  (an error keeps those before it)
+        finally:
+            self._perform(effects)
+
+    def _commit(self, events: Iterable[ev.AnyEvent]) -> Iterator[Effect]:
+        """Take events into the books, each with a commit of its own; yield the instructions that follow."""
+        for event in events:
             try:
                 after, instructions = apply(event, self.books)
             except InvalidTransition as error:
@@ -136,121 +165,62 @@ class Core:
             )
             for instruction in instructions:
                 if isinstance(instruction, ev.StopPlanning):
-                    self._no_longer_planned(instruction.job)
-                self._hands.perform(instruction)
+                    self._end_planning(instruction.job)
+                yield instruction
 
-    def start(self, restored_s: float | None = None) -> None:
-        """Bring yesterday's books in line with today's fleet, and give up plans that died with a daemon.
+    def _perform(self, effects: Iterable[Effect]) -> None:
+        if self._effects is None:
+            raise RuntimeError("the controller has not been started")
+        for effect in effects:
+            if isinstance(effect, ev.SendStart):
+                limits = self.span(effect.print_id)
+                effect = effect.model_copy(
+                    update={"not_after_s": limits.not_after_s, "ends_by_s": limits.ends_by_s}
+                )
+            self._effects.perform(effect, self.books)
 
-        `restored_s` is when the books were copied, where they are a copy because they were damaged.
-        """
-        now_s = self.clock.now()
-        for section in self.fleet.printers:
-            if section.name not in self.books.printers:
-                bed = Bed.UNKNOWN if section.simulated else Bed.NOT_CLEAR
-                self.happened(ev.PrinterAdded(at_s=now_s, printer=section.name, bed=bed))
-        if restored_s is not None:
-            self.happened(ev.BooksRestored(at_s=now_s, copied_s=restored_s))
-            for problem in validate(self.books):
-                log.error("the books that were restored do not agree with themselves: %s", problem)
-        for job in list(self.books.jobs.values()):
-            if job.state is JobState.PLANNING:
-                self.happened(ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None))
+    # -- scheduling -------------------------------------------------------------------------------------
 
-    def unreported_since_s(self, printer: str) -> float | None:
-        """From when on an agent has to say what it printed before its word counts; None: it need not."""
-        return self.books.printer(printer).unreported_since_s
-
-    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
-        """An agent said what it printed since the books were copied."""
-        self.happened(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
-
-    def heard(self, snapshot: AgentSnapshot) -> None:
-        """An agent said how things are."""
-        before = self.snapshots.get(snapshot.printer)
-        try:
-            try:
-                self._book(snapshot, before)
-            except InvalidTransition as error:  # whatever an agent says, the others go on
-                log.error("%s: its agent's word does not fit the books: %s", snapshot.printer, error)
-            self.snapshots[snapshot.printer] = snapshot
-            self.settle()
-        except StoreError as error:
-            self._unbooked[snapshot.printer] = str(error)
-            if before is not None:  # a person sees how hot it is; all else is news when said again
-                self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": before.link})
-            raise
-        self._unbooked.pop(snapshot.printer, None)
-
-    def _book(self, snapshot: AgentSnapshot, before: AgentSnapshot | None) -> None:
-        """Bring the books in line with an agent's word."""
-        now_s = self.clock.now()
-        self.happened(*detect_alarm(self.books.printer(snapshot.printer), snapshot, now_s))
-        attempt = self.books.open_print_on(snapshot.printer)
-        if attempt is not None:
-            wanted = attempt.cancel_reason is None and self.view(snapshot.printer) is not None
-            if wanted and self.unreported_since_s(snapshot.printer) is not None:
-                return  # there is no agent now that could tell what became of it
-            self.happened(*reconcile(attempt, snapshot, now_s))
-        else:
-            if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:
-                self.happened(ev.PrinterLost(at_s=now_s, printer=snapshot.printer))
-            self.happened(*observe_idle_printer(self.books.printer(snapshot.printer), snapshot, now_s))
-        said = snapshot.print
-        if said is not None and (attempt is None or said.print_id != attempt.id):
-            printer = self.books.printer(snapshot.printer)
-            known = self.books.prints.get(said.print_id)
-            for follows in handle_unknown_print(printer, known, snapshot, now_s):
-                if isinstance(follows, ev.Event):
-                    self.happened(follows)
-                else:
-                    self._hands.perform(follows)
-
-    def clock_set(self, by_s: float) -> None:
-        """The host's clock was set, and `clock` follows it: hours are others, spans go on.
-
-        `by_s` are the farm seconds by which it is ahead of what it was.
-        """
-        self.since_s += by_s
-        self._forecast_cache.clock_set()
-        self._replanning.clock_set()
-        try:
-            self.happened(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
-            self.settle()
-        except StoreError as error:
-            log.error("%s", error)
-
-    # -- decisions --------------------------------------------------------------------------------------
-
-    def settle(self) -> None:
-        """Give plates to printers, and begin the job in front, as far as both can be done now."""
-        self._remind()
+    def _schedule(self) -> Iterator[Effect]:
+        """Give plates to printers, and begin the jobs in front, as far as both can be done now."""
+        for attempt in list(self.books.open_prints()):
+            yield from self._owed(attempt)
         if self.stopping:
             return
         now_s = self.clock.now()
         held_back = own_holds(self.books, self.fleet.printers, now_s)
         offered = self._situation(held_back)
-        self._replanning.recut_failures(self.books, offered)
+        yield from self._replanning.recut_failures(self.books, offered)
         held_back |= self._replanning.holds()
-        waiting = tuple(plate for plate in offered.waiting if plate.id not in held_back)
-        situation = offered.with_waiting(waiting)
-        given, holds = assign(situation)
-        for assignment in given:
-            self.happened(
-                ev.PlateAssigned(
-                    at_s=now_s, plate=assignment.plate, printer=assignment.printer, print_id=uuid.uuid4().hex
-                )
-            )
-        news = {
-            name: hold for name, hold in (holds | held_back).items() if self.books.plates[name].hold != hold
-        }
-        if news:
-            self.happened(ev.PlatesHeld(at_s=now_s, holds=dict(news)))
+        situation = offered.with_waiting(tuple(p for p in offered.waiting if p.id not in held_back))
+        assignments, holds = assign(situation)
+        yield from self._commit(
+            ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
+            for a in assignments
+        )
+        yield from self._hold_plates(holds | held_back)
+        after = situation.with_printers(tuple(self.fleet_printers()))
         if holds:
             kept = spare_printers(situation.printers, situation.planned, situation.spares)
-            after = situation.with_printers(tuple(self.fleet_printers()))
-            self._replanning.reslice_waiting(self.books, after, holds, kept)
-        self._admission.settle(holds, self._replanning.reserved_printers)
+            yield from self._replanning.reslice_waiting(self.books, after, holds, kept)
+        yield from self._admit_jobs(after, holds)
+
+    def _hold_plates(self, holds: Mapping[str, Hold]) -> Iterator[Effect]:
+        news = {name: hold for name, hold in holds.items() if self.books.plates[name].hold != hold}
+        if news:
+            yield from self._commit([ev.PlatesHeld(at_s=self.clock.now(), holds=dict(news))])
+
+    def _admit_jobs(self, situation: Situation, holds: Mapping[str, Hold]) -> Iterator[Effect]:
+        taken = taken_printers(self.books, situation, holds, self._replanning.reserved_printers)
+        decisions = self._admission.decide(self.books, situation, taken, self.is_starting())
+        for decision in list(decisions):
+            now_s = self.clock.now()
+            if isinstance(decision, HoldJob):
+                yield from self._commit([ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold)])
+            else:
+                yield from self._commit([ev.PlanningStarted(at_s=now_s, job=decision.job)])
+                self._admission.begin(decision)
+                yield decision
 
     def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Describe this moment to the scheduler, with all waiting plates but those held back."""
@@ -261,55 +231,61 @@ class Core:
             rules=self.rules,
             now_s=self.clock.now(),
             time_scale=self.clock.scale,
-            spares=self.spares(),
+            spares=self._spares(),
         )
 
-    def _start_replan(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> None:
-        self._hands.replan(plate, [self.fleet.printer(name) for name in printers], cut)
+    def _spares(self) -> int:
+        """Return how many printers are kept for what fails while nobody is there, by the printing jobs."""
+        if self.rules.is_attended(self.clock.now()):
+            return 0
+        jobs = self.books.jobs.values()
+        return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
 
-    def replanned(self, plate: str, result: ReplannedPlate | FarmError) -> None:
-        """Book what a replan came to, and schedule."""
-        offered = self._situation(own_holds(self.books, self.fleet.printers, self.clock.now()))
-        event = self._replanning.finish(plate, result, self.books, offered)
-        if event is not None:
-            self.happened(event)
-        self.settle()
-
-    def _remind(self) -> None:
-        """Tell agents again what they were told while they were away, and when hours have changed."""
-        for attempt in list(self.books.open_prints()):
-            snapshot = self.snapshots.get(attempt.printer)
-            if snapshot is not None:
-                for instruction in pending_instructions(attempt, snapshot, self._ends_by_s(snapshot)):
-                    if isinstance(instruction, ev.SendStart) and not self._may_begin(attempt):
-                        continue
-                    self._hands.perform(instruction)
+    def _owed(self, attempt: Print) -> Iterator[ev.AnyInstruction]:
+        """Yield what an agent has to be told (again): it was away, or hours have changed."""
+        snapshot = self.telemetry.snapshots.get(attempt.printer)
+        if snapshot is None:
+            return
+        for instruction in pending_instructions(attempt, snapshot, self._ends_by_s(snapshot)):
+            if not isinstance(instruction, ev.SendStart) or self._may_begin(attempt):
+                yield instruction
 
     def _ends_by_s(self, snapshot: AgentSnapshot) -> float | None:
-        """When what is printed there has to be ended; as it was told, where it has left the fleet since."""
-        view, said = self.view(snapshot.printer), snapshot.print
-        if view is None:
+        """Return when what is printed there has to be ended; as it was told, where it has left the fleet."""
+        printer, said = self.fleet_printer(snapshot.printer), snapshot.print
+        if printer is None:
             return None if said is None else said.ends_by_s
-        return self.rules.ends_by_s(view, self.clock.now())
+        return self.rules.ends_by_s(printer, self.clock.now())
 
     def _may_begin(self, attempt: Print) -> bool:
-        """Nothing heats in an outage that nobody has confirmed, nor out of hours."""
-        views, now_s = self.fleet_printers(), self.clock.now()
-        return self.books.outage is None and may_begin(attempt, self.books, views, self.rules, now_s)
+        """Tell whether a print may begin: not in an outage that nobody has confirmed, nor out of hours."""
+        printers, now_s = self.fleet_printers(), self.clock.now()
+        return self.books.outage is None and may_begin(attempt, self.books, printers, self.rules, now_s)
 
-    def span(self, print_id: str) -> Span:
-        """When hours let a print begin and go on."""
-        views, now_s = self.fleet_printers(), self.clock.now()
-        return span(self.books.prints[print_id], self.books, views, self.rules, now_s)
+    # -- agents -----------------------------------------------------------------------------------------
 
-    def view(self, printer: str) -> FleetPrinter | None:
-        """A printer as the scheduler sees it; None where it is not used."""
-        sections = [section for section in self.fleet.printers if section.name == printer]
-        views = describe_printers(sections, self.books, self.snapshots, self._room)
-        return views[0] if views else None
+    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
+        """Take an agent's snapshot: what is news is handled, the rest is telemetry."""
+        name = snapshot.printer
+        before = self.telemetry.snapshots.get(name)
+        in_use = any(section.name == name and section.enabled for section in self.fleet.printers)
+        reading = read_snapshot(self.books, snapshot, before, in_use, self.clock.now())
+        if reading.misfit is not None:  # whatever an agent says, the others go on
+            story = self._store.tell_story(reading.misfit)
+            log.error("%s: its agent's snapshot does not fit the books: %s", name, story)
+        changed = self.telemetry.store(snapshot)
+        try:
+            if reading.events or changed:
+                self.handle(*reading.events)
+            elif (attempt := self.books.open_print_on(name)) is not None:
+                self._perform(self._owed(attempt))
+            self._perform(reading.instructions)
+        except StoreError as error:
+            self.telemetry.reject(snapshot, before, str(error))
+            raise
 
-    def refused(self, print_id: str, reason: str, late: bool = False) -> None:
-        """An agent would not start a print; where it still will not after several times, the print failed.
+    def on_refusal(self, print_id: str, reason: str, late: bool = False) -> None:
+        """Count that an agent would not start a print: after several times, that print has failed.
 
         One that came too `late` was never begun, and its plate is given a printer by what holds now.
         """
@@ -318,125 +294,117 @@ class Core:
         if attempt.state is not PrintState.ASSIGNED or not (late or self._refusals[print_id] >= REFUSALS):
             return
         printer = self.books.printer(attempt.printer)
-        self.happened(refused_print_end(attempt, printer, reason, late, self.clock.now()))
-        self.settle()
+        self.handle(refused_print_end(attempt, printer, reason, late, self.clock.now()))
 
-    def spares(self) -> int:
-        """How many printers are kept for what fails while nobody is there, by the jobs that are printed."""
-        if self.rules.is_attended(self.clock.now()):
-            return 0
-        jobs = self.books.jobs.values()
-        return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
+    def unreported_since_s(self, printer: str) -> float | None:
+        """Return from when on an agent has to list its prints before it counts; None: it need not."""
+        return self.books.printer(printer).unreported_since_s
+
+    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        """Take over what an agent has printed since the books were copied."""
+        self.handle(*import_agent_journal(self.books, snapshot, prints, self.clock.now()))
+
+    # -- workers, clock, backups ------------------------------------------------------------------------
+
+    def on_plan_progress(self, number: int, progress: PlanProgress) -> None:
+        """Note how far the plan of a job is."""
+        self.progress[number] = progress
+
+    def on_plan(self, number: int, result: Plan | FarmError) -> None:
+        """Book the plan of a job, or why there is none."""
+        self._end_planning(number)
+        job = self.books.job(number)
+        if job.state is JobState.PLANNING:  # else it was cancelled meanwhile
+            self.handle(self._plan_event(job, result))
+
+    def _plan_event(self, job: Job, result: Plan | FarmError) -> ev.AnyEvent:
+        now_s = self.clock.now()
+        if isinstance(result, TooFewPrinters):
+            self._admission.require_parts(job.id, result.needed)
+            return ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None)
+        if isinstance(result, FarmError):
+            return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))
+        return planned_event(job, result, self.fleet_printers(), self.books, self.rules, now_s)
+
+    def _end_planning(self, number: int) -> None:
+        self.progress.pop(number, None)
+        self._admission.end(number)
+
+    def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
+        """Book what a replan came to."""
+        offered = self._situation(own_holds(self.books, self.fleet.printers, self.clock.now()))
+        event = self._replanning.finish(plate, result, self.books, offered)
+        self.handle(*([event] if event is not None else []))
+
+    def on_clock_set(self, by_s: float) -> None:
+        """Follow the host's clock, which was set: hours are others, spans go on.
+
+        `by_s` are the farm seconds by which it is ahead of what it was.
+        """
+        self.started_s += by_s
+        self._forecast_cache.clock_set()
+        self._replanning.clock_set()
+        try:
+            self.handle(ev.ClockSet(at_s=self.clock.now(), by_s=by_s))
+        except StoreError as error:
+            log.error("%s", error)
+
+    def on_backup(self, failure: str | None) -> None:
+        """Note that the books were copied, or why they could not be."""
+        self._backup_failure = failure
+
+    def abort_all(self) -> None:
+        """End every print."""
+        now_s = self.clock.now()
+        numbers = sorted({attempt.job for attempt in self.books.open_prints()})
+        going = [number for number in numbers if not self.books.job(number).state.ended]
+        self.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
+        # Of a part that a person has found whole meanwhile.
+        others = [p.plate for p in self.books.open_prints() if p.cancel_reason is None]
+        self.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))
+
+    # -- queries ----------------------------------------------------------------------------------------
+
+    def fleet_printers(self) -> list[FleetPrinter]:
+        """Return the enabled printers as the scheduler sees them."""
+        return describe_printers(self.fleet.printers, self.books, self.telemetry.snapshots, self._rooms)
+
+    def fleet_printer(self, name: str) -> FleetPrinter | None:
+        """Return a printer as the scheduler sees it; None where it is not used."""
+        sections = [section for section in self.fleet.printers if section.name == name]
+        printers = describe_printers(sections, self.books, self.telemetry.snapshots, self._rooms)
+        return printers[0] if printers else None
+
+    def span(self, print_id: str) -> Span:
+        """Return when hours let a print begin and go on."""
+        printers, now_s = self.fleet_printers(), self.clock.now()
+        return span(self.books.prints[print_id], self.books, printers, self.rules, now_s)
 
     def next_edge_s(self) -> float | None:
-        """When hours or start times next change what may start; None where they never do."""
+        """Return when hours or start times next change what may start; None where they never do."""
         now_s = self.clock.now()
         starts = (j.not_before_s for j in self.books.jobs.values() if not j.state.ended and j.not_before_s)
         edges = [self.rules.attended.edge_s(now_s), self.rules.quiet.edge_s(now_s), *starts]
         return min((edge for edge in edges if edge is not None and edge > now_s), default=None)
 
-    def progressed(self, number: int, progress: PlanProgress) -> None:
-        """The planner is so far with a job."""
-        self.progress[number] = progress
-
-    def planned(self, number: int, result: Plan | FarmError) -> None:
-        """A plan was made, or could not be made."""
-        now_s = self.clock.now()
-        self._no_longer_planned(number)
-        job = self.books.job(number)
-        if job.state is not JobState.PLANNING:
-            return  # cancelled meanwhile
-        if isinstance(result, TooFewPrinters):
-            self._admission.needs(number, result.needed)
-            self.happened(ev.PlanningAbandoned(at_s=now_s, job=number, hold=None))
-        elif isinstance(result, FarmError):
-            self.happened(ev.JobFailed(at_s=now_s, job=number, error=result.code, reason=str(result)))
-        else:
-            made = planned_event(job, result, self.fleet_printers(), self.books, self.rules, now_s)
-            self.happened(made)
-        self.settle()
-
-    def _no_longer_planned(self, number: int) -> None:
-        self.progress.pop(number, None)
-        self._admission.planned(number)
-
-    # -- jobs -------------------------------------------------------------------------------------------
-
-    def submitted(self, request_id: str) -> int | None:
-        """The job that this request made, if it was heard before."""
-        return next((job.id for job in self.books.jobs.values() if job.request_id == request_id), None)
-
-    def submit(
-        self,
-        request_id: str,
-        name: str,
-        model: InspectedSubmission,
-        options: JobOptions,
-        by: str | None = None,
-    ) -> tuple[int, bool]:
-        """Take a job; the same request id gives the same job. Returns its number, and whether it is old."""
-        known = self.submitted(request_id)
-        if known is not None:
-            return known, True
-        number = max(self.books.jobs, default=0) + 1
-        now_s = self.clock.now()
-        not_before_s, done_by_s = start_and_deadline_s(options, self.rules, now_s)
-        if self.fleet.fleet.approve:
-            options = options.model_copy(update={"hold": True})
-        job = Job(
-            id=number,
-            request_id=request_id,
-            name=name,
-            model_file=model.file,
-            options=options,
-            own_gcode=model.own_gcode,
-            repairs=model.repairs,
-            scale=model.scale,
-            not_before_s=not_before_s,
-            done_by_s=done_by_s,
-            submitted_s=now_s,
-            submitted_by=by,
-        )
-        self.happened(ev.JobSubmitted(at_s=now_s, job=job))
-        self.settle()
-        return number, False
-
-    def abort_all(self) -> None:
-        """End every job that is being printed."""
-        for number in sorted({attempt.job for attempt in self.books.open_prints()}):
-            if not self.books.job(number).state.ended:
-                self.happened(ev.JobCancelled(at_s=self.clock.now(), job=number))
-        for attempt in list(self.books.open_prints()):  # of a part that a person has found whole meanwhile
-            if attempt.cancel_reason is None:
-                self.happened(ev.PlateCancelled(at_s=self.clock.now(), plate=attempt.plate, by=ev.A_PERSON))
-
-    def copied(self, trouble: str | None) -> None:
-        """The books were copied, or why they could not be."""
-        self._warning = trouble
-
-    # -- views ------------------------------------------------------------------------------------------
-
-    def fleet_printers(self) -> list[FleetPrinter]:
-        return describe_printers(self.fleet.printers, self.books, self.snapshots, self._room)
+    def is_starting(self) -> bool:
+        """Tell whether the farm has just started: printers that do not answer yet are still expected."""
+        return self.clock.now() - self.started_s < PATIENCE_S * self.clock.scale
 
     def build_view_context(self, state: StateFolder) -> ViewContext:
-        """All that a view is drawn from."""
+        """Return all that a view is drawn from."""
         now_s = self.clock.now()
-        unbooked = next(iter(self._unbooked.values()), None)
-        if unbooked is not None:
-            unbooked += f"; nothing is booked until there is room in {state.root}"
+        failure = self.telemetry.failure
+        if failure is not None:
+            failure += f"; nothing is booked until there is room in {state.root}"
         return ViewContext(
             self.fleet,
             self.books,
-            self.snapshots,
+            self.telemetry.snapshots,
             state,
             now_s,
             ends_s=self._forecast_cache.ends_s(self.books, self.fleet_printers, now_s),
-            startup_over=not self.arriving(),
+            startup_over=not self.is_starting(),
             progress=self.progress,
-            warning=unbooked or self._warning,
+            warning=failure or self._backup_failure,
         )
-
-    def arriving(self) -> bool:
-        """Whether the farm has just started: printers that do not answer yet are still expected."""
-        return self.clock.now() - self.since_s < PATIENCE_S * self.clock.scale

@@ -95,7 +95,7 @@ def operator(request: Request) -> str:
 
     Root and the daemon's own user could change the books anyway: they always may.
     """
-    group: str | None = request.app.state.core.fleet.fleet.operators
+    group: str | None = request.app.state.controller.fleet.fleet.operators
     person = _person(request)
     if group is None or (person is not None and person.uid in (0, os.getuid())):
         return anybody(request)

@@ -322,8 +322,12 @@ class Instruction(BaseModel):
 
 
 class SendStart(Instruction):
+    """Have an agent begin a print, within the hours that are known when it is sent."""
+
     print_id: str
     printer: str
+    not_after_s: float | None = None
+    ends_by_s: float | None = None
 
 
 class SendEndBy(Instruction):

@@ -40,7 +40,7 @@ def test_a_host_s_clock_that_is_set_is_taken_over_by_all_that_keep_hours(tmp_pat
     daemon = Daemon(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
     real, told = time.time, []
     monkeypatch.setattr(daemon._timers, "clock_set", lambda: told.append("timers"))
-    monkeypatch.setattr(daemon._core, "happened", lambda *events: told.extend(events))
+    monkeypatch.setattr(daemon._controller, "handle", lambda *events: told.extend(events))
     monkeypatch.setattr(time, "time", lambda: real() + 6 * 3600.0)
     before_s = daemon._clock.now()
 

@@ -1,31 +1,37 @@
-"""A core with hands that only write down what they are told."""
+"""A controller with effects that are only written down."""
 
 from drivers.clock import Clock
+from farm.api import ClearedRequest
 from farm.config import Fleet
-from farm.control.controller import Core
-from farm.control.print_commands import Desk
-from farm.model import AgentSnapshot, FilamentState, Link
+from farm.control.admission import StartPlanning
+from farm.control.controller import Controller
+from farm.control.job_commands import JobCommands
+from farm.control.part_commands import PartCommands
+from farm.control.printer_commands import PrinterCommands
+from farm.model import AgentSnapshot, FilamentState, Link, Verdict
 from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import InspectedSubmission
+from farm.planning.replanning.coordinator import StartReplan
 from farm.state.storage.store import Store
 
 MODEL = InspectedSubmission("m.npz", ("closed 3 holes",), 1000.0)
 
 
-class Hands:
+class RecordedEffects:
+    """Writes down instructions to agents, plans and replans."""
+
     def __init__(self):
-        self.told = []
+        self.instructions = []
         self.plans = []
         self.replans = []
 
-    def perform(self, instruction):
-        self.told.append(instruction)
-
-    def plan(self, job, printers, rounds):
-        self.plans.append((job.id, [p.name for p in printers], rounds))
-
-    def replan(self, plate, printers, cut):
-        self.replans.append((plate.id, [p.name for p in printers], cut))
+    def perform(self, effect, books):
+        if isinstance(effect, StartPlanning):
+            self.plans.append((effect.job, list(effect.printers), effect.rounds))
+        elif isinstance(effect, StartReplan):
+            self.replans.append((effect.plate, list(effect.printers), effect.cut))
+        else:
+            self.instructions.append(effect)
 
 
 PLUS = "ultimaker2_plus"
@@ -38,25 +44,43 @@ def fleet(models=(PLUS, PLUS), **house):
     return Fleet.model_validate({"fleet": house, "printers": printers})
 
 
-class Farm:
-    """A core on a store in a folder; made again, it is a daemon that was killed and started again."""
+class Commands:
+    """What people can ask of a controller."""
+
+    def __init__(self, controller):
+        self.printers = PrinterCommands(controller)
+        self.parts = PartCommands(controller, self.printers)
+        self.jobs = JobCommands(controller, self.printers)
+
+    def clear_bed(self, printer, filament=None, verdict=Verdict.GOOD, why=None, good=None):
+        bad = verdict is Verdict.BAD
+        return self.printers.clear_bed(
+            printer, ClearedRequest(filament=filament, bad=bad, why=why, good=good), "ann"
+        )
+
+
+class Farm(Commands):
+    """A controller on a store in a folder; made again, it is a daemon that was killed and started again."""
 
     def __init__(self, folder, models=(PLUS, PLUS), clock=None, **house):
-        self.hands = Hands()
+        self.effects = RecordedEffects()
         folder.mkdir(exist_ok=True)
         self.store = Store(folder / "farm.db")
-        self.core = Core(fleet(models, **house), self.store, clock or Clock(), bed_boxes, self.hands)
-        self.desk = Desk(self.core)
-        self.core.start()
+        self.controller = Controller(fleet(models, **house), self.store, clock or Clock(), bed_boxes)
+        super().__init__(self.controller)
+        self.controller.start(self.effects)
 
     def ready(self, *names, **changes):
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED, "bed_clear": True}
         for name in names:
-            self.core.heard(AgentSnapshot(printer=name, **{**facts, **changes}))
+            self.controller.on_snapshot(AgentSnapshot(printer=name, **{**facts, **changes}))
 
-    def tell(self, name, *prints):
-        """An agent says what it printed since the books were copied, and how things are."""
+    def view_context(self, state):
+        return self.controller.build_view_context(state)
+
+    def report(self, name, *prints):
+        """An agent lists what it printed since the books were copied, and says how things are."""
         facts = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
         said = AgentSnapshot(printer=name, print=prints[-1] if prints else None, **facts)
-        self.core.recounted(said, prints)
-        self.core.heard(said)
+        self.controller.on_journal(said, prints)
+        self.controller.on_snapshot(said)

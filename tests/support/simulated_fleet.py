@@ -3,8 +3,8 @@
 import shutil
 from dataclasses import dataclass, field
 
-from farm.control.controller import Core
-from farm.control.print_commands import Desk
+from farm.control.admission import StartPlanning
+from farm.control.controller import Controller
 from farm.errors import FarmError
 from farm.model import (
     AgentPrint,
@@ -22,7 +22,7 @@ from farm.planning.plan import Plan
 from farm.state import events as ev
 from farm.state.storage.store import Store
 from make_books import plan as planned
-from recording_controller import MODEL, fleet
+from recording_controller import MODEL, Commands, fleet
 
 STEP_S = 60.0
 NEXT = {
@@ -138,9 +138,10 @@ class World:
 
     def up(self):
         self.store = SteppingStore(self.path, self)
-        self.core = Core(fleet(), self.store, self.clock, bed_boxes, self)
-        self.desk = Desk(self.core)
-        self.core.start(self.store.copied_s)
+        self.controller = Controller(fleet(), self.store, self.clock, bed_boxes)
+        commands = Commands(self.controller)
+        self.jobs, self.clear_bed = commands.jobs, commands.clear_bed
+        self.controller.start(self, self.store.copied_s)
 
     def restore(self, copy):
         """The daemon dies, its books are damaged, and the next one has this copy of them."""
@@ -167,17 +168,16 @@ class World:
             return False
         return True
 
-    def plan(self, job, printers, rounds):
-        self.to_plan = job.id
-
-    def perform(self, instruction):
+    def perform(self, instruction, books):
+        if isinstance(instruction, StartPlanning):
+            self.to_plan = instruction.job
         agent = self.agents.get(getattr(instruction, "printer", None))
         if isinstance(instruction, ev.SendStart):
             if agent.print_id is None:
                 assert agent.on_bed is None, "a print is started on a full bed"
                 agent.print_id, agent.state = instruction.print_id, PrintState.ASSIGNED
-                agent.plate = self.core.books.prints[instruction.print_id].plate
-                agent.sha256 = self.core.books.plates[agent.plate].sha256
+                agent.plate = books.prints[instruction.print_id].plate
+                agent.sha256 = books.plates[agent.plate].sha256
                 agent.started_s = agent.ended_s = None
         elif isinstance(instruction, ev.SendForget) and agent.print_id == instruction.print_id:
             assert agent.state.ended
@@ -211,7 +211,7 @@ class World:
         for agent in self.agents.values():
             if agent.name not in self.away:
                 self.surviving(lambda agent=agent: self.hear(agent))
-        self.surviving(self.core.settle)
+        self.surviving(self.controller.handle)
         if self.to_plan is not None:
             job, self.to_plan = self.to_plan, None
             event = planned(1, self.plates)
@@ -220,18 +220,18 @@ class World:
                 for i, plate in enumerate(event.plates)
             )
             plan = Plan(event.parts, plates, event.repairs, 1.0, 500.0, 100.0, None)
-            self.surviving(lambda: self.core.planned(job, plan))
+            self.surviving(lambda: self.controller.on_plan(job, plan))
 
     def hear(self, agent):
-        since_s = self.core.unreported_since_s(agent.name)
+        since_s = self.controller.unreported_since_s(agent.name)
         if since_s is not None:
-            self.core.recounted(agent.snapshot(), agent.prints(since_s))
-        self.core.heard(agent.snapshot())
+            self.controller.on_journal(agent.snapshot(), agent.prints(since_s))
+        self.controller.on_snapshot(agent.snapshot())
 
     def tend(self):
         """A person takes off what is done, and says how it is; a command that broke off is given again."""
         for agent in self.agents.values():
-            entry = self.core.books.printers.get(agent.name)
+            entry = self.controller.books.printers.get(agent.name)
             printing = agent.print_id is not None and not agent.state.ended
             if entry is None or entry.bed is Bed.CLEAR or printing:
                 continue
@@ -239,13 +239,13 @@ class World:
                 continue
             mine = [i for i, (_, name, verdict) in enumerate(self.made) if name == agent.name and not verdict]
             verdict = Verdict.BAD if mine and mine[-1] in self.bad else Verdict.GOOD
-            if self.core.books.print_to_judge(agent.name) is None:
+            if self.controller.books.print_to_judge(agent.name) is None:
                 verdict = Verdict.GOOD
             agent_bed, agent.on_bed = agent.on_bed, None
             clear = self.surviving(
-                lambda name=agent.name, verdict=verdict: self.desk.cleared(name, "ann", None, verdict)
+                lambda name=agent.name, verdict=verdict: self.clear_bed(name, verdict=verdict)
             )
-            if not clear and self.core.books.printers[agent.name].bed is not Bed.CLEAR:
+            if not clear and self.controller.books.printers[agent.name].bed is not Bed.CLEAR:
                 agent.on_bed = agent_bed
                 continue
             if mine:
@@ -253,8 +253,8 @@ class World:
 
     def step(self):
         """One minute of everybody's."""
-        if not self.core.books.jobs:
-            self.surviving(lambda: self.core.submit("r" * 8, "m.stl", MODEL, JobOptions()))
+        if not self.controller.books.jobs:
+            self.surviving(lambda: self.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions()))
         self.tell()
         self.tend()
         self.move()
@@ -263,6 +263,6 @@ class World:
         """Until the job is done. Returns how many minutes it took."""
         for minute in range(patience):
             self.step()
-            if self.core.books.jobs and self.core.books.jobs[1].state is JobState.DONE:
+            if self.controller.books.jobs and self.controller.books.jobs[1].state is JobState.DONE:
                 return minute
-        raise AssertionError(f"not done: {self.core.books}")
+        raise AssertionError(f"not done: {self.controller.books}")

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from drivers.clock import Clock
 from farm.errors import FarmError
 from farm.model import Hold, HoldCode, Plate, PrintState, Verdict
 from farm.planning.replanning import policy
@@ -22,32 +21,26 @@ from farm.state.books import Books
 log = logging.getLogger(__name__)
 
 _LOOK_S = 10.0  # wall seconds between two searches for plates to reslice
-StartReplan = Callable[[Plate, tuple[str, ...], bool], None]
 _TriedKey = tuple[str, int, str | None, float]
 
 
 @dataclass(frozen=True, slots=True)
-class _Replan:
+class StartReplan:
+    """Instruction to slice a plate, or to cut its part, for these printers."""
+
+    plate: str
     printers: tuple[str, ...]
     cut: bool
 
 
 class ReplanCoordinator:
-    """Starts replans and books their results.
+    """Decides which plates are replanned, and what becomes of the results.
 
     What runs is in memory only: a daemon that dies leaves plates that wait, and the next one decides anew.
-
-    Parameters
-    ----------
-    clock
-        The farm's clock.
-    start
-        Starts the work on a plate for these printers and returns at once; the flag says that its part is cut.
     """
 
-    def __init__(self, clock: Clock, start: StartReplan) -> None:
-        self._clock, self._start_replan = clock, start
-        self._running: dict[str, _Replan] = {}
+    def __init__(self) -> None:
+        self._running: dict[str, StartReplan] = {}
         self._examined: set[tuple[str, int]] = set()  # failed plates with their number of prints
         self._tried: set[_TriedKey] = set()  # plates with the kinds of printer that were of no use
         self._searched_s = float("-inf")
@@ -58,8 +51,8 @@ class ReplanCoordinator:
         return frozenset(name for replan in self._running.values() for name in replan.printers)
 
     def clock_set(self) -> None:
-        """The host's clock was set: when it was looked last says nothing any more."""
-        self._looked_s = float("-inf")
+        """Search anew: when the last search was says nothing on a clock that was set."""
+        self._searched_s = float("-inf")
 
     def holds(self) -> dict[str, Hold]:
         """Return a hold for each plate whose part is being cut: meanwhile it goes to no printer."""
@@ -72,8 +65,8 @@ class ReplanCoordinator:
             if replan.cut
         }
 
-    def recut_failures(self, books: Books, situation: Situation) -> None:
-        """Start to cut plates that have just failed, where that saves time, before a printer gets them."""
+    def recut_failures(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
+        """Yield plates that have just failed and are to be cut, before a printer gets them."""
         for view in situation.waiting:
             plate = books.plates[view.id]
             key = (plate.id, len(plate.prints))
@@ -82,12 +75,12 @@ class ReplanCoordinator:
             self._examined.add(key)
             recut = policy.choose_recut(view, situation)
             if recut is not None:
-                self._start(plate, recut.printers, cut=True)
+                yield self._start(plate, recut.printers, cut=True)
 
     def reslice_waiting(
         self, books: Books, situation: Situation, holds: Mapping[str, Hold], kept: frozenset[str]
-    ) -> None:
-        """Start to slice plates that wait for their own kind of printer for a free one of another kind.
+    ) -> Iterator[StartReplan]:
+        """Yield plates that wait for their own kind of printer, to be sliced for a free one of another.
 
         Parameters
         ----------
@@ -112,7 +105,7 @@ class ReplanCoordinator:
             candidates = [p for p in free if self._is_candidate(plate, view, p, situation, kept)]
             reslice = policy.choose_reslice(view, situation, candidates)
             if reslice is not None:
-                self._start(plate, (reslice.printer,), cut=False)
+                yield self._start(plate, (reslice.printer,), cut=False)
                 free = [p for p in free if p.name != reslice.printer]
 
     def _is_candidate(
@@ -180,10 +173,10 @@ class ReplanCoordinator:
         after_s += policy.JOIN_S * len(new) if cut else 0.0
         return policy.saves_enough(ends_s(view, situation), after_s, situation.now_s)
 
-    def _start(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> None:
+    def _start(self, plate: Plate, printers: tuple[str, ...], cut: bool) -> StartReplan:
         log.info("plate %s is %s for %s", plate.id, "recut" if cut else "resliced", " ".join(printers))
-        self._running[plate.id] = _Replan(printers, cut)
-        self._start_replan(plate, printers, cut)
+        self._running[plate.id] = StartReplan(plate.id, printers, cut)
+        return self._running[plate.id]
 
 
 def _tried_key(plate: Plate, capabilities: Capabilities) -> _TriedKey:

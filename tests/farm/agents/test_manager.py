@@ -16,13 +16,13 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch
 from drivers.remote import client as client_module
 from drivers.remote.client import alive, kill, pid
-from farm.agents.manager import AgentLink, Links
+from farm.agents.connection import AgentConnection
+from farm.agents.manager import AgentManager
 from farm.agents.protocol_adapter import on_its_clock, translate
 from farm.agents.protocol_adapter import shift_s as shift_s_of
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
-from farm.scheduling.situation_builder import Span
 from farm.state import events as ev
 from farm.state.books import Books
 from make_books import printing
@@ -32,25 +32,21 @@ MODEL = "ultimaker2_plus"
 DEADLINE_S = 40.0
 
 
-class Ears:
+class RecordingListener:
     def __init__(self) -> None:
         self.last: AgentSnapshot | None = None
 
-    def heard(self, snapshot: AgentSnapshot) -> None:
+    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def refused(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
         return None
 
-    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         raise AssertionError(prints)
-
-
-def no_span(_: str) -> Span:
-    return Span(None, None)
 
 
 @pytest.mark.system
@@ -60,17 +56,17 @@ def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     state = StateFolder(tmp_path)
     state.make()
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
-    ears = Ears()
+    listener = RecordingListener()
 
     async def story() -> None:
-        links = Links(fleet, state, Clock(60.0, time.time()), ears)
+        links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
 
         async def until_ready_as_another_than(old: int | None) -> int:
             async with asyncio.timeout(DEADLINE_S):
                 while True:
                     links.watch()
-                    said = ears.last
+                    said = listener.last
                     if said is not None and said.link is Link.READY and said.agent_pid != old:
                         assert said.agent_pid is not None
                         return said.agent_pid
@@ -131,25 +127,28 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
     assert sent.ends_by_s == sent.not_after_s
 
 
-class Told:
-    """A link that only keeps what it is to tell."""
+class RecordingConnection:
+    """A connection that only keeps what it is to send."""
 
     def __init__(self) -> None:
         self.requests: list[m.Request] = []
 
-    def tell(self, request: m.Request) -> None:
+    def send(self, request: m.Request) -> None:
         self.requests.append(request)
 
 
 def test_a_start_goes_out_with_its_hours_and_so_do_hours_that_have_changed(tmp_path: Path):
     books, _ = booked(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="p"))
-    links = Links(Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), Ears())
-    told = Told()
-    links._links["a"] = told  # type: ignore[assignment]
-    links.perform(ev.SendStart(print_id="p", printer="a"), books, tmp_path, lambda _: Span(500.0, 900.0))
-    links.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path, no_span)
-    begin, end = told.requests
-    assert isinstance(begin, m.StartPrint) and (begin.not_after_s, begin.ends_by_s) == (500.0, 900.0)
+    links = AgentManager(
+        Fleet.model_validate({"printers": []}), StateFolder(tmp_path), Clock(), RecordingListener()
+    )
+    told = RecordingConnection()
+    links._connections["a"] = told  # type: ignore[assignment]
+    begin = ev.SendStart(print_id="p", printer="a", not_after_s=500.0, ends_by_s=900.0)
+    links.perform(begin, books, tmp_path)
+    links.perform(ev.SendEndBy(print_id="p", printer="a", ends_by_s=800.0), books, tmp_path)
+    start, end = told.requests
+    assert isinstance(start, m.StartPrint) and (start.not_after_s, start.ends_by_s) == (500.0, 900.0)
     assert end == m.EndPrintBy(id=0, print_id="p", ends_by_s=800.0)
 
 
@@ -178,33 +177,33 @@ def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent
     state.make()
     clock = Clock(1.0, time.time())
     port = launch(f"sim://{MODEL}", tmp_path / "emulator", clock)
-    ears = Ears()
+    listener = RecordingListener()
 
     def fleet(name: str) -> Fleet:
         return Fleet.model_validate({"printers": [{"name": name, "model": MODEL, "port": str(port)}]})
 
-    async def until(links: Links, link: Link) -> None:
+    async def until(links: AgentManager, link: Link) -> None:
         async with asyncio.timeout(DEADLINE_S):
-            while ears.last is None or ears.last.link is not link:
+            while listener.last is None or listener.last.link is not link:
                 links.watch()
                 await asyncio.sleep(0.05)
 
     async def story() -> None:
-        old = Links(fleet("old"), state, clock, ears)
+        old = AgentManager(fleet("old"), state, clock, listener)
         old.start(())
         await until(old, Link.FAULT)  # nobody has said that it may be opened
-        old.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path, no_span)
+        old.perform(ev.SendCleared(printer="old", filament=None), Books(), tmp_path)
         await until(old, Link.READY)
         await old.close()
-        ears.last = None
-        new = Links(fleet("new"), state, clock, ears)
+        listener.last = None
+        new = AgentManager(fleet("new"), state, clock, listener)
         new.start(())
         try:
             await until(new, Link.FAULT)
-            new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path, no_span)
+            new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
             await until(new, Link.READY)
             assert not alive(state.agent("old"))
-            ended = old._links["old"]._process
+            ended = old._connections["old"]._process
             assert ended is not None and ended.wait(10.0) == 0
         finally:
             await new.shut_down_agents()
@@ -232,29 +231,29 @@ class FakeClient:
         return m.Reply(id=request.id, snapshot=self.says)
 
 
-def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, Ears]:  # type: ignore[no-untyped-def]
-    """What a link sends and hears while it is told a story."""
-    ears = Ears()
+def told(tmp_path: Path, story, port: str = "/dev/null") -> tuple[FakeClient, RecordingListener]:  # type: ignore[no-untyped-def]
+    """What a link sends and hlistener while it is told a story."""
+    listener = RecordingListener()
     section = PrinterSection(name="a", model=MODEL, port=port)
 
     async def main() -> FakeClient:
-        link = AgentLink("a", section, StateFolder(tmp_path), Clock(), ears)
+        link = AgentConnection("a", section, StateFolder(tmp_path), Clock(), listener)
         client = FakeClient()
         link._client = client  # type: ignore[assignment]
         await story(link, client)
         await asyncio.gather(*link._tasks)
         return client
 
-    return asyncio.run(main()), ears
+    return asyncio.run(main()), listener
 
 
 def test_an_agents_word_on_a_cancel_says_that_it_has_heard_of_it(tmp_path: Path):
     async def story(link, client):  # type: ignore[no-untyped-def]
-        link.tell(m.CancelPrint(id=0, print_id="x"))
+        link.send(m.CancelPrint(id=0, print_id="x"))
 
-    _, ears = told(tmp_path, story)
-    assert ears.last is not None
-    assert (ears.last.link, ears.last.agent_pid, ears.last.heard_cancel) == (Link.ABSENT, 7, "x")
+    _, listener = told(tmp_path, story)
+    assert listener.last is not None
+    assert (listener.last.link, listener.last.agent_pid, listener.last.heard_cancel) == (Link.ABSENT, 7, "x")
 
 
 class TalkingClient(FakeClient):
@@ -275,21 +274,21 @@ class TalkingClient(FakeClient):
 def test_a_fault_of_the_farms_own_makes_no_link_deaf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(client_module, "RETRY_S", 0.001)
 
-    class Faulty(Ears):
+    class Faulty(RecordingListener):
         words = 0
 
-        def heard(self, snapshot: AgentSnapshot) -> None:
+        def on_snapshot(self, snapshot: AgentSnapshot) -> None:
             self.words += 1
             if self.words < 5:
                 raise ZeroDivisionError("a fault of ours")
-            super().heard(snapshot)
+            super().on_snapshot(snapshot)
 
-    async def main(ears: Faulty) -> None:
-        link = AgentLink("a", None, StateFolder(tmp_path), Clock(), ears)
+    async def main(listener: Faulty) -> None:
+        link = AgentConnection("a", None, StateFolder(tmp_path), Clock(), listener)
         link._client = TalkingClient()  # type: ignore[assignment]
         listening = asyncio.ensure_future(link._listen())
         async with asyncio.timeout(DEADLINE_S):
-            while ears.last is None:
+            while listener.last is None:
                 assert not listening.done()
                 await asyncio.sleep(0.001)
         link._stopping = True
@@ -306,11 +305,15 @@ def test_no_agent_speaks_for_another_printer_and_only_an_emulator_knows_its_bed(
 
     async def story(link, client):  # type: ignore[no-untyped-def]
         client.says = lie
-        link.tell(m.CancelPrint(id=0, print_id="x"))
+        link.send(m.CancelPrint(id=0, print_id="x"))
 
-    _, ears = told(tmp_path, story, port)
-    assert ears.last is not None
-    assert (ears.last.printer, ears.last.link, ears.last.bed_clear) == ("a", Link.READY, bed_clear)
+    _, listener = told(tmp_path, story, port)
+    assert listener.last is not None
+    assert (listener.last.printer, listener.last.link, listener.last.bed_clear) == (
+        "a",
+        Link.READY,
+        bed_clear,
+    )
 
 
 def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path: Path):
@@ -322,10 +325,10 @@ def test_a_print_that_is_cancelled_while_its_file_is_sent_is_not_begun(tmp_path:
 
     async def story(link, client):  # type: ignore[no-untyped-def]
         link._remote = True
-        link.tell(start)
+        link.send(start)
         while not client.sent:
             await asyncio.sleep(0)
-        link.tell(m.CancelPrint(id=0, print_id="x"))
+        link.send(m.CancelPrint(id=0, print_id="x"))
         await asyncio.sleep(0)
         client.let.set()
 
@@ -338,17 +341,17 @@ def test_an_idle_agent_is_replaced_and_its_printer_stays_as_it_is(tmp_path: Path
     state = StateFolder(tmp_path)
     state.make()
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
-    ears = Ears()
+    listener = RecordingListener()
 
     async def story() -> None:
-        links = Links(fleet, state, Clock(60.0, time.time()), ears)
+        links = AgentManager(fleet, state, Clock(60.0, time.time()), listener)
         links.start(())
 
         async def ready(old: int | None) -> int:
             async with asyncio.timeout(DEADLINE_S):
                 while True:
                     links.watch()
-                    said = ears.last
+                    said = listener.last
                     if said is not None and said.link is Link.READY and said.agent_pid not in (None, old):
                         assert said.agent_pid is not None and not said.outdated
                         return said.agent_pid

@@ -88,13 +88,13 @@ def lines(said):
         yield heard
 
 
-def look(core, folder):
+def look(controller, folder):
     """All that is shown to people, and sent to them."""
-    context = core.build_view_context(StateFolder(folder))
-    shown = [describe_job(context, job) for job in core.books.jobs.values()]
-    shown += [describe_printer(context, section, None) for section in core.fleet.printers]
-    shown += [*list_tasks(context), *list_history(context)]
-    night = describe_night(context)
+    scene = controller.build_view_context(StateFolder(folder))
+    shown = [describe_job(scene, job) for job in controller.books.jobs.values()]
+    shown += [describe_printer(scene, section, None) for section in controller.fleet.printers]
+    shown += [*list_tasks(scene), *list_history(scene)]
+    night = describe_night(scene)
     for view in [*shown, *([night] if night else [])]:
         assert "\\u001b" not in view.model_dump_json()
 
@@ -103,12 +103,12 @@ def busy(folder):
     """A job on both printers, `a` of which lies."""
     farm = Farm(folder, clock=Clock(), attended=["mon-fri 08:00-18:00"], quiet="22:00-06:00")
     farm.store._db.execute("PRAGMA synchronous = OFF")
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    farm.core.happened(
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.controller.handle(
         ev.PlanningStarted(at_s=NOW_S, job=1), planned(1, 4).model_copy(update={"at_s": NOW_S})
     )
     for name, plate, print_id in (("a", "1/01", "mine"), ("b", "1/02", "theirs")):
-        farm.core.happened(
+        farm.controller.handle(
             ev.BedReported(at_s=NOW_S, printer=name, bed="clear", filament="parked"),
             ev.PlateAssigned(at_s=NOW_S, plate=plate, printer=name, print_id=print_id),
         )
@@ -120,13 +120,13 @@ def busy(folder):
 def test_whatever_an_agent_says_can_be_booked_shown_and_read_again(said, tmp_path_factory):
     folder = tmp_path_factory.mktemp("lies")
     farm = busy(folder)
-    other = farm.core.books.prints["theirs"]
+    other = farm.controller.books.prints["theirs"]
     for heard in lines(said):
-        farm.core.heard(translate(heard, Clock()))
-        look(farm.core, folder)
-    assert farm.core.books.prints["theirs"] == other
+        farm.controller.on_snapshot(translate(heard, Clock()))
+        look(farm.controller, folder)
+    assert farm.controller.books.prints["theirs"] == other
     with Store(folder / "farm.db") as store:
-        assert store.load() == farm.core.books
+        assert store.load() == farm.controller.books
     farm.store.close()
 
 
@@ -137,15 +137,15 @@ def test_whatever_an_agent_says_that_it_printed_since_the_books_were_copied_can_
 ):
     folder = tmp_path_factory.mktemp("lies")
     farm = busy(folder)
-    farm.core.start(restored_s=NOW_S + 1.0)
-    other = farm.core.books.prints["theirs"]
+    farm.controller.start(farm.effects, restored_s=NOW_S + 1.0)
+    other = farm.controller.books.prints["theirs"]
     for heard in lines([last]):
         shown = [one.print for one in lines({**last, "print": shot} for shot in told)]
         shot = [translate_print(one, shift_s(heard, Clock())) for one in shown]
-        farm.core.recounted(translate(heard, Clock()), shot)
-        assert farm.core.unreported_since_s("a") is None
-        look(farm.core, folder)
-    assert farm.core.books.prints["theirs"] == other
+        farm.controller.on_journal(translate(heard, Clock()), shot)
+        assert farm.controller.unreported_since_s("a") is None
+        look(farm.controller, folder)
+    assert farm.controller.books.prints["theirs"] == other
     with Store(folder / "farm.db") as store:
-        assert store.load() == farm.core.books
+        assert store.load() == farm.controller.books
     farm.store.close()

@@ -14,7 +14,7 @@ from drivers.clock import Clock
 from drivers.errors import AgentTooOld
 from drivers.locks import AGENT_LOCK, hold
 from drivers.remote.client import AgentClient
-from farm.agents.manager import Links
+from farm.agents.manager import AgentManager
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.model import AgentPrint, AgentSnapshot, Link
@@ -72,21 +72,21 @@ class OldAgent:
         writer.close()
 
 
-class Ears:
+class RecordingListener:
     def __init__(self) -> None:
         self.last: AgentSnapshot | None = None
         self.was_refused: list[tuple[str, bool]] = []
 
-    def heard(self, snapshot: AgentSnapshot) -> None:
+    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def refused(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         self.was_refused.append((print_id, late))
 
     def unreported_since_s(self, printer: str) -> float | None:
         return None
 
-    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         raise AssertionError(prints)
 
 
@@ -96,7 +96,7 @@ def start(**more: object) -> m.StartPrint:
 
 
 def with_agent(
-    folder: Path, prints: bool, story: Callable[[Links, OldAgent, Ears], Awaitable[None]]
+    folder: Path, prints: bool, story: Callable[[AgentManager, OldAgent, RecordingListener], Awaitable[None]]
 ) -> OldAgent:
     """Run a daemon's links beside a living agent of the first protocol."""
     state = StateFolder(folder)
@@ -104,17 +104,17 @@ def with_agent(
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": PORT}]})
     home = state.agent("a")
     home.mkdir(parents=True, exist_ok=True)
-    agent, ears = OldAgent(home, prints), Ears()
+    agent, listener = OldAgent(home, prints), RecordingListener()
 
     async def run() -> None:
         server = await asyncio.start_unix_server(agent.serve, home / "agent.sock")
-        links = Links(fleet, state, Clock(), ears)
+        links = AgentManager(fleet, state, Clock(), listener)
         links.start(())
         try:
             async with asyncio.timeout(DEADLINE_S):
-                while ears.last is None or ears.last.link in (Link.STARTING, Link.ABSENT):
+                while listener.last is None or listener.last.link in (Link.STARTING, Link.ABSENT):
                     await asyncio.sleep(0.01)
-                await story(links, agent, ears)
+                await story(links, agent, listener)
         finally:
             await links.close()
             server.close()
@@ -129,16 +129,16 @@ def with_agent(
 
 
 def test_an_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replaced(tmp_path: Path):
-    async def story(links: Links, agent: OldAgent, ears: Ears) -> None:
-        assert ears.last is not None and ears.last.link is Link.FAULT and ears.last.outdated
-        assert "farm up --replace a" in (ears.last.reason or "")
-        link = links._links["a"]
+    async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+        assert listener.last is not None and listener.last.link is Link.FAULT and listener.last.outdated
+        assert "farm up --replace a" in (listener.last.reason or "")
+        link = links._connections["a"]
         for _ in range(3):
-            link.tell(start(ends_by_s=900.0))
-            link.tell(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
-            while link._asked:
+            link.send(start(ends_by_s=900.0))
+            link.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
+            while link._pending:
                 await asyncio.sleep(0.01)
-        assert ears.was_refused == [("p", True)] * 3  # nothing of it was begun: it goes elsewhere
+        assert listener.was_refused == [("p", True)] * 3  # nothing of it was begun: it goes elsewhere
         await links.replace("a")
         with pytest.raises(NoSuchThing):
             await links.replace("b")
@@ -149,12 +149,12 @@ def test_an_idle_agent_of_an_earlier_protocol_gets_no_print_and_is_to_be_replace
 
 
 def test_what_an_agent_of_an_earlier_protocol_prints_goes_on_and_can_be_cancelled(tmp_path: Path):
-    async def story(links: Links, agent: OldAgent, ears: Ears) -> None:
-        assert ears.last is not None and ears.last.link is Link.BUSY and not ears.last.outdated
-        link = links._links["a"]
-        link.tell(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
-        link.tell(m.CancelPrint(id=0, print_id="p"))
-        while link._asked:
+    async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
+        assert listener.last is not None and listener.last.link is Link.BUSY and not listener.last.outdated
+        link = links._connections["a"]
+        link.send(m.EndPrintBy(id=0, print_id="p", ends_by_s=900.0))
+        link.send(m.CancelPrint(id=0, print_id="p"))
+        while link._pending:
             await asyncio.sleep(0.01)
 
     agent = with_agent(tmp_path, True, story)
@@ -163,7 +163,7 @@ def test_what_an_agent_of_an_earlier_protocol_prints_goes_on_and_can_be_cancelle
 
 
 def test_a_refusal_to_be_replaced_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    async def story(links: Links, agent: OldAgent, ears: Ears) -> None:
+    async def story(links: AgentManager, agent: OldAgent, listener: RecordingListener) -> None:
         async def refuse(self: AgentClient, request: m.Request, timeout_s: float = 30.0) -> m.Reply:
             return m.Reply(id=1, error="it prints")
 

@@ -25,7 +25,8 @@ from drivers.errors import AgentError
 from drivers.remote import bridge, client
 from drivers.remote.client import alive, pid
 from farm.agents import manager, remote
-from farm.agents.manager import AgentLink, Links
+from farm.agents.connection import AgentConnection
+from farm.agents.manager import AgentManager
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
@@ -40,22 +41,22 @@ HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\n
 TAIL = "G92 E0\nG1 F1500 E-6.5\nM104 S0\nM140 S0\nM107\nG91\nG1 F1500 E-13.5\nG90\nG28\nM84\n"
 
 
-class Ears:
-    """What a daemon hears."""
+class RecordingListener:
+    """What a daemon hlistener."""
 
     def __init__(self) -> None:
         self.last = AgentSnapshot(printer="a", link=Link.STARTING)
 
-    def heard(self, snapshot: AgentSnapshot) -> None:
+    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
         self.last = snapshot
 
-    def refused(self, print_id: str, reason: str, late: bool) -> None:
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
         raise AssertionError(reason)
 
     def unreported_since_s(self, printer: str) -> float | None:
         return None
 
-    def recounted(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
         raise AssertionError(prints)
 
 
@@ -196,7 +197,7 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
         host="pc-b",
         host_command=f"XDG_STATE_HOME={tmp_path}/there {sys.executable} -m drivers.remote.bridge",
     )
-    state, ears, clock = StateFolder(tmp_path / "here"), Ears(), Clock(SCALE, time.time())
+    state, listener, clock = StateFolder(tmp_path / "here"), RecordingListener(), Clock(SCALE, time.time())
     state.make()
     moves = "".join(
         f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5:.2f}\n" for i in range(1200)
@@ -207,17 +208,17 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
 
     async def until(seen: Any) -> AgentSnapshot:
         async with asyncio.timeout(DEADLINE_S):
-            while not seen(ears.last):
+            while not seen(listener.last):
                 await asyncio.sleep(0.05)
-            return ears.last
+            return listener.last
 
     async def story() -> None:
-        link = AgentLink("a", section, state, clock, ears, "test")
+        link = AgentConnection("a", section, state, clock, listener, "test")
         link.start()
         try:
             await until(lambda s: s.link is Link.READY)
             sha256 = hashlib.sha256(text).hexdigest()
-            link.tell(
+            link.send(
                 m.StartPrint(
                     id=0,
                     print_id="p-1",
@@ -246,8 +247,8 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
                         await asyncio.sleep(0.05)
                 assert len(way.there) >= 2
             await link.close()
-            ears.last = AgentSnapshot(printer="a", link=Link.STARTING)
-            link = AgentLink("a", None, state, clock, ears)  # taken out of the fleet meanwhile
+            listener.last = AgentSnapshot(printer="a", link=Link.STARTING)
+            link = AgentConnection("a", None, state, clock, listener)  # taken out of the fleet meanwhile
             link.start()
             await until(lambda s: s.print is not None and s.print.state.ended)
             assert read_status(there / "emulator").starved_s < 60.0
@@ -293,11 +294,11 @@ def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_an
     state.make()
     kept = state.agent("a") / "way.json"
 
-    def farm(*names: str) -> Links:
+    def farm(*names: str) -> AgentManager:
         facts = {"model": MODEL, "port": f"sim://{MODEL}", "host": "pc-b", "host_command": command}
         printers = [{"name": "b", "enabled": False, **facts}, *({"name": n, **facts} for n in names)]
         raw = {"fleet": {"name": "test"}, "printers": printers}
-        return Links(Fleet.model_validate(raw), state, clock, Ears())
+        return AgentManager(Fleet.model_validate(raw), state, clock, RecordingListener())
 
     async def until(seen: Callable[[], bool]) -> None:
         async with asyncio.timeout(DEADLINE_S):

@@ -7,9 +7,8 @@ from datetime import datetime
 
 import pytest
 
-from farm.api import ApproveRequest, LoadRequest
-from farm.control import approval as module
-from farm.control.approval import Ahead
+from farm.api import LoadRequest
+from farm.control import job_commands, printer_commands
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import HoldCode, JobOptions, JobState, OwnGcode
 from farm.paths import StateFolder
@@ -17,6 +16,7 @@ from farm.planning.plan import InspectedSubmission, Plan
 from farm.state import events as ev
 from farm.state.books import put
 from farm.state.storage.file_store import sha256_of
+from farm.views.job_night import describe_job_night
 from farm.views.jobs import describe_job
 from farm.views.tasks import list_tasks
 from make_books import plan as planned
@@ -50,7 +50,7 @@ def farm(tmp_path):
 
 
 def submit(farm, name="r", model=MODEL, **options):
-    return farm.core.submit(name * 8, "m.stl", model, JobOptions(**options))[0]
+    return farm.jobs.submit(name * 8, "m.stl", model, JobOptions(**options))[0]
 
 
 def plan_for(number, state, plates=2):
@@ -63,70 +63,74 @@ def plan_for(number, state, plates=2):
     return Plan(event.parts, made, (), 1.0, 500.0, 100.0, None)
 
 
+def night_of(farm, state, number):
+    controller = farm.controller
+    context = controller.build_view_context(state)
+    return describe_job_night(context, number, controller.fleet_printers(), controller.rules)
+
+
 def starts(farm):
-    return [told.printer for told in farm.hands.told if isinstance(told, ev.SendStart)]
+    return [told.printer for told in farm.effects.instructions if isinstance(told, ev.SendStart)]
 
 
 def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(farm, state, monkeypatch):
     number = submit(farm, hold=True)
-    farm.core.planned(number, plan_for(number, state))
-    plan = farm.core.books.job(number).plan
+    farm.controller.on_plan(number, plan_for(number, state))
+    plan = farm.controller.books.job(number).plan
 
     def cancel():
-        if not farm.core.books.job(number).state.ended:
-            farm.core.happened(ev.JobCancelled(at_s=1.0, job=number))
+        if not farm.controller.books.job(number).state.ended:
+            farm.controller.handle(ev.JobCancelled(at_s=1.0, job=number))
 
     with monkeypatch.context() as patch:
-        patch.setattr(module, "sha256_of", lambda path: (cancel(), sha256_of(path))[1])
-        patch.setattr(module, "asyncio", NoThreads)
+        patch.setattr(job_commands, "sha256_of", lambda path: (cancel(), sha256_of(path))[1])
+        patch.setattr(job_commands, "asyncio", NoThreads)
         with pytest.raises(Refused, match="waits for no approval: it is cancelled"):
-            asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
+            asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     other = submit(farm, "s", hold=True)
-    farm.core.planned(other, plan_for(other, state))
+    farm.controller.on_plan(other, plan_for(other, state))
 
     def start(section):
-        farm.core.happened(ev.JobApproved(at_s=1.0, job=other, by="ann"))
-        farm.core.settle()
+        farm.controller.handle(ev.JobApproved(at_s=1.0, job=other, by="ann"))
 
-    monkeypatch.setattr(module, "mistake_in", start)
-    monkeypatch.setattr(module, "asyncio", NoThreads)
+    monkeypatch.setattr(printer_commands, "mistake_in", start)
+    monkeypatch.setattr(printer_commands, "asyncio", NoThreads)
     with pytest.raises(Refused, match="a is printing"):
-        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(grams=500.0), "ann"))
+        asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=500.0), "ann"))
 
 
 def test_a_plan_of_an_older_farm_can_be_approved_after_the_books_were_restored(farm, state):
     number = submit(farm)
-    farm.core.planned(number, plan_for(number, state))
-    job = farm.core.books.job(number).model_copy(update={"plan": None})
-    farm.core.books = put(farm.core.books, job)
-    farm.core.happened(ev.BooksRestored(at_s=1.0, copied_s=0.0))
-    assert farm.core.books.job(number).state is JobState.HELD
-    asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=""), "ann"))
-    assert farm.core.books.job(number).state is JobState.PRINTING
+    farm.controller.on_plan(number, plan_for(number, state))
+    job = farm.controller.books.job(number).model_copy(update={"plan": None})
+    farm.controller.books = put(farm.controller.books, job)
+    farm.controller.handle(ev.BooksRestored(at_s=1.0, copied_s=0.0))
+    assert farm.controller.books.job(number).state is JobState.HELD
+    asyncio.run(farm.jobs.approve(number, "", state, "ann"))
+    assert farm.controller.books.job(number).state is JobState.PRINTING
 
 
 def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
     number = submit(farm, hold=True)
-    farm.core.planned(number, plan_for(number, state))
-    job = farm.core.books.job(number)
+    farm.controller.on_plan(number, plan_for(number, state))
+    job = farm.controller.books.job(number)
     assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert starts(farm) == []
-    ahead = Ahead(farm.core, state)
     with pytest.raises(Refused, match="look at it again"):
-        asyncio.run(ahead.approve(number, ApproveRequest(plan="0" * 12), "ann"))
-    asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan), "ann"))
+        asyncio.run(farm.jobs.approve(number, "0" * 12, state, "ann"))
+    asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
     assert starts(farm) == ["a", "b"]
     with pytest.raises(Refused, match="waits for no approval"):
-        asyncio.run(ahead.approve(number, ApproveRequest(plan=job.plan), "ann"))
+        asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
 
 
 def test_a_plan_whose_files_changed_is_not_released(farm, state):
     number = submit(farm, hold=True)
-    farm.core.planned(number, plan_for(number, state))
+    farm.controller.on_plan(number, plan_for(number, state))
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
     with pytest.raises(Refused, match="is not what was planned"):
-        plan = farm.core.books.job(number).plan
-        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
+        plan = farm.controller.books.job(number).plan
+        asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     assert starts(farm) == []
 
 
@@ -134,68 +138,69 @@ def test_a_fleet_can_ask_for_approval_of_every_job(tmp_path, state):
     farm = Farm(tmp_path, approve=True)
     farm.ready("a", "b")
     number = submit(farm)
-    farm.core.planned(number, plan_for(number, state))
-    assert farm.core.books.job(number).state is JobState.HELD
+    farm.controller.on_plan(number, plan_for(number, state))
+    assert farm.controller.books.job(number).state is JobState.HELD
 
 
 def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
     farm, state, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(module, "mistake_in", lambda section: None)
-    ahead = Ahead(farm.core, state)
-    asyncio.run(ahead.load("a", LoadRequest(grams=4.0, colour="white"), "ann"))
+    monkeypatch.setattr(printer_commands, "mistake_in", lambda section: None)
+    asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=4.0, colour="white"), "ann"))
     reel = asyncio.run(
-        ahead.load("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
+        farm.printers.load_reel("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
     )
     assert (reel.material, reel.colour, reel.grams, reel.nozzle_mm) == ("generic_abs", None, 700.0, 0.8)
     number = submit(farm, material="generic_pla")
-    assert farm.hands.plans == [(number, ["a"], 1)]
-    farm.core.planned(number, plan_for(number, state, plates=1))
-    hold = farm.core.books.plates[f"{number}/01"].hold
+    assert farm.effects.plans == [(number, ["a"], 1)]
+    farm.controller.on_plan(number, plan_for(number, state, plates=1))
+    hold = farm.controller.books.plates[f"{number}/01"].hold
     assert hold.code is HoldCode.REEL_TOO_SHORT
     assert "a has 4 g, it needs 8 g" in hold.text
     farm.store.close()
     again = Farm(tmp_path)
     again.ready("a", "b")
-    assert again.core.fleet.printer("b").material == "generic_abs"
-    asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0), "ann"))
+    assert again.controller.fleet.printer("b").material == "generic_abs"
+    asyncio.run(again.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
     assert starts(again) == ["a"]
     with pytest.raises(Refused, match="is printing"):
-        asyncio.run(Ahead(again.core, state).load("a", LoadRequest(grams=300.0), "ann"))
+        asyncio.run(again.printers.load_reel("a", LoadRequest(grams=300.0), "ann"))
 
 
 def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
-    monkeypatch.setattr(module, "mistake_in", lambda section: ("material", "there is no generic_gold"))
+    monkeypatch.setattr(
+        printer_commands, "mistake_in", lambda section: ("material", "there is no generic_gold")
+    )
     with pytest.raises(Refused, match="a: there is no generic_gold"):
-        asyncio.run(Ahead(farm.core, state).load("a", LoadRequest(material="generic_gold"), "ann"))
+        asyncio.run(farm.printers.load_reel("a", LoadRequest(material="generic_gold"), "ann"))
 
 
 def test_g_code_does_not_wait_behind_a_decomposition(farm):
     first, second = submit(farm), submit(farm, "s", GCODE)
-    assert [plan[0] for plan in farm.hands.plans] == [first, second]
+    assert [plan[0] for plan in farm.effects.plans] == [first, second]
     third, urgent = submit(farm, "t"), submit(farm, "u", priority=1)
-    holds = {number: farm.core.books.job(number).hold.code for number in (third, urgent)}
+    holds = {number: farm.controller.books.job(number).hold.code for number in (third, urgent)}
     assert set(holds.values()) == {HoldCode.NOT_FRONT}
-    farm.desk.cancel_job(first, "ann")
-    assert farm.hands.plans[-1][0] == urgent
+    farm.jobs.cancel(first, "ann")
+    assert farm.effects.plans[-1][0] == urgent
 
 
 def test_g_code_of_less_priority_leaves_the_printers_to_what_is_being_planned(farm):
     submit(farm, priority=1)
     second = submit(farm, "s", GCODE)
-    assert farm.core.books.job(second).hold.code is HoldCode.PRINTER_BUSY
-    assert len(farm.hands.plans) == 1
+    assert farm.controller.books.job(second).hold.code is HoldCode.PRINTER_BUSY
+    assert len(farm.effects.plans) == 1
 
 
 def test_a_job_with_a_start_time_waits_for_it_and_lets_others_pass(farm):
-    then = datetime.fromtimestamp(farm.core.clock.now() + 3600).astimezone().isoformat()
+    then = datetime.fromtimestamp(farm.controller.clock.now() + 3600).astimezone().isoformat()
     later, now = submit(farm, at=then), submit(farm, "s")
-    assert farm.core.books.job(later).hold.code is HoldCode.START_TIME
-    assert farm.hands.plans == [(now, ["a", "b"], 1)]
-    farm.core.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
-    farm.clock_s = farm.core.books.job(later).not_before_s
-    farm.desk.cancel_job(now, "ann")
-    assert farm.hands.plans[-1][0] == later
+    assert farm.controller.books.job(later).hold.code is HoldCode.START_TIME
+    assert farm.effects.plans == [(now, ["a", "b"], 1)]
+    farm.controller.clock = type("Later", (), {"now": lambda _: farm.clock_s, "scale": 1.0})()
+    farm.clock_s = farm.controller.books.job(later).not_before_s
+    farm.jobs.cancel(now, "ann")
+    assert farm.effects.plans[-1][0] == later
 
 
 def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
@@ -207,17 +212,19 @@ def test_a_moment_that_cannot_be_is_refused_at_submission(farm):
 
 def test_a_job_that_cannot_be_done_by_then_says_when_it_will_be(farm, state):
     def by(seconds):
-        moment = datetime.fromtimestamp(farm.core.clock.now() + seconds).astimezone().isoformat()
+        moment = datetime.fromtimestamp(farm.controller.clock.now() + seconds).astimezone().isoformat()
         number = submit(farm, name=f"{seconds:03d}", done_by=moment, hold=True)
-        farm.core.planned(number, plan_for(number, state))
-        return farm.core.books.job(number).repairs
+        farm.controller.on_plan(number, plan_for(number, state))
+        return farm.controller.books.job(number).repairs
 
     assert by(3600) == ()
     (notice,) = by(50)
     assert notice.startswith("It was to be printed by") and "as soon as it can be is" in notice
     assert by(600) == ()
     for name in "ab":  # somebody has to clear them first
-        farm.core.happened(ev.BedBecameUnknown(at_s=farm.core.clock.now(), printer=name, reason="so"))
+        farm.controller.handle(
+            ev.BedBecameUnknown(at_s=farm.controller.clock.now(), printer=name, reason="so")
+        )
     assert len(by(601)) == 1
 
 
@@ -227,22 +234,22 @@ def test_a_plan_of_several_materials_says_so(farm, state):
         plan = plan_for(number, state)
         first, second = plan.plates
         plates = (first, second.model_copy(update={"material": other}))
-        farm.core.planned(number, replace(plan, plates=plates))
-        found = farm.core.books.job(number).repairs
+        farm.controller.on_plan(number, replace(plan, plates=plates))
+        found = farm.controller.books.job(number).repairs
         assert len(found) == notices
         assert all("generic_abs and generic_pla" in notice for notice in found)
 
 
 def test_done_by_comes_after_the_start(farm):
     number = submit(farm, at="22:00", done_by="08:00")
-    job = farm.core.books.job(number)
+    job = farm.controller.books.job(number)
     assert job.done_by_s - job.not_before_s == pytest.approx(10 * 3600)
 
 
 def test_spares_are_left_out_of_the_plan(farm):
     number = submit(farm, spares=1)
-    assert len(farm.hands.plans[0][1]) == 1
-    assert farm.hands.plans[0][0] == number
+    assert len(farm.effects.plans[0][1]) == 1
+    assert farm.effects.plans[0][0] == number
 
 
 def test_spares_are_kept_only_while_nobody_is_there(tmp_path, state):
@@ -251,51 +258,53 @@ def test_spares_are_kept_only_while_nobody_is_there(tmp_path, state):
         farm = Farm(tmp_path / when, attended=hours)
         farm.ready("a", "b")
         first = submit(farm, spares=1)
-        farm.core.planned(first, plan_for(first, state, plates=1))
+        farm.controller.on_plan(first, plan_for(first, state, plates=1))
         submit(farm, "s")
-        kept[when] = [names for number, names, _ in farm.hands.plans if number != first]
+        kept[when] = [names for number, names, _ in farm.effects.plans if number != first]
     assert kept == {"day": [["b"]], "night": []}
 
 
 def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its_printers(farm, state):
     numbers = [submit(farm, name, hold=True) for name in "rs"]
     for number in numbers:
-        assert farm.hands.plans[-1] == (number, ["a", "b"], 1)
-        farm.core.planned(number, plan_for(number, state))
+        assert farm.effects.plans[-1] == (number, ["a", "b"], 1)
+        farm.controller.on_plan(number, plan_for(number, state))
     for number in reversed(numbers):
-        plan = farm.core.books.job(number).plan
-        asyncio.run(Ahead(farm.core, state).approve(number, ApproveRequest(plan=plan), "ann"))
-    printing = {attempt.printer: attempt.job for attempt in farm.core.books.open_prints()}
+        plan = farm.controller.books.job(number).plan
+        asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
+    printing = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
     assert printing == {"a": numbers[1], "b": numbers[1]}  # it was approved first
-    waiting = [farm.core.books.plates[name].hold.code for name in farm.core.books.job(numbers[0]).plates]
+    waiting = [
+        farm.controller.books.plates[name].hold.code for name in farm.controller.books.job(numbers[0]).plates
+    ]
     assert waiting == [HoldCode.PRINTER_BUSY] * 2
 
 
 def test_the_night_of_a_held_job_is_foreseen(farm, state):
     number = submit(farm, hold=True)
     with pytest.raises(Refused, match="no plan yet"):
-        Ahead(farm.core, state).night(number)
-    farm.core.planned(number, plan_for(number, state, plates=3))
-    night = Ahead(farm.core, state).night(number)
+        night_of(farm, state, number)
+    farm.controller.on_plan(number, plan_for(number, state, plates=3))
+    night = night_of(farm, state, number)
     assert {slot.plate for slot in night.slots} == {f"{number}/0{i}" for i in (1, 2, 3)}
     assert night.grams == pytest.approx(9.0)
     assert night.lower_bound_s <= night.makespan_s
-    assert farm.core.books.job(number).expected_s == pytest.approx(night.makespan_s)
+    assert farm.controller.books.job(number).expected_s == pytest.approx(night.makespan_s)
 
 
 def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, state, monkeypatch):
-    monkeypatch.setattr(module, "mistake_in", lambda section: None)
+    monkeypatch.setattr(printer_commands, "mistake_in", lambda section: None)
     first = submit(farm, hold=True)
-    farm.core.planned(first, plan_for(first, state))
+    farm.controller.on_plan(first, plan_for(first, state))
     for name in "ab":
-        asyncio.run(Ahead(farm.core, state).load(name, LoadRequest(grams=4.0), "ann"))
+        asyncio.run(farm.printers.load_reel(name, LoadRequest(grams=4.0), "ann"))
     second = submit(farm, "s")
-    farm.core.planned(second, plan_for(second, state, plates=1))
-    context = farm.core.build_view_context(state)
-    assert [(item.code, item.text) for item in list_tasks(context)] == [
+    farm.controller.on_plan(second, plan_for(second, state, plates=1))
+    scene = farm.view_context(state)
+    assert [(item.code, item.text) for item in list_tasks(scene)] == [
         ("approve", f"approve job {first} (2 parts, 6 g): `farm approve {first}`"),
         ("reel", f"a has 4 g, {second}/01 needs 8 g: load a reel, then `farm load a`"),
     ]
-    assert [describe_job(context, farm.core.books.job(n)).waits_for_person for n in (first, second)] == [
+    assert [describe_job(scene, farm.controller.books.job(n)).waits_for_person for n in (first, second)] == [
         True
     ] * 2

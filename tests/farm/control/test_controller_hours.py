@@ -40,79 +40,77 @@ FRIDAY, STOP = at("2026-11-20 17:00"), at("2026-11-20 17:45")
 def farm(tmp_path):
     """A job of one part; nothing resets the board of `a`, and `b` is not there."""
     farm = Farm(tmp_path, timezone="UTC", attended=["mon-fri 08:00-18:00"])
-    farm.core.clock, farm.core.since_s = Clock(FRIDAY), FRIDAY - 3600.0
+    farm.controller.clock, farm.controller.started_s = Clock(FRIDAY), FRIDAY - 3600.0
     farm.ready("a", reset_verified=False)
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = planned(1, 1)
-    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     return farm
 
 
 def word(farm, state=PrintState.PRINTING, **changes):
     """What the agent of `a` says of its print."""
-    attempt = farm.core.books.open_print_on("a")
+    attempt = farm.controller.books.open_print_on("a")
     facts = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": FRIDAY, "ended_s": None, "ends_by_s": STOP, **changes}
     said = AgentPrint(print_id=attempt.id, state=state, **facts)
-    farm.core.heard(AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=said))
+    farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.BUSY, reset_verified=False, print=said))
     return attempt
 
 
 def asked(farm):
-    return [
-        item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code in ("hours", "resume")
-    ]
+    return [item for item in list_tasks(farm.view_context(STATE)) if item.code in ("hours", "resume")]
 
 
 def test_a_print_is_told_until_when_it_may_begin_and_when_it_ends(farm):
-    attempt = farm.core.books.open_print_on("a")
-    span = farm.core.span(attempt.id)
-    needed_s = farm.core.books.plates[attempt.plate].expected_s * 1.05
+    attempt = farm.controller.books.open_print_on("a")
+    span = farm.controller.span(attempt.id)
+    needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
     assert span.not_after_s == pytest.approx(STOP - needed_s)
     assert span.ends_by_s == STOP
 
 
 def test_hours_that_are_changed_in_a_print_are_told_to_its_agent(farm):
     attempt = word(farm)
-    told = [i for i in farm.hands.told if isinstance(i, ev.SendEndBy)]
+    told = [i for i in farm.effects.instructions if isinstance(i, ev.SendEndBy)]
     assert told == []
     word(farm, ends_by_s=STOP - 3600.0)
-    assert farm.hands.told[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
+    assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
     word(farm, ends_by_s=None)
-    assert farm.hands.told[-1].ends_by_s == STOP
-    before = len(farm.hands.told)
-    [gone] = (p for p in farm.core.fleet.printers if p.name == "b")
-    fleet = farm.core.fleet
-    farm.core.fleet = fleet.model_copy(update={"printers": (gone,)})  # `a` was taken out of it
+    assert farm.effects.instructions[-1].ends_by_s == STOP
+    before = len(farm.effects.instructions)
+    [gone] = (p for p in farm.controller.fleet.printers if p.name == "b")
+    fleet = farm.controller.fleet
+    farm.controller.fleet = fleet.model_copy(update={"printers": (gone,)})  # `a` was taken out of it
     word(farm, ends_by_s=STOP - 3600.0)
-    farm.core.fleet = fleet
+    farm.controller.fleet = fleet
     word(farm, PrintState.ENDING)
-    assert len(farm.hands.told) == before
+    assert len(farm.effects.instructions) == before
 
 
 def test_a_start_that_came_too_late_was_never_begun_and_its_plate_waits_for_its_hour(farm):
-    attempt = farm.core.books.open_print_on("a")
-    farm.core.clock.now_s = at("2026-11-20 19:00")
-    farm.core.refused(attempt.id, "it came too late", late=True)
-    late = farm.core.books.prints[attempt.id]
+    attempt = farm.controller.books.open_print_on("a")
+    farm.controller.clock.now_s = at("2026-11-20 19:00")
+    farm.controller.on_refusal(attempt.id, "it came too late", late=True)
+    late = farm.controller.books.prints[attempt.id]
     assert (late.state, late.fault) == (PrintState.CANCELLED, None)
     assert "too late" in late.reason
     assert (
-        farm.core.books.printer("a").bed is Bed.CLEAR
-        and farm.core.books.printer("a").attention_reason is None
+        farm.controller.books.printer("a").bed is Bed.CLEAR
+        and farm.controller.books.printer("a").attention_reason is None
     )
-    (plate,) = farm.core.books.waiting_plates()
+    (plate,) = farm.controller.books.waiting_plates()
     assert "from Mon 08:00" in plate.hold.text
-    farm.core.clock.now_s = at("2026-11-23 08:00")
-    farm.core.settle()
-    assert farm.core.books.open_print_on("a").plate == late.plate
+    farm.controller.clock.now_s = at("2026-11-23 08:00")
+    farm.controller.handle()
+    assert farm.controller.books.open_print_on("a").plate == late.plate
 
 
 def test_what_cannot_end_in_its_hours_is_said_before_it_is_ended(farm):
     word(farm)
     assert asked(farm) == []
     word(farm, progress_s=10.0, print_time_s=90.0)
-    farm.core.clock.now_s = STOP - 20.0
+    farm.controller.clock.now_s = STOP - 20.0
     (item,) = asked(farm)
     assert item.code == "hours" and item.printers == ["a"]
     assert "is ended at Fri 17:45" in item.text and "attended" in item.text
@@ -122,37 +120,37 @@ def test_what_cannot_end_in_its_hours_is_said_before_it_is_ended(farm):
 
 def test_a_pause_is_resumed_while_somebody_is_there_and_not_afterwards(farm):
     word(farm)
-    farm.desk.pause_printer("a", True, "ann")
+    farm.printers.pause("a", True, "ann")
     word(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)
     assert [item.text for item in asked(farm)] == [
         "resume a by Fri 17:45, or its print is ended: `farm resume a`"
     ]
-    farm.core.clock.now_s = at("2026-11-20 19:00")
+    farm.controller.clock.now_s = at("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"only while somebody is there .*: from Mon 08:00"):
-        farm.desk.pause_printer("a", False, "ann")
-    farm.core.clock.now_s = STOP - 60.0
-    farm.desk.pause_printer("a", False, "ann")
-    assert not farm.core.books.open_print_on("a").pause_requested
+        farm.printers.pause("a", False, "ann")
+    farm.controller.clock.now_s = STOP - 60.0
+    farm.printers.pause("a", False, "ann")
+    assert not farm.controller.books.open_print_on("a").pause_requested
 
 
 def test_a_job_is_resumed_only_where_its_printers_may_print_on(farm):
     word(farm)
-    farm.desk.pause_job(1, True, "ann")
+    farm.jobs.pause(1, True, "ann")
     word(farm, PrintState.PAUSED)
-    farm.core.clock.now_s = at("2026-11-20 19:00")
+    farm.controller.clock.now_s = at("2026-11-20 19:00")
     with pytest.raises(Refused, match=r"^a prints only while somebody is there .*: from Mon 08:00$"):
-        farm.desk.pause_job(1, False, "ann")
-    assert farm.core.books.jobs[1].paused
+        farm.jobs.pause(1, False, "ann")
+    assert farm.controller.books.jobs[1].paused
     word(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)
-    farm.desk.pause_job(1, False, "ann")  # what waits of it finds its own hour
-    assert not farm.core.books.jobs[1].paused
+    farm.jobs.pause(1, False, "ann")  # what waits of it finds its own hour
+    assert not farm.controller.books.jobs[1].paused
 
 
 def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the_morning(farm):
     attempt = word(farm)
     ended = {"fault": "hours_ended", "reason": "nobody was to be there any more", "ended_s": STOP}
     word(farm, PrintState.FAILED, **ended)
-    books = farm.core.books
+    books = farm.controller.books
     assert not books.prints[attempt.id].charged
     assert books.printer("a").attention_reason == "nobody was to be there any more"
     assert books.printer("a").bed is Bed.NOT_CLEAR
@@ -163,35 +161,35 @@ def test_the_end_of_the_hours_is_no_fault_of_the_plate_and_a_person_looks_in_the
 def test_a_clock_that_is_set_moves_the_hours_and_no_print(farm, step_s):
     """Its agent says when it began by the clock as it is now; the print is as old as it was."""
     attempt = word(farm)
-    farm.core.clock.now_s += 600.0
-    age_s = farm.core.clock.now() - farm.core.books.prints[attempt.id].started_s
-    farm.core.clock.now_s += step_s
-    farm.core.clock_set(step_s)
-    moved = farm.core.books.prints[attempt.id]
-    assert farm.core.clock.now() - moved.started_s == age_s
+    farm.controller.clock.now_s += 600.0
+    age_s = farm.controller.clock.now() - farm.controller.books.prints[attempt.id].started_s
+    farm.controller.clock.now_s += step_s
+    farm.controller.on_clock_set(step_s)
+    moved = farm.controller.books.prints[attempt.id]
+    assert farm.controller.clock.now() - moved.started_s == age_s
     assert moved.assigned_s == pytest.approx(attempt.assigned_s + step_s)
-    assert farm.core.clock.now() - farm.core.since_s == pytest.approx(3600.0 + 600.0)
+    assert farm.controller.clock.now() - farm.controller.started_s == pytest.approx(3600.0 + 600.0)
     word(farm, started_s=moved.started_s, ends_by_s=STOP + step_s)  # by the clock as it was
     if step_s < 0:
-        assert farm.hands.told[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
+        assert farm.effects.instructions[-1] == ev.SendEndBy(print_id=attempt.id, printer="a", ends_by_s=STOP)
 
 
 def test_hours_and_start_times_are_met_by_a_clock_that_was_set(tmp_path):
     """A host that starts without a network believes the night before, until NTP tells it otherwise."""
     farm = Farm(tmp_path, timezone="UTC", quiet=["mon-sun 22:00-08:00"])
-    farm.core.clock, farm.core.since_s = Clock(at("2026-11-20 03:00")), at("2026-11-20 02:00")
+    farm.controller.clock, farm.controller.started_s = Clock(at("2026-11-20 03:00")), at("2026-11-20 02:00")
     farm.ready("a")
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(), "ann")
     event = planned(1, 1)
-    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
-    farm.core.submit("s" * 8, "m.stl", MODEL, JobOptions(at="12:00"), "ann")
-    assert farm.core.books.open_print_on("a") is None
-    farm.core.clock.now_s += 7 * 3600.0
-    farm.core.clock_set(7 * 3600.0)
-    assert farm.core.books.open_print_on("a").plate == "1/01"
-    assert farm.core.books.jobs[2].not_before_s == at("2026-11-20 12:00")
-    assert farm.core.books.jobs[2].state is JobState.QUEUED
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.jobs.submit("s" * 8, "m.stl", MODEL, JobOptions(at="12:00"), "ann")
+    assert farm.controller.books.open_print_on("a") is None
+    farm.controller.clock.now_s += 7 * 3600.0
+    farm.controller.on_clock_set(7 * 3600.0)
+    assert farm.controller.books.open_print_on("a").plate == "1/01"
+    assert farm.controller.books.jobs[2].not_before_s == at("2026-11-20 12:00")
+    assert farm.controller.books.jobs[2].state is JobState.QUEUED
     farm.ready("b")
-    farm.core.clock.now_s += 2 * 3600.0
-    farm.core.clock_set(2 * 3600.0)
-    assert farm.core.books.jobs[2].state is JobState.PLANNING
+    farm.controller.clock.now_s += 2 * 3600.0
+    farm.controller.on_clock_set(2 * 3600.0)
+    assert farm.controller.books.jobs[2].state is JobState.PLANNING

@@ -24,7 +24,7 @@ def check(world):
     """What really happened against the books: of the daemon, and of the next one that reads them."""
     good = [plate for plate, _, verdict in world.made if verdict is Verdict.GOOD]
     assert sorted(good) == [f"1/0{i}" for i in range(1, PLATES + 1)]  # none lost, none twice
-    books = world.core.books
+    books = world.controller.books
     world.store.close()
     with Store(world.path) as store:
         assert store.load() == books
@@ -102,7 +102,7 @@ def test_a_full_disk_is_said_and_starts_nothing(tmp_path):
     world.store._db.execute("PRAGMA max_page_count = 1")
     with pytest.raises(FarmError, match="full; nothing was started"):
         for number in range(200):
-            world.core.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
+            world.jobs.submit(f"request-{number}", "m.stl", MODEL, JobOptions())
     assert all(agent.print_id is None for agent in world.agents.values())
 
 
@@ -110,15 +110,15 @@ def test_printers_whose_disk_takes_no_file_cost_no_plate_an_attempt(tmp_path):
     """A disk that has no room for a plate's file may still have some for the books."""
     farm = Farm(tmp_path, (PLUS,) * 4)
     farm.ready(*"abcd")
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, 1)
-    farm.core.planned(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
     for _ in "abcd":
-        (attempt,) = farm.core.books.open_prints()
+        (attempt,) = farm.controller.books.open_prints()
         for _ in range(REFUSALS):
-            farm.core.refused(attempt.id, "x.gcode: cannot be written; make room on its disk")
-        farm.core.settle()
-    books = farm.core.books
+            farm.controller.on_refusal(attempt.id, "x.gcode: cannot be written; make room on its disk")
+        farm.controller.handle()
+    books = farm.controller.books
     assert not list(books.open_prints())
     assert books.jobs[1].state is JobState.PRINTING
     assert [plate.id for plate in books.waiting_plates()] == ["1/01"]
@@ -133,11 +133,11 @@ def test_what_cannot_be_booked_is_seen_and_said_all_the_same(tmp_path):
         with pytest.raises(StoreError):
             farm.ready("a", nozzle_c=205.0, bed_unknown_reason="its board was reset, and not by the farm")
     farm.ready("b")  # nothing new: nothing to be booked
-    (first, *_) = list_tasks(farm.core.build_view_context(state))
+    (first, *_) = list_tasks(farm.view_context(state))
     assert first.code == "farm"
     assert "nothing is booked until there is room" in first.text
-    assert farm.core.snapshots["a"].nozzle_c == 205.0
-    assert farm.core.books.printers["a"].attention_reason is None
+    assert farm.controller.telemetry.snapshots["a"].nozzle_c == 205.0
+    assert farm.controller.books.printers["a"].attention_reason is None
     farm.store._db.execute("PRAGMA query_only = 0")
     farm.ready("a", bed_unknown_reason="its board was reset, and not by the farm")
-    assert [item.code for item in list_tasks(farm.core.build_view_context(state))] == ["look"]
+    assert [item.code for item in list_tasks(farm.view_context(state))] == ["look"]

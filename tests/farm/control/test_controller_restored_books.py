@@ -36,8 +36,8 @@ def run(world, folder, copied, damaged, away=(), away_for=0):
     """A job to its end, with books that were copied in one minute and damaged in a later one."""
     planned, copy = None, folder / "copy.db"
     for minute in itertools.count():
-        assert minute < 300, world.core.books
-        if planned is None and world.core.books.plates:
+        assert minute < 300, world.controller.books
+        if planned is None and world.controller.books.plates:
             planned = minute
         if planned is not None and minute == planned + copied:
             copy_books(world.path, copy, world.clock.now())
@@ -47,16 +47,16 @@ def run(world, folder, copied, damaged, away=(), away_for=0):
         if planned is not None and minute == planned + copied + damaged + away_for:
             world.away = frozenset()
         yield minute
-        job = world.core.books.jobs.get(1)
+        job = world.controller.books.jobs.get(1)
         if job is not None and job.state is JobState.DONE and world.copied:
             return
         if job is not None and job.state is JobState.HELD:  # a person who does not look
-            world.core.happened(ev.JobApproved(at_s=world.clock.now(), job=1, by="ann"))
+            world.controller.handle(ev.JobApproved(at_s=world.clock.now(), job=1, by="ann"))
         world.step()
 
 
 def check(world):
-    books = world.core.books
+    books = world.controller.books
     done = [p for p in books.prints.values() if p.state is PrintState.DONE]
     assert len(done) == len(world.made) == PLATES
     assert {verdict for *_, verdict in world.made} == {Verdict.GOOD}
@@ -90,15 +90,15 @@ def test_no_plate_is_printed_twice_or_lost_whenever_the_books_were_copied(
 def copied(folder, plates=1, printing=None):
     """A farm whose books are a copy from just after a job was planned, or its first plate given to `a`."""
     farm = Farm(folder)
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, plates)
-    farm.core.happened(ev.PlanningStarted(at_s=PLANNED_S, job=1))
-    farm.core.happened(event.model_copy(update={"at_s": PLANNED_S}))
+    farm.controller.handle(ev.PlanningStarted(at_s=PLANNED_S, job=1))
+    farm.controller.handle(event.model_copy(update={"at_s": PLANNED_S}))
     if printing is not None:
-        farm.core.happened(ev.BedReported(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
+        farm.controller.handle(ev.BedReported(at_s=PLANNED_S, printer="a", bed="clear", filament="parked"))
         given = ev.PlateAssigned(at_s=PLANNED_S, plate="1/01", printer="a", print_id=printing)
-        farm.core.happened(given)
-    farm.core.start(restored_s=PLANNED_S + 1.0)
+        farm.controller.handle(given)
+    farm.controller.start(farm.effects, restored_s=PLANNED_S + 1.0)
     return farm
 
 
@@ -109,44 +109,47 @@ def said(print_id="x", started_s=PLANNED_S + 100.0, sha256="0" * 64, **changes):
 
 
 def approved(farm):
-    farm.core.happened(ev.JobApproved(at_s=farm.core.clock.now(), job=1, by="ann"))
-    farm.core.settle()
+    farm.controller.handle(ev.JobApproved(at_s=farm.controller.clock.now(), job=1, by="ann"))
     return farm
 
 
 def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_clears_the_bed(tmp_path):
     farm = copied(tmp_path, 3)
-    items = {item.code: item.text for item in list_tasks(farm.core.build_view_context(StateFolder(tmp_path)))}
+    items = {item.code: item.text for item in list_tasks(farm.view_context(StateFolder(tmp_path)))}
     assert items["restored"].startswith("the books are a copy: look what of job 1 is printed")
     assert "`farm approve 1`" in items["approve"]
-    farm.tell("a", said("x"), said("y", PLANNED_S + 300.0))
-    farm.tell("b", said("z", state=PrintState.PRINTING, ended_s=None))
+    farm.report("a", said("x"), said("y", PLANNED_S + 300.0))
+    farm.report("b", said("z", state=PrintState.PRINTING, ended_s=None))
     approved(farm)
-    books = farm.core.books
+    books = farm.controller.books
     assert {name: p.state for name, p in books.prints.items()} == {
         "x": PrintState.DONE,
         "y": PrintState.DONE,
         "z": PrintState.PRINTING,
     }
     assert len({p.plate for p in books.prints.values()}) == 3
-    farm.desk.cleared("a", "ann", FilamentState.PARKED)
-    assert {farm.core.books.prints[name].verdict for name in "xy"} == {Verdict.GOOD}
-    farm.tell("b", said("z"))
-    assert farm.core.books.jobs[1].state is JobState.PRINTED
+    farm.clear_bed("a", FilamentState.PARKED)
+    assert {farm.controller.books.prints[name].verdict for name in "xy"} == {Verdict.GOOD}
+    farm.report("b", said("z"))
+    assert farm.controller.books.jobs[1].state is JobState.PRINTED
 
 
 def test_what_the_copy_has_as_printing_waits_for_the_word_of_an_agent_that_cannot_be_started_now(tmp_path):
     farm = copied(tmp_path, printing="p")
-    farm.core.heard(AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start"))
-    assert not farm.core.books.prints["p"].state.ended
-    farm.tell("a", said("p"))
-    farm.tell("b")
-    assert approved(farm).core.books.jobs[1].state is JobState.PRINTED
+    farm.controller.on_snapshot(
+        AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
+    )
+    assert not farm.controller.books.prints["p"].state.ended
+    farm.report("a", said("p"))
+    farm.report("b")
+    assert approved(farm).controller.books.jobs[1].state is JobState.PRINTED
     # Nobody waits for it where a person wants no more of it.
     farm = copied(tmp_path / "other", printing="p")
-    farm.desk.cancel_job(1, "ann")
-    farm.core.heard(AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start"))
-    assert farm.core.books.prints["p"].state.ended
+    farm.jobs.cancel(1, "ann")
+    farm.controller.on_snapshot(
+        AgentSnapshot(printer="a", link=Link.ABSENT, reason="its agent does not start")
+    )
+    assert farm.controller.books.prints["p"].state.ended
 
 
 @pytest.mark.parametrize(
@@ -161,51 +164,51 @@ def test_what_the_copy_has_as_printing_waits_for_the_word_of_an_agent_that_canno
 )
 def test_what_no_plate_waits_for_is_held_for_a_person(stranger, tmp_path):
     farm = copied(tmp_path)
-    farm.tell("b")
-    farm.tell("a", stranger)
+    farm.report("b")
+    farm.report("a", stranger)
     approved(farm)
     state = StateFolder(tmp_path)
-    (look,) = (item for item in list_tasks(farm.core.build_view_context(state)) if item.code == "look")
+    (look,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
     assert look.printers == ["a"]
     assert "it made a print after the books were copied that no plate waits for" in look.text
-    farm.core.heard(AgentSnapshot(printer="a", link=Link.READY, print=stranger))
-    assert look in list_tasks(farm.core.build_view_context(state))
-    assert not farm.core.books.prints
-    farm.desk.cleared("b", "ann", FilamentState.PARKED)
-    assert [p.printer for p in farm.core.books.prints.values()] == ["b"]
+    farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=stranger))
+    assert look in list_tasks(farm.view_context(state))
+    assert not farm.controller.books.prints
+    farm.clear_bed("b", FilamentState.PARKED)
+    assert [p.printer for p in farm.controller.books.prints.values()] == ["b"]
 
 
 def test_nothing_of_a_restored_job_starts_before_every_printer_has_told_or_is_taken_out_of_use(tmp_path):
     farm = approved(copied(tmp_path))
-    farm.tell("a")
-    farm.desk.cleared("a", "ann", FilamentState.PARKED)
-    (plate,) = farm.core.books.plates.values()
+    farm.report("a")
+    farm.clear_bed("a", FilamentState.PARKED)
+    (plate,) = farm.controller.books.plates.values()
     assert plate.hold.code is HoldCode.UNTOLD
     assert "b may have printed it" in plate.hold.text
-    farm.desk.maintenance("b", "it burnt down", "ann")
-    assert [p.printer for p in farm.core.books.prints.values()] == ["a"]
+    farm.printers.begin_maintenance("b", "it burnt down", "ann")
+    assert [p.printer for p in farm.controller.books.prints.values()] == ["a"]
 
 
 def test_a_daemon_that_dies_while_it_books_what_an_agent_told_asks_it_again(tmp_path):
     farm, prints = copied(tmp_path / "whole", 2), [said("x"), said("y", PLANNED_S + 300.0)]
     ready = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, filament=FilamentState.PARKED)
-    events = list(import_agent_journal(farm.core.books, ready, prints, PLANNED_S + 1e3))
-    farm.core.happened(*events)
+    events = list(import_agent_journal(farm.controller.books, ready, prints, PLANNED_S + 1e3))
+    farm.controller.handle(*events)
     for dies in range(len(events)):
         other = copied(tmp_path / str(dies), 2)
-        other.core.happened(*events[:dies])
-        since_s = other.core.unreported_since_s("a")
+        other.controller.handle(*events[:dies])
+        since_s = other.controller.unreported_since_s("a")
         assert since_s == PLANNED_S + 1.0
-        other.core.happened(*import_agent_journal(other.core.books, ready, prints, PLANNED_S + 1e3))
-        assert other.core.books.prints == farm.core.books.prints
-        assert other.core.unreported_since_s("a") is None
+        other.controller.handle(*import_agent_journal(other.controller.books, ready, prints, PLANNED_S + 1e3))
+        assert other.controller.books.prints == farm.controller.books.prints
+        assert other.controller.unreported_since_s("a") is None
 
 
 def test_restored_books_that_do_not_agree_with_themselves_are_named_in_the_log(tmp_path, caplog):
     farm = Farm(tmp_path / "farm")
-    spoilt = farm.core.books.printer("a").model_copy(
+    spoilt = farm.controller.books.printer("a").model_copy(
         update={"reel": Reel(material="generic_pla", grams=-1.0, nozzle_mm=0.4)}
     )
-    farm.core.books = put(farm.core.books, spoilt)
-    farm.core.start(restored_s=1.0)
+    farm.controller.books = put(farm.controller.books, spoilt)
+    farm.controller.start(farm.effects, restored_s=1.0)
     assert "printer a: its reel has -1 g" in caplog.text

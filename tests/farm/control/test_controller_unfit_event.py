@@ -2,7 +2,7 @@
 
 import logging
 
-from farm.control import controller
+from farm.control import telemetry
 from farm.model import Bed, PrintState
 from farm.state import events as ev
 from recording_controller import Farm
@@ -11,21 +11,21 @@ from recording_controller import Farm
 def test_a_word_that_does_not_fit_is_logged_and_all_else_goes_on(tmp_path, monkeypatch, caplog):
     farm = Farm(tmp_path / "farm")
     farm.ready("a", "b", bed_clear=False)
-    observe = controller.observe_idle_printer
+    observe = telemetry.observe_idle_printer
 
     def lie(printer, snapshot, now_s):
         if printer.name == "a":
             yield ev.PrinterAdded(at_s=now_s, printer="a", bed=Bed.CLEAR)
         yield from observe(printer, snapshot, now_s)
 
-    monkeypatch.setattr(controller, "observe_idle_printer", lie)
-    before = farm.core.books
+    monkeypatch.setattr(telemetry, "observe_idle_printer", lie)
+    before = farm.controller.books
     with caplog.at_level(logging.ERROR):
         farm.ready("a", nozzle_c=31.0)
-    assert farm.core.books == before
+    assert farm.controller.books == before
     assert "PrinterAdded does not fit: printer a is not_clear; before that: " in caplog.text
     assert "PrinterAdded, " in caplog.text and "BedReported" in caplog.text
-    assert farm.core.snapshots["a"].nozzle_c == 31.0  # it is shown all the same
+    assert farm.controller.telemetry.snapshots["a"].nozzle_c == 31.0  # it is shown all the same
     farm.ready("b", nozzle_c=32.0, print=None)
-    assert farm.core.snapshots["b"].nozzle_c == 32.0
-    assert not any(p.state is PrintState.ASSIGNED for p in farm.core.books.prints.values())
+    assert farm.controller.telemetry.snapshots["b"].nozzle_c == 32.0
+    assert not any(p.state is PrintState.ASSIGNED for p in farm.controller.books.prints.values())

@@ -9,25 +9,25 @@ from recording_controller import MODEL, Farm
 
 
 def submit(farm, name, **options):
-    return farm.core.submit(name * 8, "m.stl", MODEL, JobOptions(**options))[0]
+    return farm.jobs.submit(name * 8, "m.stl", MODEL, JobOptions(**options))[0]
 
 
 def test_one_that_nobody_asks_for_is_cancelled_and_others_are_let_be(tmp_path):
     farm = Farm(tmp_path)
     wanted, gone = (submit(farm, name, dry_run=True, hold=True) for name in "ab")
     held = submit(farm, "c", hold=True)
-    dry_runs = DryRuns(farm.core)
-    dry_runs.end_forgotten(0.0)
-    dry_runs.asked(wanted, PATIENCE_S)
-    dry_runs.end_forgotten(PATIENCE_S)
-    jobs = farm.core.books.jobs
+    dry_runs = DryRuns(farm.controller)
+    dry_runs.cancel_abandoned(0.0)
+    dry_runs.keep(wanted, PATIENCE_S)
+    dry_runs.cancel_abandoned(PATIENCE_S)
+    jobs = farm.controller.books.jobs
     assert not any(job.state.ended for job in jobs.values())
-    dry_runs.end_forgotten(PATIENCE_S + 1.0)
-    jobs = farm.core.books.jobs
+    dry_runs.cancel_abandoned(PATIENCE_S + 1.0)
+    jobs = farm.controller.books.jobs
     assert [jobs[n].state.ended for n in (wanted, gone, held)] == [False, True, False]
     assert jobs[gone].reason == "cancelled by the farm: nobody waits for its plan any more"
-    dry_runs.end_forgotten(3 * PATIENCE_S)
-    assert farm.core.books.jobs[wanted].state is JobState.CANCELLED
+    dry_runs.cancel_abandoned(3 * PATIENCE_S)
+    assert farm.controller.books.jobs[wanted].state is JobState.CANCELLED
 
 
 def test_nobody_is_asked_to_approve_a_dry_run():

@@ -36,215 +36,212 @@ def farm(tmp_path):
     """A job of three parts on two printers: two are being printed, one waits."""
     farm = Farm(tmp_path)
     farm.ready("a", "b")
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, 3)
-    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     return farm
 
 
 def ends(farm, printer, state=PrintState.DONE, **changes):
-    attempt = farm.core.books.open_print_on(printer)
+    attempt = farm.controller.books.open_print_on(printer)
     facts = {"fault": None, "reason": "so", "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     facts |= {"started_s": 2.0, "ended_s": 50.0, **changes}
     said = AgentPrint(print_id=attempt.id, state=state, **facts)
     idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.core.heard(AgentSnapshot(printer=printer, print=said, **idle))
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=said, **idle))
     farm.ready(printer)
     return attempt
 
 
 def test_a_print_that_goes_wrong_is_ended_and_its_part_printed_elsewhere(farm):
-    desk = farm.desk
-    desk.fail("a", "a blob", "ann")
+    farm.printers.fail_print("a", "a blob", "ann")
     with pytest.raises(Refused, match="ending"):
-        desk.fail("a", "a blob", "ann")
+        farm.printers.fail_print("a", "a blob", "ann")
     attempt = ends(farm, "a", PrintState.CANCELLED)
-    assert farm.core.books.prints[attempt.id].fault == "by_a_person"
+    assert farm.controller.books.prints[attempt.id].fault == "by_a_person"
     with pytest.raises(Refused, match="a prints nothing"):
-        desk.fail("a", "a blob", "ann")
+        farm.printers.fail_print("a", "a blob", "ann")
     ends(farm, "b")
-    farm.desk.cleared("b", "ann", None)
-    plates = {plate.id: farm.core.books.plate_state(plate).name for plate in farm.core.books.plates.values()}
+    farm.clear_bed("b")
+    plates = {
+        plate.id: farm.controller.books.plate_state(plate).name
+        for plate in farm.controller.books.plates.values()
+    }
     assert plates == {"1/01": "PRINTING", "1/02": "GOOD", "1/03": "WAITING"}
 
 
 def test_parts_are_named_as_a_person_writes_them(farm):
-    desk = farm.desk
     for name in ("1/p03", "p03", "03", "3"):
         with pytest.raises(Refused, match="1/p03 waits to be printed already"):
-            desk.reprint(1, name, "", "ann")
+            farm.parts.reprint(1, name, "", "ann")
     with pytest.raises(NoSuchThing, match="no part p9; its parts are p01 p02 p03"):
-        desk.reprint(1, "p9", "", "ann")
+        farm.parts.reprint(1, "p9", "", "ann")
     with pytest.raises(Refused, match=r"being printed: `farm fail a`"):
-        desk.reprint(1, "1", "", "ann")
+        farm.parts.reprint(1, "1", "", "ann")
 
 
 def test_a_part_or_what_a_printer_prints_is_cancelled_for_good(farm):
-    desk = farm.desk
-    assert desk.cancel_part(1, "p03", "ann") == "1/p03"
+    assert farm.parts.cancel(1, "p03", "ann") == "1/p03"
     with pytest.raises(Refused, match="cancelled already"):
-        desk.cancel_part(1, "p03", "ann")
-    assert desk.cancel_printer("a", "ann") == "1/p01"
+        farm.parts.cancel(1, "p03", "ann")
+    assert farm.parts.cancel_on("a", "ann") == "1/p01"
     ends(farm, "a", PrintState.CANCELLED)
     ends(farm, "b")
-    farm.desk.cleared("a", "ann", None)
+    farm.clear_bed("a")
     with pytest.raises(Refused, match="a prints nothing"):
-        desk.cancel_printer("a", "ann")
+        farm.parts.cancel_on("a", "ann")
     with pytest.raises(Refused, match="1/p02 is printed already"):
-        desk.cancel_part(1, "p02", "ann")
-    assert farm.core.books.jobs[1].state is JobState.PRINTED
-    assert not list(farm.core.books.open_prints())
-    assert desk.reprint(1, "p01", "after all", "ann") == "1/p01"
-    assert farm.core.books.open_print_on("a").plate == "1/01"
+        farm.parts.cancel(1, "p02", "ann")
+    assert farm.controller.books.jobs[1].state is JobState.PRINTED
+    assert not list(farm.controller.books.open_prints())
+    assert farm.parts.reprint(1, "p01", "after all", "ann") == "1/p01"
+    assert farm.controller.books.open_print_on("a").plate == "1/01"
 
 
 def test_nothing_of_a_paused_job_starts(farm):
-    desk = farm.desk
-    desk.pause_job(1, True, "ann")
+    farm.jobs.pause(1, True, "ann")
     with pytest.raises(Refused, match="paused already"):
-        desk.pause_job(1, True, "ann")
+        farm.jobs.pause(1, True, "ann")
     ends(farm, "a")
-    farm.desk.cleared("a", "ann", None)
-    assert farm.core.books.open_print_on("a") is None
-    assert farm.core.books.plates["1/03"].hold.code is HoldCode.PAUSED
-    desk.pause_job(1, False, "ann")
-    assert farm.core.books.open_print_on("a").plate == "1/03"
-    assert desk.pause_part(1, "p03", True, "ann") == "a"
+    farm.clear_bed("a")
+    assert farm.controller.books.open_print_on("a") is None
+    assert farm.controller.books.plates["1/03"].hold.code is HoldCode.PAUSED
+    farm.jobs.pause(1, False, "ann")
+    assert farm.controller.books.open_print_on("a").plate == "1/03"
+    assert farm.parts.pause(1, "p03", True, "ann") == "a"
     with pytest.raises(Refused, match="is printed already"):
-        desk.pause_part(1, "p01", True, "ann")
+        farm.parts.pause(1, "p01", True, "ann")
 
 
 def test_what_waits_for_a_bed_is_counted_in(farm):
     """Its printers print for a while yet, and then somebody has to clear one."""
-    now_s = farm.core.clock.now()
+    now_s = farm.controller.clock.now()
     begun = {"at_s": now_s, "state": PrintState.PRINTING, "started_s": now_s, "extruded": True}
-    for attempt in list(farm.core.books.open_prints()):
-        farm.core.happened(ev.PrintProgressed(print_id=attempt.id, **begun))
-    view = describe_job(farm.core.build_view_context(STATE), farm.core.books.job(1))
+    for attempt in list(farm.controller.books.open_prints()):
+        farm.controller.handle(ev.PrintProgressed(print_id=attempt.id, **begun))
+    view = describe_job(farm.view_context(STATE), farm.controller.books.job(1))
     assert view.estimated_s == pytest.approx(200.0 + CLEARING_S)
     assert view.current_s == pytest.approx(view.estimated_s, abs=120.0)  # ends are foreseen in whole minutes
     assert view.utilisation < 1.0
-    farm.desk.cancel_part(1, "p03", "ann")  # what is never printed takes no time
-    assert describe_job(farm.core.build_view_context(STATE), farm.core.books.job(1)).current_s < 110.0
+    farm.parts.cancel(1, "p03", "ann")  # what is never printed takes no time
+    assert describe_job(farm.view_context(STATE), farm.controller.books.job(1)).current_s < 110.0
 
 
 def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path):
-    desk = farm.desk
-    assert desk.pause_part(1, "p03", True, "ann") == ""
+    assert farm.parts.pause(1, "p03", True, "ann") == ""
     with pytest.raises(Refused, match="paused already"):
-        desk.pause_part(1, "3", True, "ann")
+        farm.parts.pause(1, "3", True, "ann")
     ends(farm, "a")
-    desk.cleared("a", "ann", None)
-    assert farm.core.books.open_print_on("a") is None
-    hold = farm.core.books.plates["1/03"].hold
+    farm.clear_bed("a")
+    assert farm.controller.books.open_print_on("a") is None
+    hold = farm.controller.books.plates["1/03"].hold
     assert (hold.code, hold.text) == (HoldCode.PAUSED, "part 1/p03 is paused: `farm resume 1/p03`")
     farm.store.close()
     farm = Farm(tmp_path)  # also over a restart
     farm.ready("a")
-    assert farm.core.books.open_print_on("a") is None
-    farm.desk.pause_part(1, "p03", False, "ann")
-    assert farm.core.books.open_print_on("a").plate == "1/03"
+    assert farm.controller.books.open_print_on("a") is None
+    farm.parts.pause(1, "p03", False, "ann")
+    assert farm.controller.books.open_print_on("a").plate == "1/03"
 
 
 def test_a_job_that_is_resumed_takes_its_paused_parts_with_it(farm):
-    desk = farm.desk
-    desk.pause_part(1, "p03", True, "ann")
-    desk.pause_job(1, False, "ann")
-    assert farm.core.books.plates["1/03"].hold.code is not HoldCode.PAUSED
-    desk.pause_job(1, True, "ann")
+    farm.parts.pause(1, "p03", True, "ann")
+    farm.jobs.pause(1, False, "ann")
+    assert farm.controller.books.plates["1/03"].hold.code is not HoldCode.PAUSED
+    farm.jobs.pause(1, True, "ann")
     with pytest.raises(Refused, match="job 1 is paused: `farm resume 1`"):
-        desk.pause_part(1, "p03", False, "ann")
+        farm.parts.pause(1, "p03", False, "ann")
 
 
 def test_a_printer_in_maintenance_ends_its_print_and_gets_no_other(farm):
-    desk = farm.desk
-    desk.maintenance("a", "a new belt", "ann")
-    assert farm.core.books.open_print_on("a").cancel_reason is None
+    farm.printers.begin_maintenance("a", "a new belt", "ann")
+    assert farm.controller.books.open_print_on("a").cancel_reason is None
     ends(farm, "a")
-    farm.desk.cleared("a", "ann", None)
-    assert farm.core.books.open_print_on("a") is None
-    desk.maintained("a", "ann")
-    assert farm.core.books.open_print_on("a").plate == "1/03"
+    farm.clear_bed("a")
+    assert farm.controller.books.open_print_on("a") is None
+    farm.printers.end_maintenance("a", "ann")
+    assert farm.controller.books.open_print_on("a").plate == "1/03"
     with pytest.raises(Refused, match="not in maintenance"):
-        desk.maintained("a", "ann")
+        farm.printers.end_maintenance("a", "ann")
 
 
 @pytest.mark.parametrize("cancelled", [False, True])
 def test_what_is_bad_is_printed_again_unless_its_job_was_cancelled(farm, cancelled):
     ends(farm, "a")
     if cancelled:
-        farm.desk.cancel_job(1, "ann")
-    answer = farm.desk.cleared("a", "ann", None, Verdict.BAD, "warped")
+        farm.jobs.cancel(1, "ann")
+    answer = farm.clear_bed("a", verdict=Verdict.BAD, why="warped")
     assert answer.again == (None if cancelled else "1/p01")
 
 
 def test_a_bed_is_called_bad_only_where_something_was_printed(farm):
     ends(farm, "a")
-    farm.desk.cleared("a", "ann", None, Verdict.BAD, "warped")
-    assert farm.core.books.plates["1/01"].prints
-    assert farm.core.books.open_print_on("a").plate in ("1/01", "1/03")
+    farm.clear_bed("a", verdict=Verdict.BAD, why="warped")
+    assert farm.controller.books.plates["1/01"].prints
+    assert farm.controller.books.open_print_on("a").plate in ("1/01", "1/03")
     farm.ready("b")
     with pytest.raises(Refused, match="its bed cannot be clear"):
-        farm.desk.cleared("b", "ann", None, Verdict.BAD)
-    assert ev.SendCleared(printer="a", filament=None) in farm.hands.told
+        farm.clear_bed("b", verdict=Verdict.BAD)
+    assert ev.SendCleared(printer="a", filament=None) in farm.effects.instructions
 
 
 def test_after_an_outage_nothing_starts_until_a_person_confirms_it(farm):
-    desk = farm.desk
     with pytest.raises(Refused, match="no printers were lost"):
-        desk.confirm("ann")
-    now_s = farm.core.clock.now()
+        farm.printers.confirm_outage("ann")
+    now_s = farm.controller.clock.now()
     ends(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
-    farm.desk.cleared("a", "ann", None)
-    assert farm.core.books.plates["1/01"].hold.code is HoldCode.JUST_LOST
-    assert farm.core.books.open_print_on("a").plate == "1/03"
+    farm.clear_bed("a")
+    assert farm.controller.books.plates["1/01"].hold.code is HoldCode.JUST_LOST
+    assert farm.controller.books.open_print_on("a").plate == "1/03"
     ends(farm, "a")
     ends(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
     for name in "ab":
-        farm.desk.cleared(name, "ann", None)
-    assert {farm.core.books.plates[name].hold.code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
-    (item,) = list_tasks(farm.core.build_view_context(STATE))
+        farm.clear_bed(name)
+    assert {farm.controller.books.plates[name].hold.code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
+    (item,) = list_tasks(farm.view_context(STATE))
     assert (item.code, item.printers) == ("outage", ["a", "b"])
-    farm.core.clock = Clock(2.0, now_s - 60.0)  # a minute later
-    assert desk.confirm("ann") == "a b"
-    assert not list_tasks(farm.core.build_view_context(STATE))
-    assert {farm.core.books.open_print_on(name).plate for name in "ab"} == {"1/01", "1/02"}
+    farm.controller.clock = Clock(2.0, now_s - 60.0)  # a minute later
+    assert farm.printers.confirm_outage("ann") == "a b"
+    assert not list_tasks(farm.view_context(STATE))
+    assert {farm.controller.books.open_print_on(name).plate for name in "ab"} == {"1/01", "1/02"}
 
 
 def test_idle_printers_that_vanish_together_are_an_outage(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     for name in "ab":
-        farm.core.heard(AgentSnapshot(printer=name, link=Link.ABSENT, reason="the port is not there"))
-    assert farm.core.books.outage.printers == ("a", "b")
+        farm.controller.on_snapshot(
+            AgentSnapshot(printer=name, link=Link.ABSENT, reason="the port is not there")
+        )
+    assert farm.controller.books.outage.printers == ("a", "b")
 
 
 def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
-    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions(hold=True))
+    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(hold=True))
     event = planned(2, 1)
-    farm.core.planned(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    farm.controller.on_plan(2, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
     for name in "ab":
-        ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.core.clock.now())
-    assert farm.core.books.outage is not None
-    assert farm.core.books.plates["2/01"].hold is None  # nothing would take it away again
+        ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
+    assert farm.controller.books.outage is not None
+    assert farm.controller.books.plates["2/01"].hold is None  # nothing would take it away again
 
 
 def test_a_print_that_no_agent_would_start_takes_nothing_off_its_reel(farm):
     reel = Reel(material="generic_pla", grams=500.0, nozzle_mm=0.4)
-    farm.core.happened(ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
-    attempt = farm.core.books.open_print_on("a")
+    farm.controller.handle(ev.ReelLoaded(at_s=1.0, printer="a", reel=reel, by="ann"))
+    attempt = farm.controller.books.open_print_on("a")
     for _ in range(REFUSALS):
-        farm.core.refused(attempt.id, "no")
-    assert farm.core.books.prints[attempt.id].state is PrintState.FAILED
-    assert farm.core.books.printers["a"].reel == reel
+        farm.controller.on_refusal(attempt.id, "no")
+    assert farm.controller.books.prints[attempt.id].state is PrintState.FAILED
+    assert farm.controller.books.printers["a"].reel == reel
 
 
 @pytest.mark.parametrize(
     "say",
     [
-        lambda desk: desk.pause_job(1, False, "ann"),
-        lambda desk: desk.pause_part(1, "p01", False, "ann"),
-        lambda desk: desk.reprint(1, "p01", "", "ann"),
+        lambda farm: farm.jobs.pause(1, False, "ann"),
+        lambda farm: farm.parts.pause(1, "p01", False, "ann"),
+        lambda farm: farm.parts.reprint(1, "p01", "", "ann"),
     ],
     ids=["resume job", "resume part", "reprint"],
 )
@@ -252,20 +249,20 @@ def test_what_estop_stopped_is_not_begun_on_an_idle_printer_before_a_person_says
     ends(farm, "a", PrintState.FAILED, fault="estop")
     for _ in range(2):  # what else waits goes on
         ends(farm, "b")
-        farm.desk.cleared("b", "ann", None)
-    farm.core.settle()
-    assert farm.core.books.open_print_on("b") is None
-    hold = farm.core.books.plates["1/01"].hold
+        farm.clear_bed("b")
+    farm.controller.handle()
+    assert farm.controller.books.open_print_on("b") is None
+    hold = farm.controller.books.plates["1/01"].hold
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
-    [asked] = [item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code == "stopped"]
+    [asked] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in asked.text and "`farm resume 1/p01`" in asked.text
-    say(farm.desk)
-    assert farm.core.books.open_print_on("b").plate == "1/01"
-    assert not [item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code == "stopped"]
+    say(farm)
+    assert farm.controller.books.open_print_on("b").plate == "1/01"
+    assert not [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
 
 
 def test_many_parts_of_a_job_that_estop_stopped_are_asked_for_in_one_line(farm):
     for printer in "ab":
         ends(farm, printer, PrintState.FAILED, fault="estop")
-    [asked] = [item for item in list_tasks(farm.core.build_view_context(STATE)) if item.code == "stopped"]
+    [asked] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
     assert asked.text.startswith("2 parts of job 1 stopped by `farm estop`: `farm resume 1` prints them")

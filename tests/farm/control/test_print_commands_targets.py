@@ -7,6 +7,7 @@ import pytest
 
 from farm.cli.commands.operate import target_path
 from farm.http.app import make_app
+from farm.http.services import Services
 from farm.model import JobOptions, JobState, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
@@ -20,12 +21,12 @@ def farm(tmp_path):
     """A job of two parts that are printed on two printers, behind the daemon's routes."""
     farm = Farm(tmp_path)
     farm.ready("a", "b")
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, 2)
-    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
-    now_s = farm.core.clock.now()
-    for attempt in list(farm.core.books.open_prints()):
-        farm.core.happened(
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    now_s = farm.controller.clock.now()
+    for attempt in list(farm.controller.books.open_prints()):
+        farm.controller.handle(
             ev.PrintProgressed(
                 at_s=now_s,
                 print_id=attempt.id,
@@ -34,7 +35,7 @@ def farm(tmp_path):
                 extruded=True,
             )
         )
-    app = make_app(farm.core, StateFolder(tmp_path), tmp_path / "fleet.yaml", 0.0, None, None)
+    app = make_app(Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None))
 
     def ask(target, verb):
         async def call():
@@ -42,7 +43,7 @@ def farm(tmp_path):
             async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
                 return await client.post(f"{target_path(target)}/{verb}")
 
-        farm.hands.told.clear()
+        farm.effects.instructions.clear()
         return asyncio.run(call())
 
     farm.ask = ask
@@ -56,7 +57,9 @@ WHO = [("1", "ab"), ("1/p01", "a"), ("1/2", "b"), ("b", "b")]
 def test_what_is_paused_goes_on_when_it_is_resumed(farm, target, printers):
     for verb, wanted in (("pause", True), ("resume", False)):
         assert farm.ask(target, verb).status_code == 200
-        told = {(one.printer, one.wanted) for one in farm.hands.told if isinstance(one, ev.SendPause)}
+        told = {
+            (one.printer, one.wanted) for one in farm.effects.instructions if isinstance(one, ev.SendPause)
+        }
         assert told == {(printer, wanted) for printer in printers}
     assert farm.ask(target, "resume").status_code == 409
 
@@ -64,8 +67,10 @@ def test_what_is_paused_goes_on_when_it_is_resumed(farm, target, printers):
 @pytest.mark.parametrize(("target", "printers"), WHO)
 def test_what_is_cancelled_ends_and_is_never_tried_again(farm, target, printers):
     assert farm.ask(target, "cancel").status_code == 200
-    assert {one.printer for one in farm.hands.told if isinstance(one, ev.SendCancel)} == set(printers)
-    plates = [farm.core.books.plates[f"1/0{'ab'.index(printer) + 1}"] for printer in printers]
+    assert {one.printer for one in farm.effects.instructions if isinstance(one, ev.SendCancel)} == set(
+        printers
+    )
+    plates = [farm.controller.books.plates[f"1/0{'ab'.index(printer) + 1}"] for printer in printers]
     assert all(plate.cancelled for plate in plates)
-    assert (farm.core.books.job(1).state is JobState.CANCELLED) is (target == "1")
+    assert (farm.controller.books.job(1).state is JobState.CANCELLED) is (target == "1")
     assert farm.ask(target, "cancel").status_code == 409

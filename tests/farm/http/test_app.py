@@ -9,23 +9,17 @@ import trimesh
 
 from drivers.clock import Clock
 from farm.config import Fleet
-from farm.control.controller import Core
+from farm.control.controller import Controller
 from farm.http.app import make_app
+from farm.http.services import Services
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.parts.part_rooms import bed_boxes
 from farm.state.storage.store import Store
 from make_gcode import marlin
+from recording_controller import RecordedEffects
 
 MODEL = "ultimaker2_plus"
-
-
-class Hands:
-    def perform(self, instruction):
-        pass
-
-    def plan(self, job, printers, rounds):
-        pass
 
 
 class SameProcess:
@@ -37,20 +31,22 @@ class SameProcess:
 
 @pytest.fixture
 def daemon(tmp_path):
-    """A core and its application, with one printer that is ready."""
+    """A controller and its application, with one printer that is ready."""
     fleet = Fleet.model_validate({"printers": [{"name": "a", "model": MODEL, "port": f"sim://{MODEL}"}]})
     state = StateFolder(tmp_path / "state")
     state.make()
-    core = Core(fleet, Store(state.books), Clock(), bed_boxes, Hands())
-    core.start()
-    core.heard(AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED))
+    controller = Controller(fleet, Store(state.books), Clock(), bed_boxes)
+    controller.start(RecordedEffects())
+    controller.on_snapshot(
+        AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    )
     went_down = []
 
     async def down(now):
         went_down.append(now)
 
-    app = make_app(core, state, tmp_path / "fleet.yaml", 0.0, SameProcess(), down)
-    app.state.core, app.state.went_down, app.state.folder = core, went_down, state
+    app = make_app(Services(controller, state, tmp_path / "fleet.yaml", SameProcess(), down))
+    app.state.controller, app.state.went_down, app.state.folder = controller, went_down, state
     return app
 
 
@@ -78,7 +74,7 @@ def test_g_code_goes_the_same_road_as_a_model(daemon):
     content = ("\n".join(marlin()) + "\n").encode()
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": False}
     assert submit(daemon, content, name="tower.gcode").json() == {"job": 1, "again": True}
-    job = daemon.state.core.books.jobs[1]
+    job = daemon.state.controller.books.jobs[1]
     assert (daemon.state.folder.files / job.model_file).read_bytes() == content
     assert (job.name, job.own_gcode.min_mm) == ("tower.gcode", pytest.approx((-11.5, -11.5, 0.2)))
     assert list(daemon.state.folder.work.iterdir()) == []
@@ -96,13 +92,13 @@ def test_g_code_goes_the_same_road_as_a_model(daemon):
 def test_g_code_that_cannot_be_printed_so_is_refused_by_name(daemon, name, options, code):
     answer = submit(daemon, ("\n".join(marlin()) + "\n").encode(), name=name, options=options).json()
     assert answer["code"] == code
-    assert daemon.state.core.books.jobs == {}
+    assert daemon.state.controller.books.jobs == {}
 
 
 def test_a_submission_sent_twice_is_one_job(daemon):
     assert submit(daemon, stl()).json() == {"job": 1, "again": False}
     assert submit(daemon, stl()).json() == {"job": 1, "again": True}
-    assert len(daemon.state.core.books.jobs) == 1
+    assert len(daemon.state.controller.books.jobs) == 1
 
 
 @pytest.mark.parametrize("size", [0, 10, 10_000_000])
@@ -111,7 +107,7 @@ def test_a_cut_upload_is_no_job_and_leaves_no_file(daemon, size):
     assert answer.status_code == 409
     assert answer.json()["exit_code"] == 5
     assert "submit it again" in answer.json()["error"]
-    assert not daemon.state.core.books.jobs
+    assert not daemon.state.controller.books.jobs
     assert not list(daemon.state.folder.work.iterdir())
 
 
@@ -130,7 +126,7 @@ def test_an_upload_that_is_given_up_is_refused_and_leaves_no_file(daemon):
     scope = {"type": "http", "http_version": "1.1", "method": "POST", "path": "/jobs", "query_string": query}
     asyncio.run(daemon({**scope, "headers": [], "state": {}}, receive, send))
     assert said[0]["status"] == 409
-    assert not daemon.state.core.books.jobs
+    assert not daemon.state.controller.books.jobs
     assert not list(daemon.state.folder.work.iterdir())
 
 
@@ -151,7 +147,7 @@ def test_a_name_is_only_a_name(daemon, name):
     assert answer.status_code == 200, answer.text
     inside = {path.parent.name for path in daemon.state.folder.root.rglob("*") if path.is_file()}
     assert inside <= {"state", "files"}
-    assert daemon.state.core.books.jobs[1].name == NAMES[name]
+    assert daemon.state.controller.books.jobs[1].name == NAMES[name]
 
 
 @pytest.mark.parametrize("name", ["..", ".", "box", "box." + "\N{SNAKE}" * 150])
@@ -224,7 +220,7 @@ def test_down_goes_down(daemon):
     assert daemon.state.went_down == [True]
 
 
-def test_what_a_person_asks_of_prints_goes_to_the_desk(daemon):
+def test_what_a_person_asks_of_prints_reaches_the_commands(daemon):
     said = {"why": "a\x1b[2J\nnew belt"}
     assert ask(daemon, "POST", "/printers/a/maintenance", json=said).status_code == 200
     printer = ask(daemon, "GET", "/status").json()["printers"][0]

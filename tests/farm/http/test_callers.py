@@ -14,28 +14,22 @@ import uvicorn
 
 from drivers.clock import Clock
 from farm.config import Fleet
-from farm.control.controller import Core
+from farm.control.controller import Controller
 from farm.errors import FleetFileError, Refused
 from farm.http.app import make_app
 from farm.http.callers import PeerProtocol, Person, check_operators, listen
+from farm.http.services import Services
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.parts.part_rooms import bed_boxes
 from farm.planning.plan import InspectedSubmission
 from farm.state.storage.store import Store
+from recording_controller import RecordedEffects
 
 MODEL = "ultimaker2_plus"
 STRANGER = Person(uid=54321, gid=54321)
 OURS = grp.getgrgid(os.getgid()).gr_name
 NO_GROUP = "no-such-group-here"
-
-
-class Hands:
-    def perform(self, instruction):
-        pass
-
-    def plan(self, job, printers, rounds):
-        pass
 
 
 class SameProcess:
@@ -50,14 +44,16 @@ def make(folder, **fleet):
     checked = Fleet.model_validate({"fleet": fleet, "printers": rows})
     state = StateFolder(folder / "state")
     state.make()
-    core = Core(checked, Store(state.books), Clock(), bed_boxes, Hands())
-    core.start()
-    core.heard(AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED))
+    controller = Controller(checked, Store(state.books), Clock(), bed_boxes)
+    controller.start(RecordedEffects())
+    controller.on_snapshot(
+        AgentSnapshot(printer="a", link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+    )
 
     async def down(now):
         pass
 
-    return make_app(core, state, folder / "fleet.yaml", 0.0, SameProcess(), down)
+    return make_app(Services(controller, state, folder / "fleet.yaml", SameProcess(), down))
 
 
 def ask(app, person, method, path, **more):
@@ -96,7 +92,7 @@ def test_a_member_may_and_so_may_everybody_where_no_group_is_named(tmp_path, gro
     app = make(tmp_path, operators=group)
     member = Person(uid=54321, gid=os.getgid())
     assert ask(app, member, "POST", "/printers/a/cleared", json={}).status_code == 200
-    assert app.state.core._store.events()[-1][2].count('"by":"uid 54321"') == 1
+    assert app.state.controller._store.events()[-1][2].count('"by":"uid 54321"') == 1
 
 
 def test_who_runs_the_daemon_may_as_they_could_change_the_books(tmp_path):

@@ -151,15 +151,13 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
         async def run(self, work, *args, limit=None):
             raise next(answers)
 
-    told, seen = [], []
+    told, scenes = [], []
 
     def tell(number, progress):
         told.append(progress.step)
         farm = Farm(tmp_path / "farm")
-        farm.core.progressed(number, progress)
-        seen.append(
-            [item.text for item in list_tasks(farm.core.build_view_context(state)) if item.code == "farm"]
-        )
+        farm.controller.on_plan_progress(number, progress)
+        scenes.append([item.text for item in list_tasks(farm.view_context(state)) if item.code == "farm"])
 
     async def main():
         done = asyncio.get_running_loop().create_future()
@@ -171,8 +169,8 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
     result = asyncio.run(main())
     assert told == [PlanStep.DECOMPOSING, PlanStep.NO_ROOM, PlanStep.DECOMPOSING]
     assert "No space left" in str(result)  # the second time there was room: it is the job's own
-    assert [len(texts) for texts in seen] == [0, 1, 0]
-    assert "make room" in seen[1][0] and "job 7" in seen[1][0]
+    assert [len(texts) for texts in scenes] == [0, 1, 0]
+    assert "make room" in scenes[1][0] and "job 7" in scenes[1][0]
 
 
 def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):

@@ -15,7 +15,7 @@ from decompose.pieces import cut_box
 from decompose.results import Attempt, Cutting
 from drivers.clock import Clock
 from farm.config import Fleet
-from farm.control.controller import Core
+from farm.control.controller import Controller
 from farm.errors import ErrorCode, FarmError
 from farm.model import AgentSnapshot, FilamentState, Job, JobOptions, JobState, Link, PartPrintOptions
 from farm.planning.booking import MAY_FALL, MOST_WARNINGS, book_plan, list_job_files
@@ -32,6 +32,7 @@ from farm.planning.plan import RELEVEL_LATE_S, DecomposeTask, SlicedJob, TooFewP
 from farm.planning.plate_times import prelude_seconds
 from farm.planning.printer_settings import printer_settings, settings_request
 from farm.state.storage.store import Store
+from recording_controller import Commands, RecordedEffects
 from slicing.checks import Unprinted
 from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
 
@@ -259,14 +260,6 @@ def test_as_few_parts_as_are_done_in_time_are_cut(files, tmp_path):
     assert counts == [1, 2, 3]
 
 
-class NoHands:
-    def perform(self, instruction):
-        raise AssertionError(f"nothing may be done: {instruction}")
-
-    def plan(self, job, printers, rounds):
-        pass
-
-
 def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
     glue = task(bar, files, tmp_path)
     paper = replace(glue, options=JobOptions(quality="paper"))
@@ -294,17 +287,19 @@ def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_pat
         decompose_job(task(bar, files, tmp_path))
     assert error.value.code is ErrorCode.GEOMETRY
     assert "overlap" in str(error.value)
-    core = Core(fleet(), Store(tmp_path / "farm.db"), Clock(), bed_boxes, NoHands())
-    core.start()
+    controller = Controller(fleet(), Store(tmp_path / "farm.db"), Clock(), bed_boxes)
+    effects = RecordedEffects()
+    controller.start(effects)
     for name in ("p0", "p1"):
-        core.heard(
+        controller.on_snapshot(
             AgentSnapshot(printer=name, link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
         )
-    core.submit("r" * 8, "bar.stl", bar, JobOptions())
-    core.planned(1, error.value)
-    job = core.books.jobs[1]
+    Commands(controller).jobs.submit("r" * 8, "bar.stl", bar, JobOptions())
+    controller.on_plan(1, error.value)
+    job = controller.books.jobs[1]
     assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
     assert job.reason == str(error.value)
+    assert effects.instructions == []
 
 
 @pytest.mark.parametrize("quality", ["glue", "paper", "fast", "normal", "high"])

@@ -13,11 +13,11 @@ def test_an_outdated_agent_is_to_be_replaced_and_not_to_be_cleared(tmp_path: Pat
     state.make()
     farm = Farm(tmp_path)
     farm.ready("a", "b")
-    assert list_tasks(farm.core.build_view_context(state)) == []
+    assert list_tasks(farm.view_context(state)) == []
     why = "its agent is of an older version: replace it by `farm up --replace a`"
     farm.ready("a", link=Link.FAULT, outdated=True, reason=why)
-    assert [(item.code, item.text) for item in list_tasks(farm.core.build_view_context(state))] == [
+    assert [(item.code, item.text) for item in list_tasks(farm.view_context(state))] == [
         ("replace", f"a {why}")
     ]
     farm.ready("a")
-    assert list_tasks(farm.core.build_view_context(state)) == []
+    assert list_tasks(farm.view_context(state)) == []

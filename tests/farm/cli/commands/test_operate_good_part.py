@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from farm.cli.client import daemon_client
 from farm.cli.main import app as cli
 from farm.http.app import make_app
+from farm.http.services import Services
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
@@ -21,16 +22,16 @@ from recording_controller import MODEL, Farm
 def farm(tmp_path, monkeypatch):
     """A job of one part, whose print on `a` ended with its agent, behind a daemon that the CLI asks."""
     farm = Farm(tmp_path)
-    farm.core.since_s -= 3600.0
+    farm.controller.started_s -= 3600.0
     farm.ready("a")
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
     event = planned(1, 1)
-    farm.core.planned(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
-    now_s = farm.core.clock.now()
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, event.repairs, 1.0, 500.0, 100.0, None))
+    now_s = farm.controller.clock.now()
     said(farm, "a", PrintState.PRINTING, started_s=now_s - 100.0)
     died = {"fault": "agent_died", "reason": "its agent died", "started_s": now_s - 100.0, "ended_s": now_s}
     said(farm, "a", PrintState.FAILED, **died)
-    daemon = make_app(farm.core, StateFolder(tmp_path), tmp_path / "fleet.yaml", 0.0, None, None)
+    daemon = make_app(Services(farm.controller, StateFolder(tmp_path), tmp_path / "fleet.yaml", None, None))
 
     class Connection:
         def __init__(self, *_):
@@ -55,7 +56,7 @@ def farm(tmp_path, monkeypatch):
 
 
 def said(farm, printer, state, **facts):
-    attempt = farm.core.books.open_print_on(printer)
+    attempt = farm.controller.books.open_print_on(printer)
     shown = {"fault": None, "reason": None, "progress_s": 5.0, "print_time_s": 90.0, "extruded": True}
     shown |= {"started_s": None, "ended_s": None, **facts}
     link = Link.READY if state.ended else Link.BUSY
@@ -66,7 +67,7 @@ def said(farm, printer, state, **facts):
         filament=FilamentState.PARKED,
         print=AgentPrint(print_id=attempt.id, state=state, **shown),
     )
-    farm.core.heard(snapshot)
+    farm.controller.on_snapshot(snapshot)
 
 
 def ask(*words):
@@ -82,34 +83,34 @@ def test_a_part_that_is_whole_is_not_printed_again(farm, part):
     assert "if part 1/p01 is whole and good: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
     answer = ask("cleared", "a", "--good", part)
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
-    assert farm.core.books.jobs[1].state is JobState.DONE
-    assert farm.core.books.printer("a").bed is Bed.CLEAR
-    farm.core.clock.ahead_s += 60.0
+    assert farm.controller.books.jobs[1].state is JobState.DONE
+    assert farm.controller.books.printer("a").bed is Bed.CLEAR
+    farm.controller.clock.ahead_s += 60.0
     farm.ready("a", "b")
-    assert list(farm.core.books.open_prints()) == []
+    assert list(farm.controller.books.open_prints()) == []
 
 
 def test_who_says_so_is_told_where_it_is_printed_again_already_and_how_to_end_that(farm):
-    farm.core.clock.ahead_s += 60.0  # what may have been lost with others waits for a moment
+    farm.controller.clock.ahead_s += 60.0  # what may have been lost with others waits for a moment
     farm.ready("b")
-    said(farm, "b", PrintState.HEATING, started_s=farm.core.clock.now())
+    said(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     answer = ask("cleared", "a", "--good", "1/p01")
     assert answer.stdout == (
         "a: bed clear; part 1/p01 is good; b already prints it again: stop that with `farm cancel b`\n"
     )
     assert ask("cancel", "b").exit_code == 0
-    assert farm.core.books.open_print_on("b").cancel_reason is not None
-    said(farm, "b", PrintState.CANCELLED, ended_s=farm.core.clock.now())
-    assert farm.core.books.jobs[1].state is JobState.DONE
+    assert farm.controller.books.open_print_on("b").cancel_reason is not None
+    said(farm, "b", PrintState.CANCELLED, ended_s=farm.controller.clock.now())
+    assert farm.controller.books.jobs[1].state is JobState.DONE
 
 
 def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
-    farm.core.clock.ahead_s += 60.0
+    farm.controller.clock.ahead_s += 60.0
     farm.ready("b")
-    said(farm, "b", PrintState.HEATING, started_s=farm.core.clock.now())
+    said(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     ask("cleared", "a", "--good", "1/p01")
-    farm.core.abort_all()
-    assert farm.core.books.open_print_on("b").cancel_reason is not None
+    farm.controller.abort_all()
+    assert farm.controller.books.open_print_on("b").cancel_reason is not None
 
 
 @pytest.mark.parametrize(
@@ -128,15 +129,16 @@ def test_what_does_not_lie_there_is_not_called_good(farm, words, said):
     assert answer.exit_code != 0
     shown = flat((answer.output + str(answer.exception or "")).replace("│", " "))
     assert said in shown
-    assert farm.core.books.jobs[1].state is JobState.PRINTING
-    assert farm.core.books.printer("a").bed is Bed.NOT_CLEAR
+    assert farm.controller.books.jobs[1].state is JobState.PRINTING
+    assert farm.controller.books.printer("a").bed is Bed.NOT_CLEAR
 
 
 def test_a_part_whose_print_was_done_may_be_named_too(farm):
     ask("cleared", "a")
-    farm.core.clock.ahead_s += 60.0
+    farm.controller.clock.ahead_s += 60.0
     farm.ready("a")
-    now_s = farm.core.clock.now()
+    farm.controller.handle()  # as the daemon's timer does
+    now_s = farm.controller.clock.now()
     said(farm, "a", PrintState.DONE, started_s=now_s - 100.0, ended_s=now_s)
     assert ask("cleared", "a", "--good", "p01").stdout == "a: bed clear\n"
-    assert farm.core.books.jobs[1].state is JobState.DONE
+    assert farm.controller.books.jobs[1].state is JobState.DONE

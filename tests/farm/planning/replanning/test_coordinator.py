@@ -30,33 +30,32 @@ def begun(tmp_path, models, plates=1, **options):
     farm = Farm(tmp_path, models, Clock(), attended=["08:00-18:00"])
     farm.names = "abcdefgh"[: len(models)]
     farm.ready(*farm.names)
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions(**options))
     event = planned(1, plates)
     hours = {"expected_s": 10 * HOUR, "sliced_s": 10 * HOUR - 300.0, "kin": PLUS}
     long = tuple(plate.model_copy(update=hours) for plate in event.plates)
-    farm.core.planned(1, Plan(event.parts, long, (), 1.0, 1.0, 10 * HOUR, None))
+    farm.controller.on_plan(1, Plan(event.parts, long, (), 1.0, 1.0, 10 * HOUR, None))
     if options.get("hold"):
-        farm.core.happened(ev.JobApproved(at_s=1.0, job=1, by="ann"))
-        farm.core.settle()
+        farm.controller.handle(ev.JobApproved(at_s=1.0, job=1, by="ann"))
     return farm
 
 
 def fails(farm, printer, plate):
-    attempt = farm.core.books.open_print_on(printer)
+    attempt = farm.controller.books.open_print_on(printer)
     assert attempt.plate == plate
-    now_s = farm.core.clock.now()
+    now_s = farm.controller.clock.now()
     said = AgentPrint(
         print_id=attempt.id, state=PrintState.FAILED, fault="mintemp", reason="no heat", progress_s=5.0,
         print_time_s=90.0, extruded=True, started_s=now_s - 60.0, ended_s=now_s,
     )  # fmt: skip
     idle = {"link": Link.READY, "agent_pid": 9, "filament": FilamentState.PARKED}
-    farm.core.heard(AgentSnapshot(printer=printer, print=said, **idle))
+    farm.controller.on_snapshot(AgentSnapshot(printer=printer, print=said, **idle))
 
 
 def pieces(farm, plate, hours, printers):
     """What comes of a cut: a piece of so many hours for each printer."""
-    old = farm.core.books.plates[plate]
-    (part,) = (farm.core.books.parts[name] for name in old.parts)
+    old = farm.controller.books.plates[plate]
+    (part,) = (farm.controller.books.parts[name] for name in old.parts)
     parts, plates = [], []
     for letter, printer in zip("abcdefgh", printers, strict=False):
         own = {"id": f"{part.id}{letter}", "plate": f"{plate}{letter}", "cut_from": part.id}
@@ -68,21 +67,21 @@ def pieces(farm, plate, hours, printers):
 
 
 def printing(farm):
-    return {attempt.printer: attempt.plate for attempt in farm.core.books.open_prints()}
+    return {attempt.printer: attempt.plate for attempt in farm.controller.books.open_prints()}
 
 
 def test_what_failed_is_cut_for_the_free_printers_and_no_printer_gets_it_meanwhile(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
-    ((plate, printers, cut),) = farm.hands.replans
+    ((plate, printers, cut),) = farm.effects.replans
     assert (plate, printers, cut) == ("1/01", ["b", "c", "d"], True)
-    hold = farm.core.books.plates["1/01"].hold
+    hold = farm.controller.books.plates["1/01"].hold
     assert hold.code is HoldCode.CUT_AGAIN
     assert "b, c and d" in hold.text
     assert printing(farm) == {}
-    farm.core.settle()
-    assert len(farm.hands.replans) == 1
-    farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, printers))
+    farm.controller.handle()
+    assert len(farm.effects.replans) == 1
+    farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, printers))
     assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
@@ -91,11 +90,11 @@ def test_pieces_that_cannot_be_booked_are_made_again(tmp_path):
     fails(farm, "a", "1/01")
     farm.store._db.execute("PRAGMA query_only = 1")
     with pytest.raises(StoreError):
-        farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+        farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))
     farm.store._db.execute("PRAGMA query_only = 0")
-    farm.core.settle()
-    assert farm.hands.replans == [("1/01", ["b", "c", "d"], True)] * 2
-    farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+    farm.controller.handle()
+    assert farm.effects.replans == [("1/01", ["b", "c", "d"], True)] * 2
+    farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))
     assert printing(farm) == {"b": "1/01a", "c": "1/01b", "d": "1/01c"}
 
 
@@ -106,27 +105,27 @@ def test_what_is_not_sooner_in_pieces_is_printed_whole(tmp_path):
     }.items():
         farm = begun(tmp_path / name, [PLUS] * 4, plates=1)
         fails(farm, "a", "1/01")
-        farm.core.replanned("1/01", result(farm))
+        farm.controller.on_replan("1/01", result(farm))
         assert printing(farm) == {"b": "1/01"}
         fails(farm, "b", "1/01")  # the next failure is looked at again: two are free now
-        assert [cut for _, _, cut in farm.hands.replans] == [True, True]
+        assert [cut for _, _, cut in farm.effects.replans] == [True, True]
 
 
 def test_a_job_that_is_begun_meanwhile_leaves_the_promised_printers(tmp_path):
     farm = begun(tmp_path, [PLUS] * 5, plates=1)
     fails(farm, "a", "1/01")
-    ((_, promised, _),) = farm.hands.replans
-    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
-    assert farm.hands.plans[1:] == [] or not set(farm.hands.plans[1][1]) & set(promised)
+    ((_, promised, _),) = farm.effects.replans
+    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions(material="generic_pla"))
+    assert farm.effects.plans[1:] == [] or not set(farm.effects.plans[1][1]) & set(promised)
 
 
 def test_a_daemon_that_dies_over_it_has_lost_nothing(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
     farm.store.close()
-    again = Farm(tmp_path, [PLUS] * 4, farm.core.clock, attended=["08:00-18:00"])
-    again.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))  # it has begun nothing of the kind
-    assert again.core.books.jobs[1].plates == ("1/01",)
+    again = Farm(tmp_path, [PLUS] * 4, farm.controller.clock, attended=["08:00-18:00"])
+    again.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))  # it has begun nothing of the kind
+    assert again.controller.books.jobs[1].plates == ("1/01",)
     again.ready("b", "c", "d")
     assert printing(again) == {"b": "1/01"}  # which was there first
 
@@ -134,56 +133,69 @@ def test_a_daemon_that_dies_over_it_has_lost_nothing(tmp_path):
 def test_a_part_that_is_cancelled_while_it_is_cut_is_not_replaced(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1)
     fails(farm, "a", "1/01")
-    farm.desk.cancel_part(1, "p01", "ann")
-    farm.core.replanned("1/01", pieces(farm, "1/01", 4.0, "bcd"))
-    assert farm.core.books.jobs[1].parts == ("1/p01",)
+    farm.parts.cancel(1, "p01", "ann")
+    farm.controller.on_replan("1/01", pieces(farm, "1/01", 4.0, "bcd"))
+    assert farm.controller.books.jobs[1].parts == ("1/p01",)
     assert printing(farm) == {}
 
 
 def test_what_a_person_approved_is_printed_as_it_was_approved(tmp_path):
     farm = begun(tmp_path, [PLUS] * 4, plates=1, hold=True)
     fails(farm, "a", "1/01")
-    assert farm.hands.replans == []
+    assert farm.effects.replans == []
     assert printing(farm) == {"b": "1/01"}
 
 
 def sliced(farm, plate, printer, hours):
-    old = farm.core.books.plates[plate]
+    old = farm.controller.books.plates[plate]
     name = next_plate_id(plate)
     time = {"expected_s": hours * HOUR, "sliced_s": hours * HOUR - 300.0, "prints": ()}
     new = old.model_copy(update={"id": name, "kin": PLAIN, "printer": printer, **time})
-    (part,) = (farm.core.books.parts[one].model_copy(update={"plate": name}) for one in old.parts)
+    (part,) = (farm.controller.books.parts[one].model_copy(update={"plate": name}) for one in old.parts)
     return ReplannedPlate((part,), (new,))
 
 
 def test_what_waits_for_a_full_bed_overnight_is_sliced_for_another_kind_of_printer(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")  # its bed is looked at in the morning
-    assert farm.hands.replans == [("1/01", ["b"], False)]
-    assert farm.core.books.plates["1/01"].hold is not None
-    farm.core.replanned("1/01", sliced(farm, "1/01", "b", 11.0))
+    assert farm.effects.replans == [("1/01", ["b"], False)]
+    assert farm.controller.books.plates["1/01"].hold is not None
+    farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 11.0))
     assert printing(farm) == {"b": "1/01-2"}
-    assert farm.core.books.jobs[1].parts == ("1/p01",)
-    assert farm.core.books.plates["1/01"].replaced_by == ("1/01-2",)
+    assert farm.controller.books.jobs[1].parts == ("1/p01",)
+    assert farm.controller.books.plates["1/01"].replaced_by == ("1/01-2",)
 
 
 def test_a_slice_that_would_not_be_there_sooner_is_not_made_twice(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
-    farm.core.replanned("1/01", sliced(farm, "1/01", "b", 30.0))
-    farm.core.clock.now_s += HOUR
-    farm.core.settle()
-    assert len(farm.hands.replans) == 1
+    farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 30.0))
+    farm.controller.clock.now_s += HOUR
+    farm.controller.handle()
+    assert len(farm.effects.replans) == 1
     assert printing(farm) == {}
-    farm.desk.cleared("a", "ann", FilamentState.PARKED)
+    farm.clear_bed("a", FilamentState.PARKED)
     assert printing(farm) == {"a": "1/01"}
 
 
 def test_its_own_printer_may_take_it_before_the_slice_is_made(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
-    farm.desk.cleared("a", "ann", FilamentState.PARKED)
+    farm.clear_bed("a", FilamentState.PARKED)
     assert printing(farm) == {"a": "1/01"}
-    farm.core.replanned("1/01", sliced(farm, "1/01", "b", 9.0))
-    assert farm.core.books.jobs[1].plates == ("1/01",)
+    farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 9.0))
+    assert farm.controller.books.jobs[1].plates == ("1/01",)
     assert [next_plate_id(name) for name in ("3/07", "3/07-2", "3/07a")] == ["3/07-2", "3/07-3", "3/07a-2"]
+
+
+def test_a_clock_that_is_set_back_puts_off_no_search(tmp_path):
+    farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
+    farm.printers.begin_maintenance("b", "a new belt", "ann")
+    fails(farm, "a", "1/01")
+    assert farm.effects.replans == []
+    farm.controller.clock.now_s -= HOUR
+    farm.controller.on_clock_set(-HOUR)
+    farm.printers.end_maintenance("b", "ann")
+    farm.controller.clock.now_s += 11.0
+    farm.controller.handle()
+    assert farm.effects.replans == [("1/01", ["b"], False)]

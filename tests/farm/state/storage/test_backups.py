@@ -140,19 +140,21 @@ def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_p
         error = OSError(28, "No space left on device") if trouble == "the disk" else ValueError("oh")
         monkeypatch.setattr(backups, "back_up", Mock(side_effect=error))
     farm, timers = Farm(tmp_path / "farm"), []
-    nightly = backups.Nightly(state, Clock(), UTC, lambda *timer: timers.append(timer), farm.core.copied)
+    nightly = backups.Nightly(
+        state, Clock(), UTC, lambda *timer: timers.append(timer), farm.controller.on_backup
+    )
     asyncio.run(nightly.begin())
     ((_, _, again),) = timers
-    context = farm.core.build_view_context(state)
-    assert [item.code for item in list_tasks(context)][:1] == ["farm"]
-    assert "the nightly copy of the books failed" in list_tasks(context)[0].text
+    scene = farm.view_context(state)
+    assert [item.code for item in list_tasks(scene)][:1] == ["farm"]
+    assert "the nightly copy of the books failed" in list_tasks(scene)[0].text
     if trouble == "no folder":
         state.backups.unlink()
     monkeypatch.undo()
     asyncio.run(again())
     assert len(timers) == 2
     assert len(copies(state)) == 1
-    assert "farm" not in [item.code for item in list_tasks(farm.core.build_view_context(state))]
+    assert "farm" not in [item.code for item in list_tasks(farm.view_context(state))]
 
 
 def test_the_next_copy_is_at_four_whatever_the_clock_does():
@@ -170,12 +172,12 @@ def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
     farm = Farm(tmp_path)
     farm.ready("a", "b")
     event = planned(1, 3)
-    farm.core.submit("r" * 8, "m.stl", MODEL, JobOptions())
-    farm.core.planned(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
-    farm.core.submit("s" * 8, "n.stl", MODEL, JobOptions())
-    told = len(farm.hands.told)
-    farm.core.start(restored_s=NIGHT_S)
-    books = farm.core.books
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0, None))
+    farm.jobs.submit("s" * 8, "n.stl", MODEL, JobOptions())
+    told = len(farm.effects.instructions)
+    farm.controller.start(farm.effects, restored_s=NIGHT_S)
+    books = farm.controller.books
     assert {printer.bed for printer in books.printers.values()} == {Bed.NOT_CLEAR}
     assert {printer.filament for printer in books.printers.values()} == {FilamentState.UNKNOWN}
     assert (books.jobs[1].state, books.jobs[1].hold.code) == (JobState.HELD, HoldCode.APPROVAL)
@@ -186,12 +188,11 @@ def test_restored_books_start_nothing_before_a_person_has_looked(tmp_path):
     frozen, _ = apply(ev.BooksRestored(at_s=NIGHT_S, copied_s=NIGHT_S), books_held())
     assert frozen.jobs[1].hold == books.jobs[1].hold  # and a held one approved
     for name in "ab":
-        farm.tell(name)  # its agent knows nothing of the print that was only assigned
-    assert {p.state for p in farm.core.books.prints.values()} == {PrintState.CANCELLED}
-    assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
+        farm.report(name)  # its agent knows nothing of the print that was only assigned
+    assert {p.state for p in farm.controller.books.prints.values()} == {PrintState.CANCELLED}
+    assert not [i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]
     for name in "ab":
-        farm.desk.cleared(name, "ann", FilamentState.PARKED)
-    assert not [i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]
-    farm.core.happened(ev.JobApproved(at_s=farm.core.clock.now(), job=1, by="ann"))
-    farm.core.settle()
-    assert len([i for i in farm.hands.told[told:] if isinstance(i, ev.SendStart)]) == 2
+        farm.clear_bed(name, FilamentState.PARKED)
+    assert not [i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]
+    farm.controller.handle(ev.JobApproved(at_s=farm.controller.clock.now(), job=1, by="ann"))
+    assert len([i for i in farm.effects.instructions[told:] if isinstance(i, ev.SendStart)]) == 2

@@ -1,0 +1,337 @@
+"""Connection to one agent: its process, its snapshots, and the requests that it is sent."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import logging
+import subprocess
+import time
+from collections import deque
+from collections.abc import Coroutine, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+from drivers import messages as m
+from drivers.agent.heartbeat import Heartbeat, look_at
+from drivers.clock import Clock
+from drivers.emulator.launch import Command, control
+from drivers.emulator.launch import alive as emulator_alive
+from drivers.errors import AgentError, AgentTooOld, DriverError
+from drivers.remote import client as agents
+from drivers.remote.client import AgentClient, alive, spawn
+from farm.agents.protocol_adapter import on_its_clock, shift_s, translate, translate_print
+from farm.agents.remote import kept_way
+from farm.config import PrinterSection
+from farm.errors import FarmError
+from farm.model import AgentPrint, AgentSnapshot, Link
+from farm.paths import StateFolder
+
+log = logging.getLogger(__name__)
+
+_RESTARTS_PER_MINUTE = 6  # an agent that dies more often than this is left alone for a while
+_SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
+_END_S = 30.0  # wall seconds for an idle agent to end
+_LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach an agent
+_STEADY_S = 30.0  # wall seconds after which a connection that ends was a good one
+_OLD = "its agent is of an older version: replace it by `farm up --replace {}`"
+_PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 64 KiB
+_START_S = 120.0  # wall seconds; a start that takes longer on its way is decided anew
+_CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
+_EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
+
+
+class AgentListener(Protocol):
+    """Receives what the agents report."""
+
+    def on_snapshot(self, snapshot: AgentSnapshot) -> None:
+        """Take an agent's snapshot."""
+
+    def on_refusal(self, print_id: str, reason: str, late: bool) -> None:
+        """Take that an agent would not start a print, or that the request came too `late`."""
+
+    def unreported_since_s(self, printer: str) -> float | None:
+        """Return from when on an agent has to list its prints before it counts; None: it need not."""
+
+    def on_journal(self, snapshot: AgentSnapshot, prints: Sequence[AgentPrint]) -> None:
+        """Take the prints that an agent has listed."""
+
+
+class AgentConnection:
+    """One agent: its process, its snapshots, and the requests on their way to it.
+
+    Parameters
+    ----------
+    name
+        The printer.
+    section
+        Its section of `fleet.yaml`; without one the agent is only adopted, never started.
+    state, clock
+        The farm's state folder and clock.
+    listener
+        Receives what the agent reports.
+    farm
+        The farm's name, by which an agent on another host knows it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        section: PrinterSection | None,
+        state: StateFolder,
+        clock: Clock,
+        listener: AgentListener,
+        farm: str = "",
+    ) -> None:
+        self._name = name
+        self._section = section
+        self._folder = state.agent(name)
+        self._clock = clock
+        self._listener = listener
+        way = kept_way(self._folder, section, farm, clock)
+        self._remote = way is not None
+        self._heartbeat = Heartbeat()
+        self._client = AgentClient(self._folder, way, self._heartbeat.heard)
+        self._process: subprocess.Popen[bytes] | None = None
+        self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
+        self._pending: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
+        self._unsupported: set[tuple[str, str]] = set()  # requests that its agent is too old for
+        self._cancelled: set[str] = set()  # prints that must not be begun any more
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._offset_s = 0.0  # by which our clock was ahead of the agent's before anybody set it
+        self._stopping = False
+
+    @property
+    def _ahead_s(self) -> float:
+        """Seconds by which our clock is ahead of the agent's."""
+        return self._offset_s + self._clock.ahead_s
+
+    def start(self) -> None:
+        self.keep_alive()
+        self._spawn_task(self._listen())
+
+    def keep_alive(self) -> None:
+        """Start the agent where none is alive; end one that is wedged."""
+        if self._process is not None and self._process.poll() is not None:
+            if self._process.returncode or not agents.as_units():  # else systemd has started it
+                log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
+            self._process = None
+        if self._stopping or self._remote:
+            return  # the bridge on the other host starts and watches it
+        if self._process is not None or alive(self._folder):
+            self._kill_if_wedged()
+            return
+        if self._section is None:
+            gone = "it was taken out of fleet.yaml, and its agent is gone"
+            self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=gone))
+            return
+        now = time.monotonic()
+        if len(self._starts) == self._starts.maxlen and now - self._starts[0] < 60.0:
+            return
+        self._starts.append(now)
+        self._heartbeat.heard()
+        try:
+            section = self._section
+            self._process = spawn(
+                section.name,
+                section.model,
+                section.port,
+                self._folder,
+                self._clock,
+                section.power_off_cmd,
+            )
+            log.info("%s: agent started, pid %d", section.name, self._process.pid)
+        except DriverError as error:
+            self._report(AgentSnapshot(printer=self._name, link=Link.ABSENT, reason=str(error)))
+
+    def _kill_if_wedged(self) -> None:
+        """Kill an agent that is wedged; the next check starts another, which resets the board."""
+        pid = agents.pid(self._folder)
+        if pid is not None and self._heartbeat.wedged(time.monotonic(), lambda: look_at(pid)):
+            log.error("%s: its agent (pid %d) is wedged: replacing it", self._name, pid)
+            self._spawn_task(self._kill())
+
+    async def _kill(self) -> None:
+        if not await asyncio.to_thread(agents.kill, self._folder):
+            log.error("%s: its agent cannot be killed; switch the printer off", self._name)
+
+    async def _listen(self) -> None:
+        wait_s = 0.0
+        while not self._stopping:
+            try:
+                await asyncio.sleep(wait_s)
+                wait_s = min(2 * wait_s + (1.0 if self._remote else agents.RETRY_S), _LONGEST_WAIT_S)
+                await self._client.connect()
+                connected_s = time.monotonic()
+                words = self._client.snapshots()
+                while True:
+                    async with asyncio.timeout(_SILENCE_S):
+                        said = await anext(words, None)
+                    if said is None:
+                        break
+                    self._offset_s = shift_s(said, self._clock) - self._clock.ahead_s
+                    if self._has_our_port(said):
+                        said = await self._import_journal(said)
+                        self._report(self._trusted(said))
+                if time.monotonic() - connected_s > _STEADY_S:
+                    wait_s = 0.0
+                log.info("%s: the connection to its agent is gone", self._name)
+            except TimeoutError:
+                log.warning("%s: its agent has said nothing for %g s", self._name, _SILENCE_S)
+            except (DriverError, FarmError) as error:
+                log.warning("%s: %s", self._name, error)
+            except Exception:
+                log.exception("%s: listening to its agent", self._name)
+            self._report(AgentSnapshot(printer=self._name, link=Link.STARTING))
+
+    async def _import_journal(self, said: m.Snapshot) -> m.Snapshot:
+        """Have it list its prints where the books are a copy. Returns its latest snapshot."""
+        since_s = self._listener.unreported_since_s(self._name)
+        if since_s is None:
+            return said
+        request = on_its_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
+        try:
+            reply = await self._client.request(request)
+        except AgentTooOld:
+            return said
+        latest = reply.snapshot or said
+        prints = [translate_print(one, self._ahead_s) for one in reply.prints]
+        self._listener.on_journal(self._trusted(latest), prints)
+        return latest
+
+    def _report(self, snapshot: AgentSnapshot) -> None:
+        if snapshot.agent_pid is not None and self._listener.unreported_since_s(self._name) is not None:
+            return  # first its list of prints
+        try:
+            self._listener.on_snapshot(snapshot)
+        except FarmError as error:
+            # The books could not be written: nothing was changed, and the next snapshot is taken afresh.
+            log.error("%s: %s", self._name, error)
+        except Exception:  # a fault of ours must not leave this printer without anybody who listens
+            log.exception("%s: booking what its agent said", self._name)
+
+    def _trusted(self, said: m.Snapshot) -> AgentSnapshot:
+        """Return a snapshot as far as it can be trusted: of this printer alone, whatever it names."""
+        changes: dict[str, object] = {"printer": self._name}
+        if self._section is None or not self._section.simulated:
+            changes["bed_clear"] = None  # only an emulator can tell
+        if _CLEARED in self._pending:
+            changes["doubt"] = changes["alarm"] = (
+                None  # a person has just dispelled it: this was on its way meanwhile
+            )
+        if said.protocol < m.StartPrint.needed and said.print is None:
+            changes |= {"link": Link.FAULT, "reason": _OLD.format(self._name), "outdated": True}
+        return translate(said, self._clock).model_copy(update=changes)
+
+    def _has_our_port(self, said: m.Snapshot) -> bool:
+        """Tell whether the agent has the port of `fleet.yaml`; an idle one that has not is replaced."""
+        section = self._section
+        if section is None or (said.model, said.port) == (section.model, section.port):
+            return True
+        if said.print is not None:
+            return True  # what it prints is in the books: first that
+        log.warning("%s: its agent has %s at %s: replacing it", self._name, said.model, said.port)
+        self._spawn_task(self._end_agent())
+        return False
+
+    def send(self, request: m.Request) -> None:
+        """Send a request; a refusal or loss is logged, and the next snapshot shows what is still owed."""
+        key = (request.do, getattr(request, "print_id", ""))
+        if isinstance(request, m.CancelPrint):
+            self._cancelled.add(request.print_id)
+        if key not in self._pending:
+            self._pending.add(key)
+            self._spawn_task(self._deliver(key, request))
+
+    async def _deliver(self, key: tuple[str, str], request: m.Request) -> None:
+        try:
+            if self._remote and isinstance(request, m.StartPrint) and request.gcode:
+                await self._upload(request.print_id, Path(request.gcode))
+                if request.print_id in self._cancelled:
+                    return  # while it was sent
+                request = request.model_copy(update={"gcode": None})
+            latest_s = self._clock.now() + _START_S * self._clock.scale
+            reply = await self._client.request(on_its_clock(request, self._ahead_s, latest_s))
+            if reply.error:
+                log.warning("%s: %s refused: %s", self._name, request.do, reply.error)
+                if isinstance(request, m.StartPrint):
+                    self._listener.on_refusal(request.print_id, reply.error, reply.late)
+            elif isinstance(request, m.CancelPrint) and reply.snapshot is not None:
+                said = self._trusted(reply.snapshot)
+                self._report(said.model_copy(update={"heard_cancel": request.print_id}))
+        except AgentTooOld as error:
+            if key not in self._unsupported:
+                log.warning("%s: %s", self._name, error)
+            self._unsupported.add(key)
+            if isinstance(request, m.StartPrint):
+                self._listener.on_refusal(request.print_id, str(error), True)
+        except (DriverError, FarmError) as error:
+            log.warning("%s: %s", self._name, error)
+        finally:
+            self._pending.discard(key)
+
+    async def _upload(self, print_id: str, gcode: Path) -> None:
+        """Send a file to an agent that has no disk in common with us. Raises DriverError."""
+        at, more = 0, True
+        try:
+            with gcode.open("rb") as file:
+                while more:
+                    piece = await asyncio.to_thread(file.read, _PIECE_BYTES)
+                    sent = m.Upload(id=0, print_id=print_id, at=at, data=base64.b64encode(piece))
+                    reply = await self._client.request(sent)
+                    if reply.error:
+                        raise AgentError(reply.error)
+                    at, more = at + len(piece), bool(piece)
+        except OSError as error:
+            raise AgentError(f"{gcode}: cannot be read ({error})") from error
+
+    async def replace(self) -> None:
+        """End an agent that prints nothing; one of this version starts in its place.
+
+        Raises
+        ------
+        AgentError
+            It prints, or cannot be reached.
+        """
+        reply = await self._client.request(m.Shutdown(id=0))
+        if reply.error:
+            raise AgentError(f"{self._name}: {reply.error}")
+
+    async def shut_down(self) -> None:
+        """End the agent for good, and switch a simulated printer off."""
+        self._stopping = True
+        await self._end_agent()
+
+    async def _end_agent(self) -> None:
+        try:
+            reply = await self._client.request(m.Shutdown(id=0, now=True))
+            if reply.error:
+                log.warning("%s: %s", self._name, reply.error)
+        except DriverError as error:
+            log.info("%s: %s", self._name, error)
+        try:
+            async with asyncio.timeout(_END_S):
+                while alive(self._folder):
+                    await asyncio.sleep(0.05)
+        except TimeoutError:
+            log.warning("%s: its agent does not end", self._name)
+        else:
+            if self._process is not None:
+                await asyncio.to_thread(self._process.wait)
+        if emulator_alive(self._folder / _EMULATOR):
+            try:
+                await asyncio.to_thread(control, self._folder / _EMULATOR, Command.POWER_OFF)
+            except DriverError as error:
+                log.warning("%s: %s", self._name, error)
+
+    async def close(self) -> None:
+        self._stopping = True
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._client.close()
+
+    def _spawn_task(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

@@ -1,0 +1,96 @@
+"""Effects of a decision on the outside: what the controller hands to agents, planner and replan worker."""
+
+from __future__ import annotations
+
+import logging
+from typing import Protocol
+
+from drivers.clock import Clock
+from farm.agents.manager import AgentManager
+from farm.config import Fleet
+from farm.control.admission import StartPlanning
+from farm.paths import StateFolder
+from farm.planning.booking import list_job_files
+from farm.planning.job_planner import JobPlanner
+from farm.planning.replanning.coordinator import StartReplan
+from farm.planning.replanning.replan import ReplanTask
+from farm.planning.replanning.worker import ReplanWorker
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.reels import fleet_with_reels
+from farm.state.storage.file_store import name_files
+
+log = logging.getLogger(__name__)
+
+Effect = ev.AnyInstruction | StartPlanning | StartReplan
+
+
+class Effects(Protocol):
+    """Performs effects: it starts things and returns at once."""
+
+    def perform(self, effect: Effect, books: Books) -> None:
+        """Start what the effect list_requests for; `books` are as committed."""
+
+
+class FarmEffects:
+    """Performs effects with the farm's agents, planner and workers."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        state: StateFolder,
+        clock: Clock,
+        agents: AgentManager,
+        planner: JobPlanner,
+        replan_worker: ReplanWorker,
+    ) -> None:
+        self._fleet, self._state, self._clock = fleet, state, clock
+        self._agents, self._planner, self._replan_worker = agents, planner, replan_worker
+
+    def perform(self, effect: Effect, books: Books) -> None:
+        match effect:
+            case StartPlanning():
+                self._start_planning(effect, books)
+            case StartReplan():
+                self._start_replan(effect, books)
+            case ev.StopPlanning():
+                self._planner.stop(effect.job)
+            case ev.NameFiles():
+                self._name_files(effect.job, books)
+            case _:
+                self._agents.perform(effect, books, self._state.files)
+
+    def _start_planning(self, order: StartPlanning, books: Books) -> None:
+        job, fleet = books.job(order.job), fleet_with_reels(self._fleet, books.printers)
+        begins_s = max(self._clock.now(), job.not_before_s or 0.0)
+        self._planner.start(
+            job,
+            [fleet.printer(name) for name in order.printers],
+            order.rounds,
+            {name: books.printer(name).time_factor for name in order.printers},
+            None if job.done_by_s is None else max(0.0, job.done_by_s - begins_s),
+        )
+
+    def _start_replan(self, order: StartReplan, books: Books) -> None:
+        plate, fleet = books.plates[order.plate], fleet_with_reels(self._fleet, books.printers)
+        (part,) = (books.parts[name] for name in plate.parts)
+        job = books.job(plate.job)
+        task = ReplanTask(
+            plate=plate,
+            part=part,
+            options=job.options,
+            printers=tuple(fleet.printer(name) for name in order.printers),
+            files=self._state.files,
+            folder=self._state.work / f"replan-{plate.id.replace('/', '-')}",
+            time_factors={name: books.printer(name).time_factor for name in order.printers},
+            others=tuple(books.parts[name] for name in job.parts if name != part.id),
+        )
+        self._replan_worker.start(task, order.cut)
+
+    def _name_files(self, number: int, books: Books) -> None:
+        job = books.job(number)
+        names = list_job_files(job, map(books.parts.__getitem__, job.parts), books.plates_of(job))
+        try:
+            name_files(self._state.job(job.id), self._state.files, names)
+        except OSError as error:  # a convenience: no reason to stop a job
+            log.warning("job %d: its files could not be named: %s", job.id, error)

@@ -1,0 +1,128 @@
+"""Commands on jobs: submit, approve, pause, cancel."""
+
+from __future__ import annotations
+
+import asyncio
+
+from farm.control.controller import Controller
+from farm.control.printer_commands import PrinterCommands
+from farm.errors import Refused
+from farm.model import Job, JobOptions, JobState
+from farm.paths import StateFolder
+from farm.planning.plan import InspectedSubmission
+from farm.scheduling.time_expressions import start_and_deadline_s
+from farm.state import events as ev
+from farm.state.storage.file_store import sha256_of
+
+
+class JobCommands:
+    """Turns a person's wishes for jobs into events. Methods raise NoSuchThing or Refused."""
+
+    def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
+        self._controller, self._printers = controller, printers
+
+    def find_submission(self, request_id: str) -> int | None:
+        """Return the job that this request has made; None where it is new."""
+        jobs = self._controller.books.jobs.values()
+        return next((job.id for job in jobs if job.request_id == request_id), None)
+
+    def check_submission(self, options: JobOptions) -> None:
+        """Raise what is wrong with a submission before its model is sent.
+
+        Raises
+        ------
+        Refused
+            Where the farm takes no jobs now.
+        FarmError
+            Where a start time or deadline cannot be meant.
+        """
+        start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
+        if self._controller.stopping:
+            raise Refused("the farm is going down: submit again when it is up")
+
+    def submit(
+        self,
+        request_id: str,
+        name: str,
+        model: InspectedSubmission,
+        options: JobOptions,
+        by: str | None = None,
+    ) -> tuple[int, bool]:
+        """Take a job. Returns its number, and whether this request had made it before."""
+        known = self.find_submission(request_id)
+        if known is not None:
+            return known, True
+        controller = self._controller
+        number, now_s = max(controller.books.jobs, default=0) + 1, controller.clock.now()
+        not_before_s, done_by_s = start_and_deadline_s(options, controller.rules, now_s)
+        if controller.fleet.fleet.approve:
+            options = options.model_copy(update={"hold": True})
+        job = Job(
+            id=number,
+            request_id=request_id,
+            name=name,
+            model_file=model.file,
+            options=options,
+            own_gcode=model.own_gcode,
+            repairs=model.repairs,
+            scale=model.scale,
+            not_before_s=not_before_s,
+            done_by_s=done_by_s,
+            submitted_s=now_s,
+            submitted_by=by,
+        )
+        controller.handle(ev.JobSubmitted(at_s=now_s, job=job))
+        return number, False
+
+    def cancel(self, number: int, by: str) -> None:
+        """Print nothing more of a job."""
+        job = self._controller.books.job(number)
+        if job.state.ended:
+            again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
+            raise Refused(f"job {number} has ended already: it is {job.state}{again}")
+        self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
+
+    def pause(self, number: int, wanted: bool, by: str) -> None:
+        """Have all that is printed of a job wait, and start nothing of it; or go on."""
+        books = self._controller.books
+        job = books.job(number)
+        if job.state.ended:
+            raise Refused(f"job {number} has ended already: it is {job.state}")
+        parts = not wanted and any(plate.paused for plate in books.plates_of(job))
+        if job.paused is wanted and not parts:
+            raise Refused(f"job {number} is {'paused already' if wanted else 'not paused'}")
+        if not wanted:
+            paused = (p.printer for p in books.open_prints(number) if p.pause_requested)
+            self._printers.refuse_unattended(sorted(paused))
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.JobPaused(at_s=at_s, job=number, wanted=wanted, by=by))
+
+    async def approve(self, number: int, plan: str, state: StateFolder, by: str) -> None:
+        """Let a held job print: exactly the plan that the person has seen, with the files it was made of.
+
+        Parameters
+        ----------
+        number
+            The job.
+        plan
+            The hash of the plan that was seen; empty for one of an older farm, which has none.
+        state
+            Has the files.
+        by
+            Who approves it.
+        """
+        job = self._held(number)
+        if plan != (job.plan or ""):
+            raise Refused(f"the plan of job {number} is {job.plan}, not {plan}: look at it again")
+        for plate in list(self._controller.books.plates_of(job)):
+            path = state.files / plate.gcode
+            if not path.is_file() or await asyncio.to_thread(sha256_of, path) != plate.sha256:
+                raise Refused(f"plate {plate.id} is not what was planned: {path}; submit the model again")
+        self._held(number)  # it may have been cancelled meanwhile
+        self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=by))
+
+    def _held(self, number: int) -> Job:
+        job = self._controller.books.job(number)
+        if job.state is not JobState.HELD:
+            raise Refused(f"job {number} waits for no approval: it is {job.state}")
+        return job

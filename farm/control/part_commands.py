@@ -1,0 +1,95 @@
+"""Commands on parts: print again, cancel, pause."""
+
+from __future__ import annotations
+
+from farm.control.controller import Controller
+from farm.control.printer_commands import PrinterCommands
+from farm.errors import NoSuchThing, Refused
+from farm.model import Plate
+from farm.state import events as ev
+from farm.state.plate_state import PlateState, stopped_print
+from farm.text import part_number
+
+_PRINTED = {
+    PlateState.PRINTED: "is printed already",
+    PlateState.GOOD: "is printed already",
+    PlateState.CANCELLED: "is cancelled already",
+}
+_COMING = {
+    PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
+    PlateState.WAITING: "waits to be printed already",
+}
+
+
+class PartCommands:
+    """Turns a person's wishes for parts into events. Every method raises NoSuchThing or Refused."""
+
+    def __init__(self, controller: Controller, printers: PrinterCommands) -> None:
+        self._controller, self._printers = controller, printers
+
+    def reprint(self, job: int, part: str, why: str, by: str) -> str:
+        """Print a part again, whatever became of it. Returns its name."""
+        plate = self._plate(job, part)
+        standing = self._controller.books.plate_state(plate)
+        halted = stopped_print(plate, self._controller.books.prints_of(plate))
+        if standing in _COMING and halted is None:
+            printer = self._printer_of(plate)
+            raise Refused(f"part {plate.parts[0]} {_COMING[standing].format(printer=printer)}")
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.ReprintRequested(at_s=at_s, plate=plate.id, why=why, by=by))
+        return plate.parts[0]
+
+    def cancel(self, job: int, part: str, by: str) -> str:
+        """Never print a part. Returns its name."""
+        return self._cancel(self._plate(job, part), by)
+
+    def cancel_on(self, printer: str, by: str) -> str:
+        """End what a printer prints, and never try it again. Returns the part's name."""
+        attempt = self._printers.open_print(printer)
+        return self._cancel(self._controller.books.plates[attempt.plate], by)
+
+    def _cancel(self, plate: Plate, by: str) -> str:
+        standing = self._controller.books.plate_state(plate)
+        if standing in _PRINTED and (standing is not PlateState.GOOD or self._printer_of(plate) is None):
+            raise Refused(f"part {plate.parts[0]} {_PRINTED[standing]}")
+        self._controller.handle(ev.PlateCancelled(at_s=self._controller.clock.now(), plate=plate.id, by=by))
+        return plate.parts[0]
+
+    def pause(self, job: int, part: str, wanted: bool, by: str) -> str:
+        """Have a part wait where it is, on a printer or for one, or go on. Returns the printer, if any."""
+        plate = self._plate(job, part)
+        printer = self._printer_of(plate)
+        if printer is not None:
+            self._printers.pause(printer, wanted, by)
+            return printer
+        name, standing = plate.parts[0], self._controller.books.plate_state(plate)
+        if standing is not PlateState.WAITING:
+            why = _PRINTED.get(standing, f"failed too often: `farm reprint {job} {part}`")
+            raise Refused(f"part {name} {why}")
+        if plate.paused is wanted:
+            if not wanted and self._controller.books.job(job).paused:
+                raise Refused(f"job {job} is paused: `farm resume {job}` lets its parts go on")
+            raise Refused(f"part {name} is {'paused already' if wanted else 'not paused'}")
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=wanted, by=by))
+        return ""
+
+    def _plate(self, job: int, part: str) -> Plate:
+        """Return the plate of a part, by its name with or without its job: 3/p01, p01, 01 or 1."""
+        books = self._controller.books
+        entry = books.job(job)
+        for name in entry.parts:
+            if part_number(name) == part_number(part):
+                return books.plates[books.parts[name].plate]
+        for whole in books.parts.values():
+            if whole.job == job and part_number(whole.id) == part_number(part):
+                names = books.plates[whole.plate].replaced_by
+                pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
+                raise Refused(f"part {whole.id} failed and was cut again: name its pieces {pieces}")
+        known = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
+        raise NoSuchThing(f"job {job} has no part {part}; its parts are {known}")
+
+    def _printer_of(self, plate: Plate) -> str | None:
+        """Return the printer that prints a plate now."""
+        attempts = self._controller.books.prints_of(plate)
+        return next((attempt.printer for attempt in attempts if not attempt.state.ended), None)

@@ -1,0 +1,156 @@
+"""Commands on printers: what a person says of a bed, a reel or a print is checked, then handled."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable
+
+from farm import api
+from farm.control.controller import Controller
+from farm.errors import Refused
+from farm.model import Print, PrintState, Reel, Verdict
+from farm.planning.inspection.fleet_check import mistake_in
+from farm.state import events as ev
+from farm.state.plate_state import PlateState
+from farm.state.reels import section_with_reel
+from farm.state.salvaged_parts import failed_print_on, part_name, reprinting_printers
+from farm.text import part_number
+
+
+class PrinterCommands:
+    """Turns a person's wishes for printers into events. Every method raises NoSuchThing or Refused."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+
+    def fail_print(self, printer: str, why: str, by: str) -> None:
+        """End what is printed there, because it goes wrong, and print its parts again."""
+        attempt = self.open_print(printer, f"; of what is printed, `farm cleared {printer} --bad`")
+        if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
+            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
+        self._controller.handle(
+            ev.PrintFailRequested(at_s=self._controller.clock.now(), print_id=attempt.id, why=why, by=by)
+        )
+
+    def pause(self, printer: str, wanted: bool, by: str) -> None:
+        """Have what is printed there wait, or go on; while it heats it is told when it prints."""
+        attempt = self.open_print(printer)
+        if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
+            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
+        if not wanted and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
+            raise Refused(f"{printer} is not paused")
+        if not wanted:
+            self.refuse_unattended([printer])
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.PauseRequested(at_s=at_s, print_id=attempt.id, wanted=wanted, by=by))
+
+    def refuse_unattended(self, printers: Iterable[str]) -> None:
+        """Raise Refused where nothing may print on some of them now, as nobody is there."""
+        now_s = self._controller.clock.now()
+        known = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
+        away = [why for printer in known if (why := self._controller.rules.away(printer, now_s)) is not None]
+        if away:
+            raise Refused("; ".join(away))
+
+    def clear_bed(self, printer: str, request: api.ClearedRequest, by: str) -> api.Cleared:
+        """Book that a person cleared a bed, and how what lay there is.
+
+        `request.good` is the part of a failed print that is whole and good after all.
+        """
+        books = self._controller.books
+        books.printer(printer)
+        if books.open_print_on(printer) is not None:
+            raise Refused(f"{printer} is printing: its bed cannot be clear")
+        judged = books.print_to_judge(printer)
+        if request.bad and judged is None:
+            raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
+        whole = None if request.good is None else self._failed_print_of(printer, request.good)
+        self._controller.handle(
+            ev.BedCleared(
+                at_s=self._controller.clock.now(),
+                printer=printer,
+                by=by,
+                filament=request.filament,
+                verdict=Verdict.BAD if request.bad else Verdict.GOOD,
+                why=request.why,
+                whole=None if whole is None else whole.id,
+            )
+        )
+        books = self._controller.books
+        if whole is not None:
+            return api.Cleared(good=part_name(books, whole), printed_on=reprinting_printers(books, whole))
+        plate = None if judged is None else books.plates[judged.plate]
+        again = plate is not None and books.plate_state(plate) in (PlateState.WAITING, PlateState.PRINTING)
+        return api.Cleared(again=plate.parts[0] if plate is not None and again else None)
+
+    def _failed_print_of(self, printer: str, part: str) -> Print | None:
+        """Return the failed print on a bed that made a part; None where it is booked as printed anyway."""
+        books = self._controller.books
+        judged, failed = books.print_to_judge(printer), failed_print_on(books, printer)
+        attempt = judged or failed
+        if attempt is None:
+            raise Refused(
+                f"no part is known to lie on {printer}: `farm history {printer}` has what it printed"
+            )
+        name = part_name(books, attempt)
+        job = part.rpartition("/")[0]
+        if part_number(part) != part_number(name) or job not in ("", str(attempt.job)):
+            raise Refused(f"what lies on {printer} is part {name}, not {part}")
+        return failed if judged is None else None
+
+    async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
+        """Book that a reel was put on, or weighed; what is not said stays as it was."""
+        entry = self._controller.books.printer(printer)
+        self._refuse_printing(printer)
+        section = self._controller.fleet.printer(printer)
+        other = request.material is not None or request.colour is not None
+        same = entry.reel if not other else None
+        grams = same.grams if same is not None else None
+        reel = Reel(
+            material=request.material or section.material,
+            colour=request.colour if other else section.colour,
+            grams=request.grams if request.grams is not None else grams,
+            nozzle_mm=request.nozzle_mm or section.nozzle_mm,
+            doubted=same is not None and same.doubted and request.grams is None,
+        )
+        mistake = await asyncio.to_thread(mistake_in, section_with_reel(section, reel))
+        if mistake is not None:
+            raise Refused(f"{printer}: {mistake[1]}")
+        self._refuse_printing(printer)  # it may have begun meanwhile
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.ReelLoaded(at_s=at_s, printer=printer, reel=reel, by=by))
+        return reel
+
+    def _refuse_printing(self, printer: str) -> None:
+        if self._controller.books.open_print_on(printer) is not None:
+            raise Refused(f"{printer} is printing: say what is on its reel when it has ended")
+
+    def begin_maintenance(self, printer: str, why: str, by: str) -> None:
+        """Take a printer out of use; what it prints goes on to its end."""
+        self._controller.books.printer(printer)
+        at_s = self._controller.clock.now()
+        self._controller.handle(ev.MaintenanceStarted(at_s=at_s, printer=printer, why=why, by=by))
+
+    def end_maintenance(self, printer: str, by: str) -> None:
+        """Take a printer into use again."""
+        if self._controller.books.printer(printer).maintenance is None:
+            raise Refused(f"{printer} is not in maintenance")
+        self._controller.handle(
+            ev.MaintenanceEnded(at_s=self._controller.clock.now(), printer=printer, by=by)
+        )
+
+    def confirm_outage(self, by: str) -> str:
+        """Book that what took several printers at once has been seen to. Returns the printers."""
+        outage = self._controller.books.outage
+        if outage is None:
+            raise Refused("no printers were lost at once: name what to resume (a printer, a job, a part)")
+        self._controller.handle(ev.OutageConfirmed(at_s=self._controller.clock.now(), by=by))
+        return " ".join(outage.printers)
+
+    def open_print(self, printer: str, advice: str = ": `farm status` shows what prints") -> Print:
+        """Return what a printer prints; else raise Refused with the advice."""
+        self._controller.books.printer(printer)
+        attempt = self._controller.books.open_print_on(printer)
+        if attempt is None:
+            raise Refused(f"{printer} prints nothing{advice}")
+        return attempt

@@ -1,0 +1,128 @@
+"""Telemetry of the printers: their agents' latest snapshots in memory, and what of them is news to the books.
+
+A report of temperatures or progress changes a snapshot and nothing else: only what changes the books, or what
+the scheduler reads of a printer, has to be handled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from farm.model import AgentSnapshot, Link
+from farm.state import events as ev
+from farm.state.books import Books
+from farm.state.lifecycles import InvalidTransition
+from farm.state.reconcile import detect_alarm, handle_unknown_print, observe_idle_printer, reconcile
+from farm.state.transitions import apply
+
+
+class Telemetry:
+    """Latest snapshot of each agent."""
+
+    def __init__(self) -> None:
+        self.snapshots: dict[str, AgentSnapshot] = {}
+        self._failures: dict[str, str] = {}  # by printer: why its latest snapshot could not be handled
+
+    @property
+    def failure(self) -> str | None:
+        """Why some snapshot could not be handled; None where all were."""
+        return next(iter(self._failures.values()), None)
+
+    def store(self, snapshot: AgentSnapshot) -> bool:
+        """Take a snapshot; tell whether the scheduler has to run for it, whatever the books say."""
+        before = self.snapshots.get(snapshot.printer)
+        self.snapshots[snapshot.printer] = snapshot
+        failed = self._failures.pop(snapshot.printer, None) is not None
+        return failed or before is None or availability(before) != availability(snapshot)
+
+    def reject(self, snapshot: AgentSnapshot, before: AgentSnapshot | None, reason: str) -> None:
+        """Take back a snapshot that could not be handled: all but its telemetry is news when said again."""
+        self._failures[snapshot.printer] = reason
+        if before is None:
+            self.snapshots.pop(snapshot.printer, None)
+        else:
+            self.snapshots[snapshot.printer] = snapshot.model_copy(update={"link": before.link})
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a snapshot comes to.
+
+    Attributes
+    ----------
+    events
+        For the books.
+    instructions
+        To its agent.
+    misfit
+        An event that does not fit the books; what would have followed it is left out.
+    """
+
+    events: tuple[ev.AnyEvent, ...]
+    instructions: tuple[ev.AnyInstruction, ...]
+    misfit: InvalidTransition | None = None
+
+
+def availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
+    """Return what the scheduler reads of a snapshot; the rest is for people, or reaches the books."""
+    reason = snapshot.reason if snapshot.link is Link.FAULT else None
+    return snapshot.link, reason, snapshot.reset_verified
+
+
+def read_snapshot(
+    books: Books, snapshot: AgentSnapshot, before: AgentSnapshot | None, in_use: bool, now_s: float
+) -> Reading:
+    """Compare a snapshot with the books.
+
+    Parameters
+    ----------
+    books
+        As committed.
+    snapshot, before
+        The agent's latest word, and the one before that; None where there was none.
+    in_use
+        Whether the printer is in the fleet and enabled.
+    now_s
+        Farm time, seconds since the epoch.
+    """
+    comparison = _Comparison(books, snapshot, now_s)
+    try:
+        comparison.run(before, in_use)
+    except InvalidTransition as error:
+        return Reading(tuple(comparison.events), tuple(comparison.instructions), error)
+    return Reading(tuple(comparison.events), tuple(comparison.instructions))
+
+
+class _Comparison:
+    """Applies what a snapshot comes to, step by step, to books that are thrown away."""
+
+    def __init__(self, books: Books, snapshot: AgentSnapshot, now_s: float) -> None:
+        self._books, self._snapshot, self._now_s = books, snapshot, now_s
+        self.events: list[ev.AnyEvent] = []
+        self.instructions: list[ev.AnyInstruction] = []
+
+    def run(self, before: AgentSnapshot | None, in_use: bool) -> None:
+        snapshot, now_s, name = self._snapshot, self._now_s, self._snapshot.printer
+        self._add(detect_alarm(self._books.printer(name), snapshot, now_s))
+        attempt, printer = self._books.open_print_on(name), self._books.printer(name)
+        if attempt is None:
+            if before is not None and before.link is Link.READY and snapshot.link is Link.ABSENT:
+                self._add([ev.PrinterLost(at_s=now_s, printer=name)])
+            self._add(observe_idle_printer(self._books.printer(name), snapshot, now_s))
+        elif attempt.cancel_reason is None and in_use and printer.unreported_since_s is not None:
+            return  # there is no agent now that could tell what became of it
+        else:
+            self._add(reconcile(attempt, snapshot, now_s))
+        said = snapshot.print
+        if said is not None and (attempt is None or said.print_id != attempt.id):
+            known = self._books.prints.get(said.print_id)
+            self._add(handle_unknown_print(self._books.printer(name), known, snapshot, now_s))
+
+    def _add(self, follows: Iterable[ev.AnyEvent | ev.AnyInstruction]) -> None:
+        for each in follows:
+            if isinstance(each, ev.Event):
+                self._books, _ = apply(each, self._books)
+                self.events.append(each)
+            else:
+                self.instructions.append(each)

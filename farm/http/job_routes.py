@@ -1,0 +1,90 @@
+"""Routes of jobs and their parts."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+
+from farm import api
+from farm.control.dry_runs import DryRuns
+from farm.control.job_commands import JobCommands
+from farm.control.part_commands import PartCommands
+from farm.http.callers import By, ByOperator
+from farm.http.services import Services
+from farm.http.uploads import LARGEST_MODEL_BYTES, display_name, parse_options, receive_model
+from farm.views.job_night import describe_job_night
+from farm.views.jobs import describe_job
+
+
+def job_routes(services: Services, jobs: JobCommands, parts: PartCommands, dry_runs: DryRuns) -> APIRouter:
+    """Return the routes of jobs and their parts."""
+    router, controller = APIRouter(), services.controller
+
+    @router.get("/jobs/{number}")
+    async def job(number: int) -> api.JobStatus:
+        dry_runs.keep(number, time.monotonic())
+        context = controller.build_view_context(services.state)
+        return api.JobStatus(
+            daemon=services.daemon_view(context), job=describe_job(context, controller.books.job(number))
+        )
+
+    @router.get("/jobs/{number}/night")
+    async def night(number: int) -> api.Night:
+        context = controller.build_view_context(services.state)
+        return describe_job_night(context, number, controller.fleet_printers(), controller.rules)
+
+    @router.post("/jobs")
+    async def submit(
+        request: Request,
+        request_id: Annotated[str, Query(min_length=8, max_length=64)],
+        name: Annotated[str, Query(min_length=1, max_length=200)],
+        size: Annotated[int, Query(ge=0, le=LARGEST_MODEL_BYTES)],
+        by: By,
+        options: str = "{}",
+    ) -> api.Submitted:
+        wanted = parse_options(options)
+        known = jobs.find_submission(request_id)
+        if known is not None:
+            return api.Submitted(job=known, again=True)
+        jobs.check_submission(wanted)
+        name = display_name(name)
+        model = await receive_model(services, request.stream(), name, size, wanted)
+        number, again = jobs.submit(request_id, name, model, wanted, by)
+        return api.Submitted(job=number, again=again)
+
+    @router.post("/jobs/{number}/approve")
+    async def approve(number: int, request: api.ApproveRequest, by: ByOperator) -> None:
+        await jobs.approve(number, request.plan, services.state, by)
+
+    @router.post("/jobs/{number}/cancel")
+    async def cancel(number: int, by: By) -> api.JobStatus:
+        jobs.cancel(number, by)
+        return await job(number)
+
+    @router.post("/jobs/{number}/pause")
+    async def pause(number: int, by: By) -> None:
+        jobs.pause(number, True, by)
+
+    @router.post("/jobs/{number}/resume")
+    async def resume(number: int, by: By) -> None:
+        jobs.pause(number, False, by)
+
+    @router.post("/jobs/{number}/parts/{part}/reprint")
+    async def reprint_part(number: int, part: str, request: api.Reason, by: By) -> api.Named:
+        return api.Named(name=parts.reprint(number, part, request.why or "asked for again", by))
+
+    @router.post("/jobs/{number}/parts/{part}/cancel")
+    async def cancel_part(number: int, part: str, by: By) -> api.Named:
+        return api.Named(name=parts.cancel(number, part, by))
+
+    @router.post("/jobs/{number}/parts/{part}/pause")
+    async def pause_part(number: int, part: str, by: By) -> api.Named:
+        return api.Named(name=parts.pause(number, part, True, by))
+
+    @router.post("/jobs/{number}/parts/{part}/resume")
+    async def resume_part(number: int, part: str, by: By) -> api.Named:
+        return api.Named(name=parts.pause(number, part, False, by))
+
+    return router

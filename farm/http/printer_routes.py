@@ -1,0 +1,64 @@
+"""Routes of printers: beds, reels, prints, maintenance, agents."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from farm import api
+from farm.control.part_commands import PartCommands
+from farm.control.printer_commands import PrinterCommands
+from farm.errors import Refused
+from farm.http.callers import By, ByOperator
+from farm.http.services import Services
+
+
+def printer_routes(services: Services, printers: PrinterCommands, parts: PartCommands) -> APIRouter:
+    """Return the routes of printers."""
+    router = APIRouter()
+
+    @router.post("/printers/{name}/cleared")
+    async def clear_bed(name: str, request: api.ClearedRequest, by: ByOperator) -> api.Cleared:
+        return printers.clear_bed(name, request, by)
+
+    @router.post("/printers/{name}/load")
+    async def load_reel(name: str, request: api.LoadRequest, by: ByOperator) -> api.Reel:
+        reel = await printers.load_reel(name, request, by)
+        return api.Reel(
+            material=reel.material, colour=reel.colour, grams=reel.grams, nozzle_mm=reel.nozzle_mm
+        )
+
+    @router.post("/printers/{name}/pause")
+    async def pause(name: str, by: By) -> None:
+        printers.pause(name, True, by)
+
+    @router.post("/printers/{name}/resume")
+    async def resume(name: str, by: By) -> None:
+        printers.pause(name, False, by)
+
+    @router.post("/printers/{name}/fail")
+    async def fail_print(name: str, request: api.Reason, by: By) -> None:
+        printers.fail_print(name, request.why or "it went wrong", by)
+
+    @router.post("/printers/{name}/cancel")
+    async def cancel_print(name: str, by: By) -> api.Named:
+        return api.Named(name=parts.cancel_on(name, by))
+
+    @router.post("/printers/{name}/maintenance")
+    async def begin_maintenance(name: str, request: api.Reason, by: By) -> None:
+        printers.begin_maintenance(name, request.why, by)
+
+    @router.post("/printers/{name}/maintained")
+    async def end_maintenance(name: str, by: ByOperator) -> None:
+        printers.end_maintenance(name, by)
+
+    @router.post("/printers/{name}/replace")
+    async def replace_agent(name: str, by: ByOperator) -> None:
+        if services.controller.books.open_print_on(name) is not None:
+            raise Refused(f"{name} prints: its agent can be replaced when that has ended")
+        await services.replace_agent(name)
+
+    @router.post("/outage/confirm")
+    async def confirm_outage(by: ByOperator) -> api.Named:
+        return api.Named(name=printers.confirm_outage(by))
+
+    return router

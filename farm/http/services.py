@@ -1,0 +1,59 @@
+"""Services of the daemon that the routes use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import farm
+from farm import api
+from farm.compute.worker_pool import Workers
+from farm.control.controller import Controller
+from farm.errors import Refused
+from farm.paths import StateFolder
+from farm.views.context import ViewContext
+
+
+async def refuse_replacing(name: str) -> None:
+    """Refuse to replace an agent, for a farm without agents."""
+    raise Refused(f"{name} has no agent")
+
+
+@dataclass(frozen=True)
+class Services:
+    """What the daemon offers to its routes.
+
+    Attributes
+    ----------
+    controller
+        The farm's state and all decisions.
+    state
+        The state folder.
+    fleet_file
+        Path of `fleet.yaml`, for people.
+    workers
+        Processes that inspect models.
+    shut_down
+        Ends the farm; with True every print first.
+    replace_agent
+        Replaces the agent of an idle printer.
+    """
+
+    controller: Controller
+    state: StateFolder
+    fleet_file: Path
+    workers: Workers
+    shut_down: Callable[[bool], Awaitable[None]]
+    replace_agent: Callable[[str], Awaitable[None]] = refuse_replacing
+    since_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "since_s", self.controller.started_s)
+
+    def daemon_view(self, context: ViewContext) -> api.DaemonView:
+        """Return which daemon this is, and since when it is up."""
+        return api.DaemonView(
+            pid=os.getpid(), version=farm.__version__, since=context.format_time(self.since_s) or ""
+        )

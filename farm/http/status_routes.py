@@ -1,0 +1,73 @@
+"""Routes of the whole farm: status, names, history, and its end."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from farm import api
+from farm.errors import Refused
+from farm.http.callers import ByOperator
+from farm.http.services import Services
+from farm.views.history import describe_night, list_history, select_shown_jobs
+from farm.views.jobs import describe_job
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
+
+
+def status_routes(services: Services) -> APIRouter:
+    """Return the routes of the whole farm."""
+    router, controller = APIRouter(), services.controller
+
+    @router.get("/status")
+    async def status() -> api.Status:
+        context = controller.build_view_context(services.state)
+        fleet = controller.fleet
+        obstacles = {printer.name: printer.obstacle() for printer in controller.fleet_printers()}
+        return api.Status(
+            daemon=services.daemon_view(context),
+            todo=list_tasks(context),
+            night=describe_night(context),
+            fleet=api.FleetView(
+                name=fleet.fleet.name,
+                timezone=fleet.fleet.timezone,
+                time_scale=fleet.fleet.time_scale,
+                now=context.format_time(context.now_s) or "",
+                file=str(services.fleet_file),
+            ),
+            printers=[describe_printer(context, p, obstacles.get(p.name)) for p in fleet.printers],
+            jobs=[describe_job(context, job) for job in select_shown_jobs(controller.books)],
+        )
+
+    @router.get("/names")
+    async def names() -> api.Names:
+        return api.Names(
+            printers=list(controller.fleet.names),
+            jobs=[
+                api.JobName(id=job.id, name=job.name, state=job.state, parts=list(job.parts))
+                for job in select_shown_jobs(controller.books)
+            ],
+        )
+
+    @router.get("/history")
+    async def past(
+        job: int | None = None,
+        printer: str | None = None,
+        last: Annotated[int, Query(ge=1, le=100_000)] = 100,
+    ) -> api.History:
+        if job is not None:
+            controller.books.job(job)
+        if printer is not None:
+            controller.books.printer(printer)
+        context = controller.build_view_context(services.state)
+        return api.History(prints=list_history(context, job, printer, last))
+
+    @router.post("/down")
+    async def shut_down(request: api.DownRequest, _: ByOperator) -> None:
+        busy = sorted({attempt.printer for attempt in controller.books.open_prints()})
+        if busy and not (request.now or request.wait):
+            raise Refused(f"printing: {' '.join(busy)}; use --wait, or --now to end everything safely")
+        await services.shut_down(request.now)
+
+    return router

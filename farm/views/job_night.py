@@ -1,0 +1,88 @@
+"""Forecast of one planned job: when and where what is left of it should print. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from farm import api
+from farm.errors import Refused
+from farm.model import Plate
+from farm.scheduling.forecast import Slot, forecast
+from farm.scheduling.matching import FleetPrinter
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import describe_plates
+from farm.scheduling.start_rules import StartRules
+from farm.state.books import Books
+from farm.state.plate_state import PlateState
+from farm.views.context import ViewContext
+
+
+def describe_job_night(
+    context: ViewContext, number: int, printers: Iterable[FleetPrinter], rules: StartRules
+) -> api.Night:
+    """Return the slots of a job's plates, those that are printed and those that are foreseen.
+
+    Parameters
+    ----------
+    context
+        What views are drawn from.
+    number
+        The job.
+    printers, rules
+        The fleet and the hours, as the scheduler has them.
+
+    Raises
+    ------
+    NoSuchThing
+        Where there is no such job.
+    Refused
+        Where it has no plan.
+    """
+    books = context.books
+    job = books.job(number)
+    if not job.plates:
+        raise Refused(f"job {number} has no plan yet: it is {job.state}")
+    plates = {plate.id: plate for plate in books.plates_of(job)}
+    waiting = [plate for plate in plates.values() if books.plate_state(plate) is PlateState.WAITING]
+    views = tuple(describe_plates(waiting, books))
+    foreseen = forecast(Situation(views, tuple(printers), rules, context.now_s))
+    slots = sorted(
+        [*_printed(plates.values(), books), *foreseen.slots], key=lambda slot: (slot.starts_s, slot.printer)
+    )
+    prices = [plate.price for plate in plates.values() if plate.price is not None]
+    begin_s = min((slot.starts_s for slot in slots), default=context.now_s)
+    end_s = max((slot.ends_s for slot in slots), default=context.now_s)
+    return api.Night(
+        job=job.id,
+        plan=job.plan or "",
+        slots=[_slot_view(slot, plates[slot.plate], context) for slot in slots],
+        left=list(foreseen.left),
+        notices=list(job.repairs),
+        makespan_s=end_s - begin_s,
+        lower_bound_s=max(0.0, min(foreseen.lower_bound_s, end_s) - begin_s),
+        grams=sum(plate.grams for plate in plates.values()),
+        price=sum(prices) if len(prices) == len(plates) else None,
+        currency=context.fleet.fleet.currency,
+    )
+
+
+def _printed(plates: Iterable[Plate], books: Books) -> Iterable[Slot]:
+    """Yield what prints or is printed: as reached, and as expected."""
+    for plate in plates:
+        for attempt in books.prints_of(plate):
+            factor = books.printer(attempt.printer).time_factor
+            begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+            ends_s = attempt.ended_s if attempt.ended_s is not None else begun_s + plate.seconds(factor)
+            yield Slot(plate.id, attempt.printer, begun_s, ends_s)
+
+
+def _slot_view(slot: Slot, plate: Plate, context: ViewContext) -> api.SlotView:
+    return api.SlotView(
+        plate=slot.plate,
+        parts=list(plate.parts),
+        printer=slot.printer,
+        starts=context.format_time(slot.starts_s) or "",
+        ends=context.format_time(slot.ends_s) or "",
+        grams=plate.grams,
+        price=plate.price,
+    )
