@@ -24,10 +24,10 @@ from collections import Counter
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from drivers.agent.journal import JOURNAL
 from drivers.emulator.launch import Command, alive, control
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
+from drivers.records.journal import JOURNAL
 from drivers.remote.client import kill as kill_agent
 from farm import api
 from farm.cli.client.daemon_client import Client

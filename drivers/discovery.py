@@ -11,7 +11,6 @@ from pathlib import Path
 
 from drivers import messages as m
 from drivers.agent.idle_watch import CARD, IdleWatch
-from drivers.agent.journal import JOURNAL, Journal
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import ULTIMAKER2
@@ -21,6 +20,7 @@ from drivers.locks import AGENT_LOCK, hold
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.ports.serial_port import Device, devices
 from drivers.printers import PROFILES
+from drivers.records.journal import JOURNAL, Journal
 from drivers.remote.client import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")

@@ -38,7 +38,14 @@ class _Request(_Message):
 class _Said(_Message):
     """What an agent says. It may be of another version than who reads it: an upgrade ends no print."""
 
-    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="ignore",
+        frozen=True,
+        allow_inf_nan=False,
+        validate_by_name=True,
+        validate_by_alias=True,
+        serialize_by_alias=True,
+    )
 
 
 class LinkState(StrEnum):
@@ -127,7 +134,10 @@ class Snapshot(_Said):
     bed_clear: bool | None = None  # an emulator's own word; a real board cannot tell
     starved_s: float = 0.0  # emulator only: farm seconds in which it waited for the host
     board_resets: int = 0  # resets since the agent started that it did not cause itself
-    doubt: str | None = None  # why bed and filament are not known, until `BedCleared`
+    # why bed and filament are not known, until `BedCleared`; "doubt" on the wire
+    bed_unknown_reason: str | None = Field(
+        default=None, validation_alias="doubt", serialization_alias="doubt"
+    )
     alarm: str | None = None  # a heater that cannot be switched off: a person has to go there now
     reset_verified: bool = True  # DTR was seen to reset the board behind this port
     print: PrintSnapshot | None = None

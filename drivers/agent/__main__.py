@@ -8,13 +8,13 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.agent import start_file
-from drivers.agent.journal import JOURNAL, recall
 from drivers.agent.loop import Agent
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, held, hold, sign
 from drivers.printers import PROFILES, firmware_of
+from drivers.records import start_file
+from drivers.records.journal import JOURNAL, recall
 from drivers.safety.estop import Target, cut
 
 

@@ -5,61 +5,14 @@ from __future__ import annotations
 import logging
 import math
 
-from pydantic import BaseModel, ConfigDict
-
 from drivers.clock import wall_s
+from drivers.records.alarm import Alarm, Suspicion
 from drivers.safety.mains import LOOK_S, NO_COMMAND, PowerOff
-from drivers.session import Session, Suspicion
+from drivers.session import Session
 
 log = logging.getLogger(__name__)
 
 _NOT_OFF = "heaters were not shown off"
-
-
-class Alarm(BaseModel):
-    """A finding, from its moment until a person has seen to the printer; kept in the journal.
-
-    Attributes
-    ----------
-    text
-        The finding.
-    at_s
-        When it was found, on the farm's clock.
-    asked
-        The mains are to be cut for it.
-    said
-        What came of that; None: not known yet, and the command is run (again) by whoever reads this.
-    over
-        The printer was cold or away since then: a heater that is stuck on now is another finding.
-    """
-
-    model_config = ConfigDict(frozen=True)
-
-    text: str
-    at_s: float
-    asked: bool = False
-    said: str | None = None
-    over: bool = False
-
-    @property
-    def pending(self) -> bool:
-        """Whether the mains are to be cut, and nobody knows yet what came of it."""
-        return self.asked and self.said is None
-
-    @property
-    def open(self) -> bool:
-        """Whether the heater may still be seen to cool, and nothing is to be cut then."""
-        return not self.asked
-
-    @property
-    def told(self) -> str | None:
-        """For people; None once it is over."""
-        return None if self.over else "; ".join(filter(None, (self.text, self.said)))
-
-    @property
-    def suspicion(self) -> Suspicion | None:
-        """What a session after it has to know."""
-        return Suspicion(self.text, self.at_s) if self.open else None
 
 
 class Alarms:

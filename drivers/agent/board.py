@@ -15,6 +15,7 @@ from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.printers import Profile
+from drivers.records.board_state import BoardState
 from drivers.safety.last_words import end_blind, end_heard
 from drivers.session import Pace, Session
 
@@ -63,15 +64,10 @@ class Board:
         self.report: Report | None = None
         self.absent: str | None = "the port was not opened yet"
         self.untouched = False  # it is there, but nobody has said that it may be opened
-        self.look: str | None = None  # trouble while idle: a person has to see to it
-        self.doubt: str | None = None  # what happened here that we did not cause: is the bed still clear?
+        self.state = BoardState()
         self.resets = 0  # that the agent did not cause
         self.stuck: str | None = None  # a heater that is off and gets hotter, while idle; taken by the record
         self.back = False  # the printer was away, or seen cold: what is found from now on is news
-        self.hot = False  # heat of ours may still be on
-        self.opened: str | None = None  # the device, as it was plugged in, that was opened last
-        self.reset_verified: str | None = None  # the port over which DTR was seen to reset the board,
-        self.reset_refuted: str | None = None  # and that over which it was seen not to
         self.idle = IdleWatch()
         self.stirred = False  # something other than the next line of a program happened
         self._url, self._folder, self._clock = url, folder, clock
@@ -123,10 +119,12 @@ class Board:
         """
         try:
             device = plugged_in(self._url)
-            if not (self.simulated or self._ours or self._said_idle or (device and device == self.opened)):
+            if not (
+                self.simulated or self._ours or self._said_idle or (device and device == self.state.opened)
+            ):
                 raise PortNotIdle(NOT_IDLE)
             self._port = open_port(self._url, self._folder, self._clock, self._firmware.baud_rate)
-            self.opened = device
+            self.state.opened = device
         except PortError as error:
             self.untouched = isinstance(error, PortNotIdle)
             if self.absent != str(error):
@@ -145,7 +143,7 @@ class Board:
     @property
     def _ours(self) -> bool:
         """Whether what moves and heats there is ours to stop."""
-        return self.session is not None or self.hot
+        return self.session is not None or self.state.hot
 
     def begin(self, session: Session) -> None:
         """Let a session have the board, from a reset on."""
@@ -179,22 +177,22 @@ class Board:
         """A person saw to the printer: whatever was the matter is over."""
         if self.idle.card:
             raise AgentError(CARD)
-        self.doubt = self.stuck = None
-        self.hot = False
-        well = self.look is None and self.link.phase is not Phase.DEAD
-        self.look = None
+        self.state.bed_unknown_reason = self.stuck = None
+        self.state.hot = False
+        well = self.state.attention_reason is None and self.link.phase is not Phase.DEAD
+        self.state.attention_reason = None
         if not (well and (self.proven or self.refuted) and self._port is not None):
             self.prove()
 
     @property
     def proven(self) -> bool:
         """Whether DTR was seen to reset the board behind this port."""
-        return self.simulated or self.reset_verified == self._url
+        return self.simulated or self.state.reset_verified == self._url
 
     @property
     def refuted(self) -> bool:
         """Whether DTR was seen not to reset it."""
-        return not self.proven and self.reset_refuted == self._url
+        return not self.proven and self.state.reset_refuted == self._url
 
     def prove(self) -> None:
         """Reset the board, and see whether it starts again; somebody has said that it does not print.
@@ -207,7 +205,7 @@ class Board:
         if self.session is not None or self.idle.card:
             raise AgentError(CARD if self.idle.card else "it prints")
         self._said_idle = True
-        self.reset_verified = self.reset_refuted = None
+        self.state.reset_verified = self.state.reset_refuted = None
         if self._port is None:
             self.open()
         if self._port is not None:
@@ -286,9 +284,9 @@ class Board:
             log.info("the board answers%s", " after a reset" if event.restarted else "")
             self._answers(event)
         elif isinstance(event, Said):
-            understood, doubt = self.idle.said(event.text) if self.session is None else (False, None)
-            if doubt is not None:
-                self._doubt(doubt)
+            understood, cause = self.idle.said(event.text) if self.session is None else (False, None)
+            if cause is not None:
+                self._lose_track(cause)
             if not understood:
                 log.info("board: %s", event.text.decode("ascii", "replace"))
         else:
@@ -302,37 +300,37 @@ class Board:
         """See whether the pulse of DTR before had reset the board."""
         self.idle.anew()
         if up.restarted and (self.proving or self.session is not None):
-            self.reset_verified, self.reset_refuted = self._url, None
+            self.state.reset_verified, self.state.reset_refuted = self._url, None
         elif self.proving > 1:
             self.proving -= 1
             self._reset()  # its `start` may have been lost on the way
             return
         elif self.proving:
             log.warning("%s", NO_RESET)
-            self.reset_refuted = self._url
+            self.state.reset_refuted = self._url
         self.proving = 0
 
     def _idle_report(self, report: Report, now_s: float) -> None:
-        self.hot = self.hot and not report.off
-        doubt, trouble = self.idle.report(report)
-        if doubt is not None:
-            self._doubt(doubt)
+        self.state.hot = self.state.hot and not report.off
+        cause, trouble = self.idle.report(report)
+        if cause is not None:
+            self._lose_track(cause)
         self.stuck = self.stuck if trouble is None else trouble.text
         self.back = self.back or self.idle.cold
         if self.link.drained:
             # what a port that went left hot, and no reset ends; asking alone would feed the dead-man for ever
-            self.link.send(now_s, *(self._firmware.heaters_off if self.hot else ASK))
+            self.link.send(now_s, *(self._firmware.heaters_off if self.state.hot else ASK))
 
     def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:
-            self._doubt("its board was reset, and not by the farm")
+            self._lose_track("its board was reset, and not by the farm")
             self.link.restarted(now_s)
         elif trouble.fault in (Fault.NO_ANSWER, Fault.NOISY_LINE):
             self._gone(PortError(f"{self._url}: {trouble.text}; is the printer switched on?"))
         elif trouble.fault is Fault.MAXTEMP:  # nothing of ours heats: it burns, or nobody can tell
             self.stuck = f"both heaters are off, and the board says {trouble.text.lstrip(' :')}"
         else:
-            self.look = trouble.text
+            self.state.attention_reason = trouble.text
 
     def _opened(self) -> None:
         assert self._port is not None
@@ -360,16 +358,16 @@ class Board:
             return
         self._opened()
 
-    def _doubt(self, reason: str) -> None:
+    def _lose_track(self, reason: str) -> None:
         """Bed and filament are not known any more; the first reason is kept."""
-        if self.doubt is None:
+        if self.state.bed_unknown_reason is None:
             log.warning("not known to be clear any more: %s", reason)
-            self.doubt = reason
+            self.state.bed_unknown_reason = reason
 
     def _gone(self, error: PortError) -> None:
         log.warning("%s", error)
         if self.session is None and self.absent is None:
-            self._doubt("its port went away: it may have been used meanwhile")
+            self._lose_track("its port went away: it may have been used meanwhile")
         self._moved(None)
         self.close()
         self.absent = str(error)

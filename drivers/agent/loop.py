@@ -11,7 +11,6 @@ from pathlib import Path
 
 from drivers.agent.board import NO_RESET, Board
 from drivers.agent.idle_watch import CARD
-from drivers.agent.journal import JOURNAL, Journal
 from drivers.agent.print_record import Record
 from drivers.agent.server import Server
 from drivers.agent.sleep_inhibitor import Inhibitor
@@ -43,6 +42,7 @@ from drivers.messages import (
     Upload,
 )
 from drivers.printers import Profile
+from drivers.records.journal import JOURNAL, Journal
 
 log = logging.getLogger(__name__)
 
@@ -146,7 +146,7 @@ class Agent:
 
     def _remember(self) -> None:
         self._record.remember()
-        if self._ending and self._board.session is None and not self._board.hot:
+        if self._ending and self._board.session is None and not self._board.state.hot:
             self._over = True
 
     # --- what is told ---
@@ -161,8 +161,8 @@ class Agent:
             return LinkState.ABSENT, board.absent
         if board.proving:
             return LinkState.CONNECTING, None
-        if board.look is not None:
-            return LinkState.FAULT, board.look
+        if board.state.attention_reason is not None:
+            return LinkState.FAULT, board.state.attention_reason
         if board.idle.card:
             return LinkState.FAULT, CARD
         if not (board.proven or board.refuted):
@@ -197,7 +197,7 @@ class Agent:
             bed_clear=status.bed_clear if status is not None else None,
             starved_s=status.starved_s if status is not None else 0.0,
             board_resets=board.resets,
-            doubt=board.doubt,
+            bed_unknown_reason=board.state.bed_unknown_reason,
             alarm=self._record.alarms.told,
             reset_verified=board.proven,
             print=told,
@@ -210,7 +210,7 @@ class Agent:
         key = (
             self._link_state(),
             self._board.resets,
-            self._board.doubt,
+            self._board.state.bed_unknown_reason,
             self._record.alarms.told,
             self._board.report is None,
             memory.print.print_id if memory.print is not None else None,
@@ -281,7 +281,7 @@ class Agent:
                 self._board.prove()
             case Shutdown():
                 if self._board.session is None:
-                    if self._board.hot and not request.now:
+                    if self._board.state.hot and not request.now:
                         raise AgentError(
                             f"{self._printer} may still be hot: look at it, or shut down with `now`"
                         )
@@ -306,8 +306,10 @@ class Agent:
         link, reason = self._link_state()
         if link is not LinkState.READY:
             raise AgentError(f"{self._printer} is {link}{': ' + reason if reason else ''}")
-        if self._board.doubt is not None:
-            raise AgentError(f"{self._printer}: its bed is not known to be clear: {self._board.doubt}")
+        if self._board.state.bed_unknown_reason is not None:
+            raise AgentError(
+                f"{self._printer}: its bed is not known to be clear: {self._board.state.bed_unknown_reason}"
+            )
         if request.filament is Filament.UNKNOWN:
             raise AgentError(f"{self._printer}: nobody knows where its filament is: load it first")
         shot = PrintSnapshot(
@@ -334,7 +336,11 @@ class Agent:
         if self._board.session is not None:
             raise AgentError(f"{self._printer} prints: its bed is cleared when that has ended")
         told = self._journal.memory.print
-        if self._board.look is not None and told is not None and told.fault == Fault.WRONG_PRINTER:
+        if (
+            self._board.state.attention_reason is not None
+            and told is not None
+            and told.fault == Fault.WRONG_PRINTER
+        ):
             self._journal.write(
                 self._clock.now(), identity=None
             )  # a person has seen that it is the right one
@@ -368,7 +374,7 @@ class Agent:
     def _signalled(self, _: int) -> None:
         """SIGTERM waits for the open print; SIGINT ends it safely."""
         now = signal.SIGINT in self._signals[0].recv(64)
-        if self._board.session is None and (now or not self._board.hot):
+        if self._board.session is None and (now or not self._board.state.hot):
             self._over = True
             return
         self._ending = True

@@ -6,18 +6,17 @@ import logging
 
 from drivers.agent.alarm import Alarms
 from drivers.agent.board import UNWATCHED, Board
-from drivers.agent.journal import ESTOPPED, Journal
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.gcode.program import Program
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.printers import Profile
+from drivers.records.journal import ESTOPPED, Journal
 from drivers.session import Session, SessionContext
 
 log = logging.getLogger(__name__)
 
-_KEPT = ("look", "doubt", "hot", "opened", "reset_verified", "reset_refuted")  # of the board
-_NEEDS_A_LOOK = frozenset(
+_NEEDS_ATTENTION = frozenset(
     (
         Fault.STOPPED, Fault.MAXTEMP, Fault.MINTEMP, Fault.KILL, Fault.ENDSTOP, Fault.HEATER_TIMEOUT,
         Fault.THERMAL_RUNAWAY, Fault.HEATER_STUCK_ON, Fault.TARGET_CHANGED, Fault.WRONG_PRINTER,
@@ -64,17 +63,16 @@ class Record:
         self._board, self._journal, self._clock = board, journal, clock
         self._program: Program | None = None
         self._starved_before_s = 0.0
-        for name in _KEPT:
-            setattr(board, name, getattr(journal.memory, name))
-        if board.doubt is None and not board.simulated:
-            board.doubt = UNWATCHED
+        board.state = journal.memory.board.model_copy()
+        if board.state.bed_unknown_reason is None and not board.simulated:
+            board.state.bed_unknown_reason = UNWATCHED
 
     def begin(
         self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
     ) -> None:
         """Open a print; without a program, recover from one that an agent left behind."""
         now_s, memory = self._clock.now(), self._journal.memory
-        left = Fault.ESTOP if memory.look == ESTOPPED else Fault.AGENT_DIED
+        left = Fault.ESTOP if memory.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
         context = SessionContext(
             link=self._board.link,
             program=program,
@@ -118,7 +116,7 @@ class Record:
         if session is not None:
             alarms.of_session(session, now_s)
         elif (news := alarms.of_idle(board.stuck, now_s)) is not None:
-            board.look = _joined(board.look, f"{news}: switch it off")
+            board.state.attention_reason = _joined(board.state.attention_reason, f"{news}: switch it off")
         board.stuck = None
         said = alarms.outcome()
         if said is None:
@@ -126,15 +124,17 @@ class Record:
         if session is not None:
             session.add_reason(said)
         else:
-            board.look = _joined(
-                board.look or (alarms.alarm.text if alarms.alarm is not None else None), said
+            board.state.attention_reason = _joined(
+                board.state.attention_reason or (alarms.alarm.text if alarms.alarm is not None else None),
+                said,
             )
 
     def _write_down(self) -> None:
         session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
-        kept, alarm = {name: getattr(self._board, name) for name in _KEPT}, self.alarms.alarm
-        if alarm != memory.alarm or any(getattr(memory, name) != value for name, value in kept.items()):
-            self._journal.write(now_s, **kept, alarm=None if alarm is None else alarm.model_dump(mode="json"))
+        state, alarm = self._board.state, self.alarms.alarm
+        if alarm != memory.alarm or state != memory.board:
+            known = None if alarm is None else alarm.model_dump(mode="json")
+            self._journal.write(now_s, **state.record(), alarm=known)
         if session is None or memory.print is None:
             return
         context, told = session.context, memory.print
@@ -143,17 +143,17 @@ class Record:
         changed = (context.phase, context.extruded) != (told.phase, told.extruded)
         if not changed and context.filament is memory.filament:
             return
-        look = context.fault in _NEEDS_A_LOOK or context.wants_power_off or not context.heaters_off
-        if context.ended and look:
-            self._board.look = context.reason
+        attention = context.fault in _NEEDS_ATTENTION or context.wants_power_off or not context.heaters_off
+        if context.ended and attention:
+            self._board.state.attention_reason = context.reason
         if context.ended:
-            self._board.hot = not context.heaters_off
+            self._board.state.hot = not context.heaters_off
         shot = self.shot(told, context)
         self._journal.write(
             now_s,
             print=shot.model_dump(mode="json"),
             filament=context.filament.value,
-            look=self._board.look,
+            **state.record(),
             identity=context.identity,
         )
         log.info("print %s: %s%s", shot.print_id, shot.phase, f" ({shot.reason})" if shot.reason else "")

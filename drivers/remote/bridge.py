@@ -22,9 +22,9 @@ from functools import partial
 from pathlib import Path
 
 from drivers.agent.heartbeat import Heartbeat, look_at
-from drivers.agent.start_file import Start
 from drivers.errors import AgentError, DriverError
 from drivers.printers import firmware_of
+from drivers.records.start_file import Start
 from drivers.remote import client
 from drivers.safety import estop
 

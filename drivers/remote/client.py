@@ -15,11 +15,11 @@ from typing import BinaryIO
 from pydantic import ValidationError
 
 import drivers
-from drivers.agent.start_file import Start
 from drivers.clock import Clock
 from drivers.errors import AgentError, AgentTooOld, MessageError
 from drivers.locks import AGENT_LOCK, held, holder, kill_holder
 from drivers.messages import PROTOCOL, Reply, Request, Snapshot, for_protocol, from_agent_adapter
+from drivers.records.start_file import Start
 
 SOCKET = "agent.sock"
 LOG = "agent.log"

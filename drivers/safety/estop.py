@@ -21,8 +21,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from drivers.agent import start_file
-from drivers.agent.journal import ESTOPPED, JOURNAL, Journal
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
@@ -34,6 +32,8 @@ from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.ports.port import NET, NetPort, Port
 from drivers.ports.serial_port import SerialPort
 from drivers.printers import firmware_of
+from drivers.records import start_file
+from drivers.records.journal import ESTOPPED, JOURNAL, Journal
 from drivers.safety import mains
 from drivers.safety.heater_watch import Watch
 from drivers.safety.last_words import end_blind

@@ -17,6 +17,7 @@ from drivers.gcode.program import Program
 from drivers.link.link import Link, Report, Up
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import Profile
+from drivers.records.alarm import Suspicion
 from drivers.safety.heater_watch import Watch
 
 REPORT_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
@@ -55,14 +56,6 @@ class Ended(Exception):
         super().__init__(reason)
         self.fault = fault
         self.reason = reason
-
-
-@dataclass(frozen=True, slots=True)
-class Suspicion:
-    """A heater that may be stuck on, and since when, in seconds of the farm's clock."""
-
-    text: str
-    since_s: float
 
 
 @dataclass(frozen=True, slots=True)

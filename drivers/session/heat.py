@@ -12,8 +12,9 @@ from drivers.errors import Fault
 from drivers.gcode.program import Heat, HeaterName
 from drivers.link.link import Report
 from drivers.messages import PrintPhase
+from drivers.records.alarm import Suspicion
 from drivers.session.commands import arm_dead_man, await_report, send
-from drivers.session.context import Answer, Ended, Script, SessionContext, Suspicion
+from drivers.session.context import Answer, Ended, Script, SessionContext
 
 OFF_S = 120.0  # longer than the watch waits for a heater to fall
 OFF_WITHOUT_MAINS_S = 60.0  # from the request to cut the mains: no reset helps then

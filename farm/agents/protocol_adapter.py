@@ -112,7 +112,7 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
         heaters_off=said.heaters_off,
         filament=FilamentState(said.filament),
         bed_clear=said.bed_clear,
-        bed_unknown_reason=_line(said.doubt),
+        bed_unknown_reason=_line(said.bed_unknown_reason),
         alarm=_line(said.alarm),
         reset_verified=said.reset_verified,
         print=None if said.print is None else translate_print(said.print, shift_s(said, clock)),

@@ -6,9 +6,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from drivers.agent.start_file import Start
 from drivers.clock import Clock
 from drivers.errors import AgentError
+from drivers.records.start_file import Start
 from drivers.remote import bridge
 from farm.config import PrinterSection
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from drivers.agent.journal import Journal
 from drivers.clock import Clock
 from drivers.discovery import commission, model_of, plugged
 from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
 from drivers.ports.serial_port import Device
+from drivers.records.journal import Journal
 from drivers.remote.client import pid, spawn
 
 MODEL = "ultimaker2_extended_plus"
@@ -60,7 +60,7 @@ def test_what_is_plugged_in_is_named_by_its_socket_and_by_the_fleet(tmp_path: Pa
 def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
     assert commission(str(printer), tmp_path / "agent") == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").memory
-    assert memory.reset_verified == str(printer) and memory.opened is not None
+    assert memory.board.reset_verified == str(printer) and memory.board.opened is not None
 
 
 def test_a_board_that_prints_from_its_card_is_not_reset():
@@ -122,7 +122,7 @@ def test_the_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Pat
     finally:
         process.kill()
         process.wait(10.0)
-    assert Journal(folder / "journal.jsonl").memory.reset_verified == str(printer)
+    assert Journal(folder / "journal.jsonl").memory.board.reset_verified == str(printer)
     far = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
     assert far.returncode == 5 and "is on pc-b" in far.stderr  # the port of that name here is another's
     unknown = farm(tmp_path, printer, "--commission", "z", "--yes")

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.agent import start_file
 from drivers.clock import Clock
+from drivers.records import start_file
 from drivers.remote.client import spawn
 
 DEPLOY = Path(__file__).parents[2] / "deploy"

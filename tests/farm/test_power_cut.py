@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers import messages as m
-from drivers.agent.journal import JOURNAL, Journal
+from drivers.records.journal import JOURNAL, Journal
 from farm.state.storage.file_store import sha256_of, store_file
 from farm.state.storage.store import Store
 from power_cut import PowerCut

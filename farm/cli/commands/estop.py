@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from drivers.agent.start_file import Start
 from drivers.printers import PROFILES, firmware_of
+from drivers.records.start_file import Start
 from farm.cli import completion
 from farm.cli.client import estop_socket
 from farm.cli.client.estop_socket import Said, Say

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from drivers.agent.alarm import Alarm
 from drivers.agent.board import Board
-from drivers.agent.journal import JOURNAL, Journal, recall
 from drivers.agent.print_record import Record
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.link.replies import Report, Trouble
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
+from drivers.records.alarm import Alarm
+from drivers.records.journal import JOURNAL, Journal, recall
 from drivers.safety.mains import NO_COMMAND
 from print_rig import PLUS, Rig, gcode
 
@@ -58,7 +58,7 @@ class Agent:
 
     @property
     def look(self) -> str:
-        return str(self.board.look)
+        return str(self.board.state.attention_reason)
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_a_finding_of_an_idle_printer_cuts_its_mains_once(tmp_path: Path, mark: 
 
 def test_one_that_has_to_be_looked_at_already_is_no_less_on_fire(tmp_path: Path, mark: Path):
     agent = Agent(tmp_path, relay(mark))
-    agent.board.look = "its print failed"
+    agent.board.state.attention_reason = "its print failed"
     agent.report(21.0)
     agent.report(90.0)
     agent.settled()

@@ -13,13 +13,13 @@ import pytest
 from agent_with_emulator import MODEL, Printer, everything, gcode, printer, run
 from drivers import messages as m
 from drivers.agent.board import Board
-from drivers.agent.journal import JOURNAL
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.printers import PROFILES
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+from drivers.records.journal import JOURNAL
 from drivers.remote.client import alive
 from drivers.session import Session, SessionContext
 
@@ -56,20 +56,20 @@ def test_a_port_is_not_opened_before_somebody_says_that_its_printer_is_idle_and_
             one.spawn()
             await one.connect()
             said = await one.until(lambda s: s.link is m.LinkState.FAULT)
-            assert "does not print" in str(said.reason) and said.doubt is not None
+            assert "does not print" in str(said.reason) and said.bed_unknown_reason is not None
             assert not link_open()
             refused = await one.start(gcode(10))
             assert refused.error is not None and not link_open()
             assert (await one.client.request(m.BedCleared(id=0))).error is None
             ready = await one.ready()
-            assert ready.reset_verified and ready.doubt is None
+            assert ready.reset_verified and ready.bed_unknown_reason is None
             assert one.process is not None
             one.process.kill()
             one.process.wait(10.0)
             one.spawn()  # DTR has been up since: opening changes nothing
             await one.connect()
             ready = await one.ready()
-            assert ready.doubt is not None
+            assert ready.bed_unknown_reason is not None
             control(tmp_path / "emulator", "power_off")
             await one.until(lambda s: s.link is m.LinkState.ABSENT)
             launch(f"sim://{MODEL}", tmp_path / "emulator", one.clock)  # plugged in anew
@@ -159,10 +159,10 @@ def test_whoever_uses_an_idle_printer_is_seen_and_its_bed_doubted(
     async def story() -> None:
         async with printer(tmp_path) as one:
             idle = await one.until(lambda s: s.link is m.LinkState.READY and s.heaters_off)
-            assert idle.doubt is None
+            assert idle.bed_unknown_reason is None
             await asyncio.to_thread(control, one.folder / "emulator", **deed)
-            doubted = await one.until(lambda s: s.doubt is not None)
-            assert seen in str(doubted.doubt) or seen == "SD card"
+            doubted = await one.until(lambda s: s.bed_unknown_reason is not None)
+            assert seen in str(doubted.bed_unknown_reason) or seen == "SD card"
             refused = await one.start(gcode(10))
             assert refused.error is not None
             if seen == "SD card":
@@ -216,7 +216,7 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
     os.close(slave)
     one = Printer(tmp_path / "agent", url)
     board = Board(url, ULTIMAKER2_PLUS, tmp_path, one.clock, lambda: None, lambda _: None)
-    board.hot, board.reset_refuted = True, url
+    board.state.hot, board.state.reset_refuted = True, url
     board.open()
     session = Session(
         SessionContext(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, one.clock.now())

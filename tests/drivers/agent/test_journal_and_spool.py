@@ -2,16 +2,18 @@
 
 import errno
 import hashlib
+import json
 import os
 from pathlib import Path
 
 import pytest
 
 from drivers import messages as m
-from drivers.agent.journal import Journal
 from drivers.agent.spool import Spool
 from drivers.errors import AgentError, BadGcode, JournalError, Unreadable
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+from drivers.records.board_state import BoardState
+from drivers.records.journal import Journal
 
 
 def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
@@ -25,9 +27,13 @@ def test_a_journal_cut_short_is_read_to_its_last_whole_record(tmp_path: Path):
         end.write(b'{"at_s": 3.0, "print": nu')
     memory = Journal(path).memory
     assert memory.print == opened
-    assert (list(memory.late), memory.filament, memory.look) == ([ended], m.Filament.PARKED, "smoke")
+    assert (list(memory.late), memory.filament, memory.board.attention_reason) == (
+        [ended],
+        m.Filament.PARKED,
+        "smoke",
+    )
     Journal(path).write(4.0, look=None)
-    assert Journal(path).memory.look is None
+    assert Journal(path).memory.board.attention_reason is None
 
 
 def test_a_journal_on_a_full_disk_says_so_and_keeps_its_lines_whole(
@@ -44,7 +50,7 @@ def test_a_journal_on_a_full_disk_says_so_and_keeps_its_lines_whole(
     assert journal.memory.filament is m.Filament.PARKED
     journal.write(3.0, look="smoke")
     memory = Journal(path).memory
-    assert (memory.filament, memory.look) == (m.Filament.PARKED, "smoke")
+    assert (memory.filament, memory.board.attention_reason) == (m.Filament.PARKED, "smoke")
 
 
 def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tmp_path: Path):
@@ -57,14 +63,14 @@ def test_a_damaged_journal_is_read_as_far_as_it_goes_and_a_person_has_to_look(tm
     Journal(path).write(4.0, print=ended.model_dump(mode="json"))
     memory = Journal(path).memory
     assert memory.ended == {"p-1"} and not memory.heat
-    assert memory.look is not None and "journal" in memory.look
+    assert memory.board.attention_reason is not None and "journal" in memory.board.attention_reason
     with path.open("ab") as end:
         end.write(b"?\n")
     assert Journal(path).memory.heat
     Journal(path).write(4.5, hot=False)  # it was seen off
     assert not Journal(path).memory.heat
     Journal(path).write(5.0, look=None)  # a person did
-    assert Journal(path).memory.look is None
+    assert Journal(path).memory.board.attention_reason is None
 
 
 def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
@@ -131,3 +137,36 @@ def test_a_copy_that_is_written_over_is_not_printed(tmp_path: Path):
     (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
     with pytest.raises(Unreadable):
         program.lines(0, 1)
+
+
+def test_the_board_s_state_is_journalled_whole_under_its_first_names(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    state = BoardState.model_validate(
+        {"look": "smoke", "doubt": "moved", "hot": True, "reset_verified": "/dev/a"}
+    )
+    Journal(path).write(1.0, **state.record())
+    record = json.loads(path.read_text())
+    assert record == {
+        "at_s": 1.0,
+        "look": "smoke",
+        "doubt": "moved",
+        "hot": True,
+        "opened": None,
+        "reset_verified": "/dev/a",
+        "reset_refuted": None,
+    }
+    assert Journal(path).memory.board == state
+
+
+def test_a_record_of_some_of_the_board_s_state_keeps_the_rest(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    path.write_text('{"at_s": 1.0, "doubt": "moved", "hot": true}\n{"at_s": 2.0, "look": "smoke"}\n')
+    board = Journal(path).memory.board
+    assert (board.attention_reason, board.bed_unknown_reason, board.hot) == ("smoke", "moved", True)
+
+
+def test_a_snapshot_keeps_the_names_of_the_wire():
+    said = m.Snapshot(printer="a", agent_pid=1, link=m.LinkState.READY, bed_unknown_reason="moved")
+    line = json.loads(said.model_dump_json())
+    assert line["doubt"] == "moved" and "bed_unknown_reason" not in line
+    assert m.from_agent_adapter.validate_json(json.dumps(line)) == said

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from drivers import messages as m
-from drivers.agent.journal import JOURNAL, Journal
 from drivers.agent.loop import Agent
 from drivers.clock import Clock
 from drivers.printers import PROFILES
+from drivers.records.journal import JOURNAL, Journal
 
 MODEL = "ultimaker2_plus"
 GCODE = b"G28\n"
@@ -30,7 +30,7 @@ def signals() -> Iterator[None]:
 def agent(folder: Path) -> Agent:
     one = Agent("a", PROFILES[MODEL], f"sim://{MODEL}", folder, Clock())
     one._link_state = lambda: (m.LinkState.READY, None)  # type: ignore[method-assign]
-    one._board.doubt = None
+    one._board.state.bed_unknown_reason = None
     return one
 
 

@@ -13,13 +13,13 @@ import pytest
 
 from agent_with_emulator import DEADLINE_S, MODEL, SCALE, gcode, printer, run, settled
 from drivers import messages as m
-from drivers.agent.journal import Journal
 from drivers.agent.loop import Agent
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
 from drivers.errors import Fault, JournalError
 from drivers.printers import PROFILES
+from drivers.records.journal import Journal
 
 
 class Driven(Agent):
@@ -182,7 +182,7 @@ def test_an_agent_that_may_have_left_heat_on_stays_for_the_board(driven: Driven)
 
     def do(agent: Driven) -> None:
         if agent.told.link is m.LinkState.READY:
-            agent._board.hot = True
+            agent._board.state.hot = True
             refused.append(agent._answer(m.Shutdown(id=1)).error)
             assert agent._answer(m.Shutdown(id=2, now=True)).error is None
 
@@ -210,7 +210,7 @@ def test_an_agent_that_has_to_end_leaves_no_heat_on_that_an_ended_print_left(
             assert board._port is not None
             board._port.write_now(b"\nM104 S200\nM140 S60\n")
             assert settled(tmp_path / "emulator", lambda s: s.bed_target_c == 60.0)
-            board.hot = True
+            board.state.hot = True
             if isinstance(end, m.Shutdown):
                 assert agent._answer(end).error is None
             else:

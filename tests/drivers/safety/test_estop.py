@@ -19,12 +19,12 @@ import pytest
 
 from agent_with_emulator import Printer, settled
 from drivers import messages as m
-from drivers.agent.journal import ESTOPPED, Journal
-from drivers.agent.start_file import Start
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
+from drivers.records.journal import ESTOPPED, Journal
+from drivers.records.start_file import Start
 from drivers.remote.client import AgentClient, alive, spawn
 from drivers.safety import estop, heater_watch
 
@@ -99,7 +99,7 @@ def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_
         status = read_status(folder / "emulator")
         assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)
         assert process.wait(10.0) == -signal.SIGKILL
-        assert Journal(folder / "journal.jsonl").memory.look == ESTOPPED
+        assert Journal(folder / "journal.jsonl").memory.board.attention_reason == ESTOPPED
         assert not alive(folder)
         process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
         told = asyncio.run(ended(folder))
@@ -211,7 +211,7 @@ def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
         stopped = estop.stop(estop.Target("a", os.ttyname(slave), tmp_path / "a"), tell=tell)
         assert not stopped.seen_off and "not seen to cool" in stopped.text
         assert len(heard) == 1 and "both targets 0" in heard[0]
-        assert Journal(tmp_path / "a" / "journal.jsonl").memory.hot
+        assert Journal(tmp_path / "a" / "journal.jsonl").memory.board.hot
     finally:
         os.close(slave)
         os.close(master)
@@ -240,7 +240,7 @@ def test_the_farm_names_the_printer_that_it_could_not_stop(tmp_path: Path):
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path, "--fleet", fleet]
     done = subprocess.run(farm, check=False, capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
-    assert "a: cannot be stopped" in done.stdout and "not seen off: a" in done.stderr
+    assert "a: cannot be stopped" in done.stdout and "not confirmed off: a" in done.stderr
     done = subprocess.run([*farm, "b"], check=False, capture_output=True, text=True, timeout=60)
     assert done.returncode == 4 and "no printer b" in done.stderr
 

@@ -128,7 +128,7 @@ def test_an_emergency_stop_says_them_before_it_waits_for_anything(tmp_path: Path
 def test_an_agent_says_them_when_it_opens_the_port_of_a_print_that_was_left(tmp_path: Path, silent_board):
     url, master = silent_board
     board = Board(url, ULTIMAKER2_PLUS, tmp_path, Clock(1.0, 0.0), lambda: None, lambda _: None)
-    board.hot = True
+    board.state.hot = True
     board.open()
     try:
         assert everything(master) == ULTIMAKER2.abort_unnumbered

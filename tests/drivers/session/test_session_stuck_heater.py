@@ -9,8 +9,9 @@ from drivers.errors import Fault
 from drivers.gcode.program import HeaterName
 from drivers.link.replies import Report
 from drivers.messages import Filament, PrintPhase
+from drivers.records.alarm import Suspicion
 from drivers.safety.heater_watch import Finding, Watch
-from drivers.session import Pace, Session, SessionContext, Suspicion
+from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, gcode
 
 LIMIT_S = 30.0  # from a finding to the request

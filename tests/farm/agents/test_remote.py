@@ -17,11 +17,11 @@ from typing import Any
 import pytest
 
 from drivers import messages as m
-from drivers.agent.start_file import Start
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import AgentError
+from drivers.records.start_file import Start
 from drivers.remote import bridge, client
 from drivers.remote.client import alive, pid
 from farm.agents import manager, remote

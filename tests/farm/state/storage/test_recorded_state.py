@@ -1,7 +1,7 @@
 """Books and journals of an installation of farm 0.1.0 open as they were."""
 
-from drivers.agent.journal import JOURNAL, Journal
 from drivers.messages import PrintPhase
+from drivers.records.journal import JOURNAL, Journal
 from farm.model import Bed, JobState, Part, PrintState, Verdict
 from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store

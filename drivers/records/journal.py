@@ -12,15 +12,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from drivers.agent.alarm import Alarm
 from drivers.errors import JournalError
 from drivers.messages import Filament, PrintSnapshot
+from drivers.records.alarm import Alarm
+from drivers.records.board_state import BoardState
 
 log = logging.getLogger(__name__)
 
 JOURNAL = "journal.jsonl"  # in an agent's folder
 LATE = 1000  # prints that are kept in memory: more than a week's
-ESTOPPED = "stopped by `farm estop`"  # the look that an emergency stop leaves behind
+ESTOPPED = "stopped by `farm estop`"  # the reason for attention that an emergency stop leaves behind
 
 
 @dataclass(slots=True)
@@ -37,32 +38,17 @@ class Memory:
         The last of them, and what became of each.
     alarm
         A heater that could not be switched off, until a person has seen to the printer.
-    look
-        Why a person has to look at the printer, until they did.
-    doubt
-        What happened at the printer that this farm did not cause, until a person has cleared its bed.
+    board
+        See `BoardState`.
     identity
         What tells this printer from others (`Session.identity`); None where nobody has seen it yet.
-    hot
-        Heat of ours may still be on.
-    opened
-        The device, as it was plugged in, that was opened last (`serialport.plugged_in`).
-    reset_verified
-        The port over which DTR was seen to reset the board.
-    reset_refuted
-        The port over which it was seen not to: what prints there is stopped by command only.
     """
 
     print: PrintSnapshot | None = None
     filament: Filament = Filament.UNKNOWN
     alarm: Alarm | None = None
-    look: str | None = None
-    doubt: str | None = None
+    board: BoardState = field(default_factory=BoardState)
     identity: str | None = None
-    hot: bool = False
-    opened: str | None = None
-    reset_verified: str | None = None
-    reset_refuted: str | None = None
     ended: set[str] = field(default_factory=set)
     late: deque[PrintSnapshot] = field(default_factory=lambda: deque(maxlen=LATE))
 
@@ -70,7 +56,7 @@ class Memory:
     def heat(self) -> bool:
         """Whether the last agent may have left heat behind."""
         uncut = self.alarm is not None and (self.alarm.pending or self.alarm.open)
-        return self.hot or uncut or (self.print is not None and not self.print.phase.ended)
+        return self.board.hot or uncut or (self.print is not None and not self.print.phase.ended)
 
     def take(self, record: dict[str, Any]) -> None:
         """Learn one record."""
@@ -85,14 +71,7 @@ class Memory:
         if "alarm" in record:
             said = record["alarm"]
             self.alarm = Alarm.model_validate(said) if said is not None else None
-        if "look" in record:
-            self.look = record["look"]
-        if "doubt" in record:
-            self.doubt = record["doubt"]
-        self.hot = record.get("hot", self.hot)
-        self.opened = record.get("opened", self.opened)
-        self.reset_verified = record.get("reset_verified", self.reset_verified)
-        self.reset_refuted = record.get("reset_refuted", self.reset_refuted)
+        self.board = self.board.updated(record)
         if "identity" in record:
             self.identity = record["identity"]
 
@@ -103,19 +82,19 @@ def recall(path: Path) -> tuple[Memory, int]:
     What cannot be read may have been the beginning of a print: where no later record tells of its end, the
     printer may be hot, and a person has to look in any case.
     """
-    memory, good, untold = Memory(), 0, False
+    memory, good, unknown = Memory(), 0, False
     if path.exists():
         for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], 1):  # the rest was cut short
             good += len(line) + 1
             try:
                 record = json.loads(line)
                 memory.take(record)
-                untold = untold and not {"print", "hot"} & record.keys()
+                unknown = unknown and not {"print", "hot"} & record.keys()
             except (ValueError, TypeError, AttributeError):
                 log.warning("%s:%d: cannot be read: %.80r", path, number, line)
-                memory.look = f"its journal is damaged: see line {number} of {path}"
-                untold = True
-    memory.hot = memory.hot or untold
+                memory.board.attention_reason = f"its journal is damaged: see line {number} of {path}"
+                unknown = True
+    memory.board.hot = memory.board.hot or unknown
     return memory, good
 
 
