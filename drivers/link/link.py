@@ -25,14 +25,13 @@ that loses and garbles bytes):
 from __future__ import annotations
 
 import math
-from collections import deque
 from enum import StrEnum
-from typing import NamedTuple
 
 from drivers.errors import Fault
 from drivers.firmware import Firmware
 from drivers.link import replies
 from drivers.link.outbox import Outbox, Source
+from drivers.link.recovery import ASKS, NOISE_LINES, NOISE_REPAIRS, TRIES, Action, Place, Recovery
 from drivers.link.replies import Event, Events, Report, Said, Trouble, Up, checksum, frame
 
 __all__ = [
@@ -49,18 +48,12 @@ __all__ = [
     "frame",
 ]
 
-NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
-TRIES = 4
 SILENT = "the board does not answer"
 START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
 HAIL_S = 0.3  # to the first question, where a board may not start at all
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 ASK_S = 0.3  # of silence; doubled with each question
-ASKS = 4  # more may not fit into the board's ring behind a line
 HINT_S = 0.05  # after something that could not be read and may have been an ok
-CONFIRMATIONS = (
-    3  # one after the other; the board carries out a line between two answers, and holds two at most
-)
 _LONGEST_ANSWER = 512
 
 
@@ -72,15 +65,6 @@ class Phase(StrEnum):
     BANNER = "banner"  # waits for the end of it
     LIVE = "live"
     DEAD = "dead"  # trouble: nothing is sent, and nothing heard
-
-
-class Question(NamedTuple):
-    """Where the link stood when it asked for the board's last line."""
-
-    number: int  # of the line in flight
-    repeated: int  # lines so far
-    top: int  # the highest number that was sent so far
-    confirmations: int  # answers before that the line in flight was accepted
 
 
 class Link:
@@ -119,14 +103,8 @@ class Link:
         self._waiting = False  # for the ok of the line at the cursor
         self._calm = True  # nothing was asked or refused since the line in flight was sent
         self._refused = False  # oks are void until the board has said its last line
-        self._wanted = -1  # the number of the last Resend since
-        self._questions: deque[Question] = deque(maxlen=2 * ASKS)  # not answered yet
-        self._asks = 0  # since the board was last understood
-        self._confirmations = 0  # that the line in flight, which is no move, was accepted
-        self._doubtful = -1  # a last line that is not believed yet,
-        self._doubts = 0  # and how often that was another one
-        self._tries = 0
-        self._repairs: deque[int] = deque(maxlen=NOISE_REPAIRS)
+        self._recovery = Recovery()
+        self._tries = 0  # while it opens
         self.repeated = 0
         self._outbox = Outbox(self._firmware)
 
@@ -312,60 +290,47 @@ class Link:
             return
         self._waiting = self._refused = True
         self._calm = False
-        asked = wanted < 0 or bool(self._questions)
-        if wanted >= 0:
-            self._wanted = wanted
-            self._questions.clear()  # the ring was emptied, with all that were in it
-            self._asks = min(self._asks, 1)
-        if asked:
+        if self._recovery.refuse(wanted):
             self._hurry(now_s)
         else:
             self._ask(now_s)
 
     def _hear_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
         """An answer to a question; or the refusal of a line that has lost its number."""
-        questions = self._questions
-        while questions and 0 < questions[0].top < last:
-            questions.popleft()  # its answer was lost
-        if not questions:
-            self._hear_refusal(-1, now_s)
-            return
-        question, place = questions.popleft(), self._place
-        if question == place and self._waiting:
+        action = self._recovery.match_answer(last, self._place, self._waiting)
+        if action is None:
             self._settle(last, now_s, events)
-        elif question.number == place.number:
+        elif action is Action.TAKE_FOR_REFUSAL:
+            self._hear_refusal(-1, now_s)
+        elif action is Action.ASK_SOON:
             self._hurry(now_s)
 
     def _settle(self, last: int, now_s: float, events: list[Event]) -> None:
         """The board had accepted line `last` when all of ours had reached it."""
-        number, top = self._outbox.number, self._outbox.top
-        self._asks = 0
-        if number > 0 and last not in (number - 1, number, self._doubtful):
-            self._doubtful = last
-            self._doubts += 1
-            if self._doubts > TRIES:
-                self._give_up(Fault.NOISY_LINE, "the board says another last line each time", events)
-            else:
-                self._ask(now_s)
+        outbox = self._outbox
+        action, line = self._recovery.settle(last, self._place, outbox.moves, outbox.holds(last + 1))
+        if action is Action.ASK_AGAIN:
+            self._ask(now_s)
             return
-        self._doubtful = self._wanted = -1
-        self._doubts = 0
+        if action is Action.GIVE_UP_NOISY:
+            self._give_up(Fault.NOISY_LINE, "the board says another last line each time", events)
+            return
         self._refused = False
-        if last == number:
-            self._confirmations += 1
-            if not (self._outbox.moves or self._confirmations >= CONFIRMATIONS):
-                self._hurry(now_s)  # it waits its turn, or its ok was lost
-            elif self._repaired(number, events):
+        match action:
+            case Action.WAIT:
+                self._hurry(now_s)
+            case Action.ACCEPT:
+                if self._repaired(events):
+                    self._land(now_s)
+            case Action.ACCEPT_UP_TO:
+                outbox.back_to(line)
                 self._land(now_s)
-        elif number == 0:
-            self._repeat(0, now_s, events)  # it had not heard that it has to count from 0
-        elif number < last <= top:
-            self._outbox.back_to(last)
-            self._land(now_s)
-        elif last > top or last < 0 or not self._outbox.holds(last + 1):
-            self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
-        else:
-            self._repeat(last + 1, now_s, events)
+            case Action.REPEAT:
+                self.repeated += 1
+                if self._repaired(events):
+                    self._launch(outbox.back_to(line), now_s)
+            case _:
+                self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
 
     # --- time ---
 
@@ -394,33 +359,34 @@ class Link:
 
     def _press(self, now_s: float, events: list[Event]) -> None:
         """Nothing was understood for too long."""
-        if self._asks >= ASKS:
+        if self._recovery.asks >= ASKS:
             self._give_up(Fault.NO_ANSWER, SILENT, events)
-        elif self._wanted >= 0 and self._asks >= 2:  # it answers no questions: believe its Resend
-            self._settle(self._wanted - 1, now_s, events)
+        elif (
+            self._recovery.wanted >= 0 and self._recovery.asks >= 2
+        ):  # it answers no questions: believe its Resend
+            self._settle(self._recovery.wanted - 1, now_s, events)
         else:
             self._ask(now_s)
 
     def _ask(self, now_s: float) -> None:
         """Ask for the last line that the board accepted."""
         self._calm = False
-        self._asks += 1
-        self._questions.append(self._place)
+        self._recovery.ask(self._place)
         self._out += self._firmware.last_line_query
-        wait_s = self._ask_s * 2**self._asks
-        if self._asks == ASKS:
+        wait_s = self._ask_s * 2**self._recovery.asks
+        if self._recovery.asks == ASKS:
             wait_s = max(self._outbox.patience_s, 5 * self._floor_s) - (wait_s - self._ask_s)
         self._due_s = now_s + wait_s
 
     def _hurry(self, now_s: float) -> None:
         """Ask soon, where there is something to ask for and room for it."""
-        if self._waiting and self._asks < ASKS:
+        if self._waiting and self._recovery.asks < ASKS:
             self._due_s = min(self._due_s, now_s + max(HINT_S, self._floor_s / 40))
 
     @property
-    def _place(self) -> Question:
+    def _place(self) -> Place:
         """What was sent last; an answer to a question from another place is out of date."""
-        return Question(self._outbox.number, self.repeated, self._outbox.top, self._confirmations)
+        return Place(self._outbox.number, self.repeated, self._outbox.top, self._recovery.confirmations)
 
     # --- sending ---
 
@@ -437,19 +403,13 @@ class Link:
 
     def _launch(self, line: bytes, now_s: float) -> None:
         self._waiting = self._calm = True
-        self._asks = self._confirmations = 0
+        self._recovery.launch()
         self._out += line
         self._due_s = now_s + self._ask_s
 
-    def _repeat(self, number: int, now_s: float, events: list[Event]) -> None:
-        self.repeated += 1
-        if self._repaired(self._outbox.number, events):
-            self._launch(self._outbox.back_to(number), now_s)
-
-    def _repaired(self, number: int, events: list[Event]) -> bool:
-        """Count a line that did not get through, or whose ok did not; False where these are too many."""
-        self._repairs.append(number)
-        if len(self._repairs) == NOISE_REPAIRS and number - self._repairs[0] < NOISE_LINES:
+    def _repaired(self, events: list[Event]) -> bool:
+        """Count what did not get through; False where that is too much, and the link gives up."""
+        if not self._recovery.count_repair(self._outbox.number):
             text = f"{NOISE_REPAIRS} lines of {NOISE_LINES} sent again"
             self._give_up(Fault.NOISY_LINE, text, events)
         return self.phase is Phase.LIVE
@@ -463,5 +423,5 @@ class Link:
         self.halt()
         self.phase = Phase.DEAD
         self._waiting = self._refused = False
-        self._wanted = -1
+        self._recovery.wanted = -1
         self._due_s = math.inf
