@@ -1,4 +1,4 @@
-"""Part rooms of the fleet's printers, as fleet.yaml and `drivers.printers.profiles` have them."""
+"""Part rooms of the fleet's printers, as fleet.yaml and `drivers.printers` have them."""
 
 from __future__ import annotations
 
