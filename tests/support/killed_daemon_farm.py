@@ -41,7 +41,7 @@ class KilledFarm(RealFarm):
         self.fleet.write_text(self.fleet.read_text().replace("time_scale: 150", "time_scale: 300"))
         self.gcode = folder / "plate.gcode"
         tower = square(side_mm=60.0, layers=8)
-        self.gcode.write_text("\n".join(marlin(tower)).replace("F1800", "F240"))
+        self.gcode.write_text("\n".join([*marlin(tower), ""]).replace("F1800", "F240"))
         self.fed_mm = sum(move[3] for layer in tower for move in layer)
         self.keeper = None
         self.submitted = 0
