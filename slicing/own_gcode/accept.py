@@ -98,7 +98,7 @@ def accept(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch)
         )
     writer = Writer(stopwatch)
     clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm, target.printer.head)
-    interpreter = Interpreter(found, writer, clearance, target)
+    interpreter = Interpreter(found, writer, clearance, target, line_mm)
     for number, raw in enumerate(lines, 1):
         interpreter.run_line(raw, number)
     interpreter.finish()

@@ -30,7 +30,8 @@ _CLOSING: tuple[tuple[re.Pattern[bytes], re.Pattern[bytes]], ...] = tuple(
 PrusaSlicer 2.5, Slic3r 1.3 and CuraEngine 4.13 and 5.0 were seen, the others are [assumed]."""
 EMPTY_SHARE = 0.2
 """CuraEngine counts layers in which nothing is printed, and leaves them out: 15 % at the tip of a spire of
-3 by 40 mm, and one in files of adaptive layers."""
+3 by 40 mm, the gap below and above a support, and one in files of adaptive layers. What is missing in a file
+of them that was damaged shows in E (`head.MOST_JUMP_MM`)."""
 
 
 class Completeness:
@@ -42,7 +43,7 @@ class Completeness:
         self._closed_at = 0
         self._count = self._count_at = 0  # layers that the file names, and where
         self._layers = 0  # marks
-        self._highest = -1
+        self._numbers: set[int] = set()
         self._numbered = False
         self._short: str | None = None
         self._open: dict[bytes, int] = {}  # blocks that have begun -> line
@@ -58,7 +59,7 @@ class Completeness:
             self._begin_count(int(count[1]), number)
         elif (layer := _NUMBERED_LAYER.match(comment)) is not None:
             self._numbered = True
-            self._highest = max(self._highest, int(layer[1]))
+            self._numbers.add(int(layer[1]))
         elif (block := _BLOCK.match(comment)) is not None:
             name = block[1] or block[3]
             if (block[2] or block[4]) in (b"START", b"begin"):
@@ -112,22 +113,26 @@ class Completeness:
         """Begin a count of layers: each object's, where they are printed one at a time."""
         if self._count and self._numbered:
             self._short = self._short or self._layers_missing(self._most_empty())
-            self._highest = -1
+            self._numbers.clear()
         self._count, self._count_at = count, number
 
     def warning(self) -> str | None:
         """Tell of layers that are missing in a file that is whole by its closing mark."""
-        missing = self._layers_missing(1)
+        missing = self._layers_missing(0)
         return missing and f"Warning: {missing}: Cura leaves out empty ones; look at its preview."
 
     def _most_empty(self) -> int:
         return max(1, int(EMPTY_SHARE * self._count)) if self._numbered and self._closing is not None else 0
 
     def _layers_missing(self, spare: int) -> str | None:
-        found = max(self._highest + 1, 0 if self._numbered else self._layers)
-        if found >= self._count - spare:
+        if self._found >= self._count - spare:
             return None
-        return f"line {self._count_at} names {self._count} layers, and {found} of them are in it"
+        return f"line {self._count_at} names {self._count} layers, and {self._found} of them are in it"
+
+    @property
+    def _found(self) -> int:
+        """Layers of the count, of which each number is one; negative ones are a raft's."""
+        return sum(number >= 0 for number in self._numbers) if self._numbered else self._layers
 
 
 def _is_json(escaped: bytes) -> bool:

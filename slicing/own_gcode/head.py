@@ -17,6 +17,11 @@ MOST_PUSHED_MM = 200.0
 LEAST_MM_S = 0.1
 MOST_SWALLOWED_MM = 0.3
 """Furthest that filament may be drawn back when a line begins: slicers push it forth before."""
+MOST_SECTION = 4.0
+"""Of a line, as a multiple of the nozzle's diameter squared: more than any slicer's."""
+MOST_JUMP_MM = 1.0
+"""Filament that a move may feed beyond what had been drawn back and what its line takes. Slicers prime by less;
+where lines are missing from a file whose E counts on, all their filament would come in one move."""
 MOST_DROP_MM = 10.0
 """Height by which the head is raised before it parks in a pause, or homes when cancelled."""
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
@@ -35,6 +40,8 @@ class Head:
         The printer's start and end code.
     marks_layers
         Whether comments of the file say where layers begin.
+    most_fed
+        Filament in mm that the thickest line takes for each mm of its length.
     """
 
     def __init__(
@@ -43,7 +50,9 @@ class Head:
         writer: Writer,
         clearance: Clearance,
         objections: Objections,
+        *,
         marks_layers: bool,
+        most_fed: float,
     ) -> None:
         self.extent = Extent()
         self.at: Point = [math.nan] * 3  # printer's mm; NaN where it is not known
@@ -52,6 +61,7 @@ class Head:
         self._clearance = clearance
         self._objections = objections
         self._marks_layers = marks_layers
+        self._most_fed = most_fed
         self._arrived = False
         self._retracted_mm = 0.0
         self._retracted_in = 0  # line
@@ -105,6 +115,7 @@ class Head:
             )
         self._writer.move((x, y, z, pushed_mm, speed_mm_s * factor))
         fed_mm = pushed_mm - retracted_mm
+        self._check_jump(old, target, fed_mm)
         self.extent.go(target, fed_mm)
         prints = fed_mm > 0 and target != old
         if prints:
@@ -126,6 +137,16 @@ class Head:
             )
         if speed_mm_s < LEAST_MM_S:
             self._objections.add(f"moves at {speed_mm_s * 60:g} mm a minute, which takes for ever")
+
+    def _check_jump(self, old: Point, target: Point, fed_mm: float) -> None:
+        """Object to filament for lines that are missing; a start script may prime as it likes."""
+        if fed_mm > MOST_JUMP_MM and self.extent.path_mm:
+            jump_mm = fed_mm - self._most_fed * math.dist(old, target)
+            if jump_mm > MOST_JUMP_MM:
+                self._objections.add(
+                    f"one move feeds {jump_mm:.1f} mm of filament more than its line takes: lines are missing "
+                    "before it, or E begins anew and the file has to say G92 E0"
+                )
 
     def _arrive(self, old: Point, target: Point, pushed_mm: float, speed_mm_s: float) -> bool:
         """Come from above to where the file first pushes filament; False where it has not come to that."""

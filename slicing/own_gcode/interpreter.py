@@ -9,7 +9,7 @@ from slicing.errors import GcodeRefused
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.arcs import Arc
 from slicing.own_gcode.clearance import Clearance
-from slicing.own_gcode.head import Head
+from slicing.own_gcode.head import MOST_SECTION, Head
 from slicing.own_gcode.lines import Words, plain_move, split, words
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.survey import Survey, is_layer
@@ -32,6 +32,11 @@ _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it pri
 class Interpreter:
     """Printer's modes and temperatures, line by line; from `survey.begins` on, lines are printed.
 
+    Parameters
+    ----------
+    nozzle_mm
+        For which the file was sliced.
+
     Attributes
     ----------
     head
@@ -42,12 +47,21 @@ class Interpreter:
         Commands that were left out, and what they would change.
     """
 
-    def __init__(self, survey: Survey, writer: Writer, clearance: Clearance, target: PrintTarget) -> None:
+    def __init__(
+        self, survey: Survey, writer: Writer, clearance: Clearance, target: PrintTarget, nozzle_mm: float
+    ) -> None:
         self.nozzle_c = target.nozzle_c if survey.ulticode else 0.0
         self.bed_c = target.bed_c if survey.ulticode else 0.0
         self.left_out: dict[str, str] = {}
         self._objections = Objections()
-        self.head = Head(target.printer.code, writer, clearance, self._objections, survey.marks_layers)
+        self.head = Head(
+            target.printer.code,
+            writer,
+            clearance,
+            self._objections,
+            marks_layers=survey.marks_layers,
+            most_fed=MOST_SECTION * nozzle_mm**2 / target.filament_mm2,
+        )
         self._survey = survey
         self._writer = writer
         self._printer = target.printer

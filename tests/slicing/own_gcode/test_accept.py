@@ -212,7 +212,7 @@ def test_fan_and_temperatures_of_the_print_are_kept():
 
 
 def test_e_starts_anew_before_its_steps_get_coarse():
-    long = [[(50.0, 50.0, 5.0, 0.0)] + [(50.0 + 100 * (n % 2), 50.0, 5.0, 60.0) for n in range(1, 41)]]
+    long = [[(50.0, 50.0, 2.0, 0.0)] + [(50.0 + 100 * (n % 2), 50.0, 2.0, 10.0) for n in range(1, 241)]]
     accepted = take(marlin(long))
     assert "G92 E0" in body(accepted)
     assert sum(m[3] for m in followed(body(accepted))) == pytest.approx(2400.0, abs=0.01)
@@ -254,7 +254,7 @@ def test_an_end_script_may_do_what_a_print_must_not():
     accepted = take(marlin(tail=tail))
     safe(accepted)
     assert accepted.reach_min_mm == accepted.min_mm
-    assert take(marlin(tail=["G1 E90", "M84"])).filament_mm == accepted.filament_mm
+    assert take(marlin(tail=["M84", "G1 E90"])).filament_mm == accepted.filament_mm
 
 
 def test_what_is_left_out_is_said():

@@ -118,6 +118,43 @@ def test_empty_layers_that_cura_counts_but_leaves_out_are_told():
     refused([line.replace("COUNT:20", "COUNT:30") for line in lines], "names 30 layers, and 20 of them")
 
 
+@given(data=st.data())
+@settings(max_examples=20, deadline=None)
+def test_a_file_that_lost_layers_is_refused_though_its_end_is_whole(data):
+    """All filament of what is missing would come in one move; of the last layers alone the count tells."""
+    lines = whole("ultigcode").splitlines(keepends=True)
+    starts = [at for at, line in enumerate(lines) if line.startswith(b";LAYER:")]
+    last = max(at for at, line in enumerate(lines) if line.startswith(b";TIME_ELAPSED:")) + 1
+    starts.append(last)
+    first = data.draw(st.integers(1, len(starts) - 2))
+    lost = data.draw(st.integers(first + 1, len(starts) - 1))
+    hole = lines[: starts[first]] + lines[starts[lost] :]
+    if lost < len(starts) - 1:
+        with pytest.raises(GcodeRefused, match="lines are missing|names .* layers"):
+            take(hole)
+        return
+    try:
+        assert "layers, and" in take(hole).notices[-1]
+    except GcodeRefused as refusal:
+        assert re.search("lines are missing|names .* layers", str(refusal))
+
+
+def test_filament_for_lines_that_are_missing_is_refused_with_the_line():
+    lines = marlin(square(layers=100))
+    at, to = lines.index(";LAYER:40"), lines.index(";LAYER:45")
+    refused([*lines[:at], *lines[to:]], rf"line {at + 3}: one move feeds .* lines are missing before it")
+
+
+def test_a_layer_missing_among_others_is_told_where_e_is_relative():
+    """An empty one that was left out, or one that was lost: nobody can tell."""
+    lines = ultigcode(square(layers=20))
+    at, to = lines.index(";LAYER:7"), lines.index(";LAYER:8")
+    gap = [*lines[:at], *lines[to:]]
+    relative = [line.split(" E")[0] + " E1.6" if line.startswith("G1 F1800") else line for line in gap]
+    relative.insert(relative.index(";LAYER:0"), "M83")
+    assert "names 20 layers, and 19 of them are in it" in take(relative).notices[-1]
+
+
 def test_a_block_of_settings_that_does_not_end_is_refused():
     lines = [*marlin(), "; prusaslicer_config = begin", "; wipe = 1", "; prusaslicer_config = end"]
     assert take(lines).layers == 3
