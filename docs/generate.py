@@ -26,6 +26,7 @@ from farm.config import ComputeSection, FleetSection, PrinterSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
 from farm.state.faults import OwnFault
+from farm.state.lifecycles import FARM_WIDE, LIFECYCLES, NEW, Lifecycle
 from slicing.errors import Rule
 
 FOLDER = Path(__file__).parent / "reference"
@@ -202,6 +203,33 @@ def states_page(words: dict[str, Any]) -> str:
     return "\n\n".join(parts)
 
 
+def lifecycles_page(words: dict[str, Any]) -> str:
+    """Draw which event leads from which state to which, from the program's own tables."""
+    parts = [(FOLDER / "lifecycles.intro.md").read_text(encoding="utf-8").strip()]
+    parts += [f"## A {one.entity}\n```text\n{draw_lifecycle(one)}\n```" for one in LIFECYCLES]
+    rows_of_all = (row for one in LIFECYCLES for row in (*one.transitions, *one.consequences))
+    kinds = sorted({row.event for row in rows_of_all} | FARM_WIDE, key=lambda kind: kind.__name__)
+    rows = explained((kind.__name__ for kind in kinds), "events", words["events"])
+    parts.append("## Events\n" + table(("event", "what has happened"), rows))
+    return "\n\n".join(parts)
+
+
+def draw_lifecycle(lifecycle: Lifecycle) -> str:
+    """Draw a table as text: under each state the events that can happen in it, and where they lead."""
+    lines = []
+    for state in (NEW, *lifecycle.states):
+        lines.append("(new)" if state is NEW else str(state))
+        for mark, rows in (("──", lifecycle.transitions), ("··", lifecycle.consequences)):
+            for row in rows:
+                if state not in row.starts:
+                    continue
+                ends = (
+                    ["(stays)"] if row.ends is None else [str(s) for s in lifecycle.states if s in row.ends]
+                )
+                lines.append(f"  {mark} {row.event.__name__} {mark}> {' | '.join(ends)}")
+    return "\n".join(lines)
+
+
 def holds_page(words: dict[str, Any]) -> str:
     """Explain why a plate or a job waits."""
     intro = (
@@ -244,6 +272,7 @@ PAGES = {
     "fleet-yaml.md": fleet_page,
     "json.md": json_page,
     "states.md": states_page,
+    "lifecycles.md": lifecycles_page,
     "hold-codes.md": holds_page,
     "faults.md": faults_page,
     "exit-codes.md": exit_codes_page,

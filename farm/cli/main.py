@@ -13,6 +13,7 @@ import farm
 from farm.cli.commands import (
     daemon,
     discover,
+    doctor,
     estop,
     history,
     local,
@@ -67,6 +68,7 @@ _COMMANDS: tuple[Callable[..., None], ...] = (
     pause.pause,
     pause.resume,
     discover.discover,
+    doctor.doctor,
     estop.estop,
 )
 """In the order in which `farm --help` lists them."""

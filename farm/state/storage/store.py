@@ -71,6 +71,60 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
         raise StoreError(f"the books {source} cannot be copied to {target}: {error}") from error
 
 
+def read_books(path: Path) -> tuple[Books, int]:
+    """Read books without changing them, also while a daemon has them open.
+
+    Returns
+    -------
+    books, form
+        The entries, and the version of the form on the disk.
+
+    Raises
+    ------
+    DamagedBooks
+        Where what is there are no books, or a row of them is not as it was written.
+    StoreError
+        Where they cannot be read.
+    """
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as db:
+            db.create_function("crc32", 1, zlib.crc32, deterministic=True)
+            (found,) = db.execute("PRAGMA integrity_check(1)").fetchone()
+            if found != "ok":
+                raise DamagedBooks(f"the books {path} are damaged: {' '.join(found.split())}")
+            (form,) = db.execute("PRAGMA user_version").fetchone()
+            if form not in STEPS:
+                raise StoreError(f"the books {path} are of a newer farm ({form})")
+            for table in TABLES.values() if form == FORM else ():
+                bad = db.execute(CHANGED.format(table)).fetchone()
+                if bad is not None:
+                    raise DamagedBooks(f"the books {path} are damaged: {table} {bad[0]} was changed")
+            return _load(db), form
+    except sqlite3.Error as error:
+        raise StoreError(f"the books {path} cannot be read: {error}") from error
+
+
+def _load(db: sqlite3.Connection) -> Books:
+    return Books.of(entity for kind in TABLES for entity in _read_rows(db, kind))
+
+
+def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
+    try:
+        rows = db.execute(f"SELECT id, body FROM {TABLES[kind]}").fetchall()
+    except sqlite3.Error as error:
+        raise StoreError(f"the books cannot be read: {error}") from error
+    entities = []
+    for key, body in rows:
+        try:
+            entities.append(kind.model_validate_json(body))
+        except ValidationError as error:
+            raise StoreError(
+                f"the books cannot be read: {TABLES[kind]} {key}, {first_of(error.errors())}; "
+                "were they written by another version of farm?"
+            ) from error
+    return entities
+
+
 class Store:
     """Where the books are kept. Every method may raise StoreError.
 
@@ -175,23 +229,7 @@ class Store:
 
     def load(self) -> Books:
         """The books as last committed."""
-        return Books.of(entity for kind in TABLES for entity in self._rows(kind))
-
-    def _rows(self, kind: type[E]) -> list[E]:
-        try:
-            rows = self._db.execute(f"SELECT id, body FROM {TABLES[kind]}").fetchall()
-        except sqlite3.Error as error:
-            raise StoreError(f"the books cannot be read: {error}") from error
-        entities = []
-        for key, body in rows:
-            try:
-                entities.append(kind.model_validate_json(body))
-            except ValidationError as error:
-                raise StoreError(
-                    f"the books cannot be read: {TABLES[kind]} {key}, {first_of(error.errors())}; "
-                    "were they written by another version of farm?"
-                ) from error
-        return entities
+        return _load(self._db)
 
     def commit(self, event: Event, before: Books, after: Books) -> None:
         """Write an event and all that it changed, in one transaction, to the disk itself."""

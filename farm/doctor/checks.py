@@ -1,0 +1,230 @@
+"""Checks of the facts about an installation. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+
+from drivers.messages import PROTOCOL
+from farm.doctor.facts import Facts
+from farm.doctor.finding import Finding, passed, problem, warning
+from farm.state.storage.migrations import FORM
+from farm.state.validate import validate
+
+LEAST_BYTES = 64 * 1024**2
+"""The daemon plans nothing with less (`farm.planning.job_planner.ROOM_BYTES`)."""
+COMFORT_BYTES = 2 * 1024**3
+"""What a large job's plans, slices and copies of the books take."""
+SHARED_MEMORY_BYTES = 16 * 1024**2
+_FIRST_YEAR = 2024  # a host without a clock of its own begins in 1970
+_SHOWN = 5
+
+
+def check_installation(facts: Facts) -> list[Finding]:
+    """Judge the facts.
+
+    Returns
+    -------
+    list of Finding
+        In the order in which they are to be mended; each check has at least one.
+    """
+    return [finding for check in _CHECKS for finding in check(facts)]
+
+
+def check_fleet(facts: Facts) -> Iterator[Finding]:
+    """Check that `fleet.yaml` can be read and has printers."""
+    if facts.fleet is None:
+        yield problem(
+            "fleet", facts.fleet_error or f"{facts.fleet_path} cannot be read", "mend the fleet file"
+        )
+    elif not facts.fleet.printers:
+        yield problem("fleet", f"{facts.fleet_path} has no printers", "`farm discover` writes their lines")
+    else:
+        enabled = sum(section.enabled for section in facts.fleet.printers)
+        yield passed("fleet", f"{facts.fleet_path}: {len(facts.fleet.printers)} printers, {enabled} in use")
+
+
+def check_daemon(facts: Facts) -> Iterator[Finding]:
+    """Check that the daemon answers, with the version of this program."""
+    if facts.daemon_error is not None:
+        yield warning("daemon", facts.daemon_error, "agents that live print on without it")
+    elif facts.daemon_version != facts.version:
+        text = f"the daemon is farm {facts.daemon_version}, this is {facts.version}"
+        yield warning("daemon", text, "`farm down`, then `farm up`; prints go on meanwhile")
+    else:
+        yield passed("daemon", f"the daemon is up, farm {facts.version}")
+
+
+def check_user(facts: Facts) -> Iterator[Finding]:
+    """Check that the state folder is this user's, and that the groups of the farm exist."""
+    user = facts.user
+    if user.state_owner is not None and user.state_owner != user.name:
+        text = f"the state folder is {user.state_owner}'s, you are {user.name}: not all can be looked at"
+        yield warning("user", text, f"`sudo -u {user.state_owner} farm doctor`")
+    else:
+        yield passed("user", f"the farm is {user.name}'s")
+    if facts.fleet is None:
+        return
+    wanted = facts.fleet.fleet.operators
+    if wanted is not None and wanted not in user.known_groups:
+        yield problem("groups", f"fleet.operators: there is no group {wanted}", f"`sudo groupadd {wanted}`")
+    elif wanted is not None and wanted not in user.groups:
+        text = f"{user.name} is not in the group {wanted}: it may not say that printers go on"
+        yield warning("groups", text, f"`sudo usermod -aG {wanted} {user.name}`, then log in again")
+    else:
+        yield passed("groups", "the groups that fleet.yaml names exist")
+
+
+def check_books(facts: Facts) -> Iterator[Finding]:
+    """Check that the books can be read, and agree with themselves."""
+    books = facts.books
+    if not books.exists:
+        yield passed("books", f"there are no books at {books.path} yet: `farm up` makes them")
+        return
+    if books.books is None:
+        action = "see docs/how-to/backup-restore.md: the daemon puts back the newest copy that is whole"
+        yield problem("books", books.error or f"{books.path} cannot be read", action)
+        return
+    problems = validate(books.books)
+    action = "report it with the books; `farm history` of what it names shows what was printed"
+    yield from (problem("books", text, action) for text in problems[:_SHOWN])
+    if len(problems) > _SHOWN:
+        yield problem("books", f"and {len(problems) - _SHOWN} more contradictions", action)
+    if not problems:
+        jobs, prints = len(books.books.jobs), len(books.books.prints)
+        form = f"form {books.form}" + ("" if books.form == FORM else f" (the daemon brings it to {FORM})")
+        yield passed("books", f"{books.path}: {form}, {jobs} jobs and {prints} prints, all agree")
+
+
+def check_files(facts: Facts) -> Iterator[Finding]:
+    """Check that the files of jobs that go on are there, as they were planned."""
+    files = facts.files
+    action = "`farm cancel` the job, and submit its model again"
+    for what, names in (("is missing", files.missing), ("is not what was planned", files.changed)):
+        yield from (problem("files", f"{name} {what}", action) for name in names[:_SHOWN])
+        if len(names) > _SHOWN:
+            yield problem("files", f"and {len(names) - _SHOWN} more: each {what}", action)
+    if not files.missing and not files.changed:
+        yield passed("files", f"{files.checked} files of jobs that go on are as they were planned")
+
+
+def check_agents(facts: Facts) -> Iterator[Finding]:
+    """Check that the agents live where the daemon is up, and speak today's protocol."""
+    for agent in facts.agents:
+        name = agent.printer
+        if agent.folder_error is not None:
+            action = "give it back to the user of the farm (`chown`), and look at the disk"
+            yield problem(
+                "agents", f"{name}: its agent's folder cannot be used: {agent.folder_error}", action
+            )
+        elif not agent.alive and facts.daemon_error is None:
+            text = f"{name}: its agent does not live, though the daemon is up"
+            yield problem("agents", text, f"the end of agents/{name}/agent.log in the state folder says why")
+        elif not agent.alive:
+            yield passed("agents", f"{name}: no agent, as the daemon is down")
+        elif agent.protocol is None:
+            text = f"{name}: its agent lives and does not answer"
+            yield problem("agents", text, f"`farm up --replace {name}` when nothing prints there")
+        elif agent.protocol < PROTOCOL:
+            text = f"{name}: its agent is of an older version (protocol {agent.protocol} of {PROTOCOL})"
+            yield warning("agents", text, f"`farm up --replace {name}` when nothing prints there")
+        else:
+            yield passed("agents", f"{name}: its agent answers")
+
+
+def check_ports(facts: Facts) -> Iterator[Finding]:
+    """Check that the serial ports are there, and may be used."""
+    for port in facts.ports:
+        where = f"{port.printer}: {port.path}"
+        if not port.exists:
+            action = "switch the printer on and plug it in; `farm discover` lists the ports there are"
+            yield problem("ports", f"{where} is not there", action)
+        elif not port.usable:
+            group = port.group or "dialout"
+            action = f"`sudo usermod -aG {group} {facts.user.name}`, then log in again"
+            if group in facts.user.groups:
+                action = "see the permissions of the device (`ls -l`), and deploy/udev"
+            yield problem("ports", f"{where} may not be read and written by {facts.user.name}", action)
+        else:
+            yield passed("ports", f"{where} is there")
+
+
+def check_cura(facts: Facts) -> Iterator[Finding]:
+    """Check that CuraEngine and Cura's files are there, and of one version."""
+    cura, action = facts.cura, "`make engine` installs both"
+    if cura.engine is None:
+        yield problem("cura", cura.engine_error or "there is no CuraEngine", action)
+    elif cura.engine_version is None:
+        yield problem("cura", f"{cura.engine} does not say its version: it cannot be run", action)
+    else:
+        yield passed("cura", f"{cura.engine}: CuraEngine {cura.engine_version}")
+    if cura.resources is None:
+        yield problem("cura", cura.resources_error or "Cura's files are missing", action)
+    elif cura.settings_version is None:
+        yield problem("cura", f"{cura.resources}: its definitions have no version", action)
+    else:
+        yield passed("cura", f"{cura.resources}: Cura's settings, version {cura.settings_version}")
+
+
+def check_clock(facts: Facts) -> Iterator[Finding]:
+    """Check that the host's clock is set and kept, and that the farm's clock fits it and the fleet."""
+    clock = facts.clock
+    now = datetime.fromtimestamp(clock.now_s, UTC)
+    action = "`sudo timedatectl set-ntp true`; hours and nights follow this clock"
+    if now.year < _FIRST_YEAR:
+        yield problem("clock", f"the host's clock says {now:%Y-%m-%d}: it is not set", action)
+    elif clock.synchronised is False:
+        yield warning(
+            "clock", "nothing keeps the host's clock right (no NTP): it may be set in a step", action
+        )
+    else:
+        yield passed("clock", f"the host's clock says {now:%Y-%m-%d %H:%M} UTC")
+    if facts.fleet is None:
+        return
+    scale, zone = facts.fleet.fleet.time_scale, facts.fleet.fleet.timezone
+    if clock.anchor is not None and clock.anchor[0] != scale:
+        text = (
+            f"the state folder lives on a clock of time_scale {clock.anchor[0]:g}, fleet.yaml says {scale:g}"
+        )
+        yield problem("clock", text, "set it back in fleet.yaml, or name another folder with --state")
+    elif clock.anchor is not None and clock.anchor[1] > clock.now_s:
+        text = "the farm's clock was started later than it is now: the host's clock was set back"
+        yield warning("clock", text, action)
+    if clock.host_zone is not None and clock.host_zone != zone:
+        text = f"hours of fleet.yaml are of {zone}, the host is in {clock.host_zone}"
+        yield warning("clock", text, "set fleet.timezone to where the printers are, if that is wrong")
+
+
+def check_room(facts: Facts) -> Iterator[Finding]:
+    """Check that the disks have room, and that there is shared memory."""
+    for room in facts.rooms:
+        if room.free_bytes is None:
+            yield problem("room", f"{room.folder} cannot be written", "look at its owner and its disk")
+            continue
+        text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB of room"
+        if room.free_bytes < LEAST_BYTES:
+            yield problem("room", f"{text}: nothing is planned, and books may not be written", "make room")
+        elif room.free_bytes < COMFORT_BYTES:
+            yield warning("room", f"{text}: a large job may not fit", "make room")
+        else:
+            yield passed("room", text)
+    shared = facts.shared_memory
+    if shared.free_bytes is None or shared.free_bytes < SHARED_MEMORY_BYTES:
+        text = f"{shared.folder} cannot be used, or is full: some planning is done by one processor alone"
+        yield warning("room", text, f"mount it (`--shm-size=256m` of a container), or empty {shared.folder}")
+    else:
+        yield passed("room", f"{shared.folder} can be used")
+
+
+_CHECKS: tuple[Callable[[Facts], Iterator[Finding]], ...] = (
+    check_fleet,
+    check_user,
+    check_daemon,
+    check_books,
+    check_files,
+    check_agents,
+    check_ports,
+    check_cura,
+    check_clock,
+    check_room,
+)

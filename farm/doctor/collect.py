@@ -1,0 +1,255 @@
+"""Collection of the facts about an installation: files, processes, devices, clocks. Nothing is changed."""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import getpass
+import grp
+import os
+import pwd
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import farm
+from drivers.errors import DriverError
+from drivers.printers import PROFILES
+from drivers.remote.client import AgentClient, alive
+from farm.config import Fleet, PrinterSection, load_fleet
+from farm.doctor.facts import (
+    AgentFacts,
+    BooksFacts,
+    ClockFacts,
+    CuraFacts,
+    Facts,
+    FileFacts,
+    PortFacts,
+    RoomFacts,
+    UserFacts,
+)
+from farm.errors import FarmError
+from farm.model import Job
+from farm.paths import Places, StateFolder, read_anchor
+from farm.planning.inspection.fleet_check import mistake_in
+from farm.state.books import Books
+from farm.state.storage.file_store import sha256_of
+from farm.state.storage.store import read_books
+from slicing.errors import SlicingError
+from slicing.settings import find_engine, find_resources
+
+_AGENT_S = 10.0
+_ENGINE_S = 20.0
+_UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
+_ENGINE_VERSION = re.compile(r"version (\d+(?:\.\d+)+)")
+_SETTINGS_VERSION = re.compile(r'"setting_version":\s*(\d+)')
+_SHARED_MEMORY = Path("/dev/shm")
+
+
+def collect_facts(places: Places, daemon_version: str | None, daemon_error: str | None) -> Facts:
+    """Collect the facts about an installation.
+
+    Parameters
+    ----------
+    places
+        State folder, socket and fleet file.
+    daemon_version, daemon_error
+        What the daemon answered, or why it did not.
+    """
+    fleet, fleet_error = _read_fleet(places.fleet)
+    books = _read_books(places.state)
+    here = [s for s in fleet.printers if s.enabled and s.host is None] if fleet is not None else []
+    return Facts(
+        version=farm.__version__,
+        fleet_path=str(places.fleet),
+        books=books,
+        cura=_find_cura(),
+        clock=_read_clock(places.state),
+        user=_find_user(fleet, places.state),
+        daemon_error=daemon_error,
+        daemon_version=daemon_version,
+        fleet=fleet,
+        fleet_error=fleet_error,
+        files=_look_at_files(books.books, places.state) if books.books is not None else FileFacts(),
+        agents=tuple(_ask_agent(section.name, places.state.agent(section.name)) for section in here),
+        ports=tuple(_look_at_port(section) for section in here if section.port.startswith("/")),
+        rooms=tuple(_measure_rooms(places.state)),
+        shared_memory=_measure_room(_SHARED_MEMORY),
+    )
+
+
+def _read_fleet(path: Path) -> tuple[Fleet | None, str | None]:
+    try:
+        return load_fleet(path, frozenset(PROFILES), mistake_in), None
+    except FarmError as error:
+        return None, str(error)
+
+
+def _read_books(state: StateFolder) -> BooksFacts:
+    path = str(state.books)
+    try:
+        if not state.books.exists():
+            return BooksFacts(path, exists=False)
+        books, form = read_books(state.books)
+    except (FarmError, OSError) as error:
+        return BooksFacts(path, error=str(error))
+    return BooksFacts(path, form=form, books=books)
+
+
+def _look_at_files(books: Books, state: StateFolder) -> FileFacts:
+    checked, missing, changed = 0, [], []
+    for job in books.jobs.values():
+        if job.state.ended:
+            continue
+        for name, sha256 in _files_of(books, job):
+            checked += 1
+            path = state.files / name
+            try:
+                if sha256_of(path) != sha256:
+                    changed.append(f"job {job.id}: {path}")
+            except OSError:
+                missing.append(f"job {job.id}: {path}")
+    return FileFacts(checked, tuple(missing), tuple(changed))
+
+
+def _files_of(books: Books, job: Job) -> Iterator[tuple[str, str]]:
+    """Yield the files of a job and their hashes: a file in the store is named by its own."""
+    yield job.model_file, Path(job.model_file).stem
+    for plate in books.plates_of(job):
+        yield plate.gcode, plate.sha256
+        yield from ((books.parts[name].file, Path(books.parts[name].file).stem) for name in plate.parts)
+
+
+def _ask_agent(printer: str, folder: Path) -> AgentFacts:
+    try:
+        if folder.exists() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+            return AgentFacts(printer, alive=False, folder_error=f"{folder} is closed to you")
+        if not alive(folder):
+            return AgentFacts(printer, alive=False)
+    except OSError as error:
+        return AgentFacts(printer, alive=False, folder_error=str(error))
+    return AgentFacts(printer, alive=True, protocol=asyncio.run(_ask_protocol(folder)))
+
+
+async def _ask_protocol(folder: Path) -> int | None:
+    client = AgentClient(folder)
+    try:
+        async with asyncio.timeout(_AGENT_S):
+            await client.connect()
+            async for snapshot in client.snapshots():
+                return snapshot.protocol
+    except (DriverError, OSError, TimeoutError):
+        return None
+    finally:
+        await client.close()
+    return None
+
+
+def _look_at_port(section: PrinterSection) -> PortFacts:
+    path = Path(section.port)
+    try:
+        status = path.stat()
+    except OSError:
+        return PortFacts(section.name, section.port, exists=False)
+    group = None
+    with suppress(KeyError):
+        group = grp.getgrgid(status.st_gid).gr_name
+    usable = os.access(path, os.R_OK | os.W_OK)
+    return PortFacts(section.name, section.port, exists=True, usable=usable, group=group)
+
+
+def _find_cura() -> CuraFacts:
+    engine = engine_version = engine_error = resources = settings_version = resources_error = None
+    try:
+        found = find_engine()
+        engine, engine_version = str(found), _read_engine_version(found)
+    except SlicingError as error:
+        engine_error = str(error)
+    try:
+        folder = find_resources().root
+        resources, settings_version = str(folder), _read_settings_version(folder)
+    except SlicingError as error:
+        resources_error = str(error)
+    return CuraFacts(engine, engine_version, engine_error, resources, settings_version, resources_error)
+
+
+def _read_engine_version(engine: Path) -> str | None:
+    """Return the version that CuraEngine names in its help, which it ends with exit code 1."""
+    try:
+        run = subprocess.run([engine, "help"], capture_output=True, text=True, timeout=_ENGINE_S, check=False)
+    except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
+        return None
+    found = _ENGINE_VERSION.search(run.stdout + run.stderr)
+    return found.group(1) if found else None
+
+
+def _read_settings_version(resources: Path) -> str | None:
+    try:
+        text = (resources / "definitions" / "fdmprinter.def.json").read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None
+    found = _SETTINGS_VERSION.search(text)
+    return found.group(1) if found else None
+
+
+def _read_clock(state: StateFolder) -> ClockFacts:
+    return ClockFacts(
+        now_s=time.time(),
+        synchronised=_is_synchronised(),
+        anchor=read_anchor(state.clock),
+        host_zone=_read_host_zone(),
+    )
+
+
+def _is_synchronised() -> bool | None:
+    """Ask the kernel whether NTP keeps its clock: adjtimex(2), which changes nothing with no mode."""
+    timex = ctypes.create_string_buffer(512)  # larger than struct timex, whose first word is the mode
+    try:
+        answer = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
+    except (OSError, AttributeError):
+        return None
+    return None if answer < 0 else bool(answer != _UNSYNCHRONISED)
+
+
+def _read_host_zone() -> str | None:
+    with suppress(OSError):
+        target = str(Path("/etc/localtime").resolve(strict=True))
+        if "/zoneinfo/" in target:
+            return target.partition("/zoneinfo/")[2]
+    return None
+
+
+def _find_user(fleet: Fleet | None, state: StateFolder) -> UserFacts:
+    groups = set()
+    for gid in {*os.getgroups(), os.getgid()}:
+        with suppress(KeyError):
+            groups.add(grp.getgrgid(gid).gr_name)
+    known = set()
+    for name in {fleet.fleet.group, fleet.fleet.operators} if fleet is not None else ():
+        with suppress(KeyError):
+            known.add(grp.getgrnam(name or "").gr_name)
+    owner = None
+    with suppress(OSError, KeyError):
+        owner = pwd.getpwuid(state.root.stat().st_uid).pw_name
+    return UserFacts(getpass.getuser(), frozenset(groups), frozenset(known), owner)
+
+
+def _measure_rooms(state: StateFolder) -> Iterator[RoomFacts]:
+    folder = state.root
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent  # `farm up` makes it there
+    for one in dict.fromkeys((folder, Path(tempfile.gettempdir()))):
+        yield _measure_room(one)
+
+
+def _measure_room(folder: Path) -> RoomFacts:
+    try:
+        usable = os.access(folder, os.W_OK | os.X_OK)
+        return RoomFacts(str(folder), shutil.disk_usage(folder).free if usable else None)
+    except OSError:
+        return RoomFacts(str(folder), None)

@@ -1,0 +1,179 @@
+"""Checks of facts about an installation: what is wrong is named, with what to do."""
+
+from dataclasses import replace
+
+import pytest
+
+from drivers.messages import PROTOCOL
+from farm.config import Fleet
+from farm.doctor.checks import check_installation
+from farm.doctor.facts import (
+    AgentFacts,
+    BooksFacts,
+    ClockFacts,
+    CuraFacts,
+    Facts,
+    FileFacts,
+    PortFacts,
+    RoomFacts,
+    UserFacts,
+)
+from farm.doctor.finding import Level
+from farm.model import Bed
+from farm.state import events as ev
+from farm.state.books import edited, put
+from farm.state.storage.migrations import FORM
+from make_books import ended, printing, run
+
+NOW_S = 1_790_000_000.0
+BOOKS = run(printing(), ev.PlateAssigned(at_s=2.0, plate="1/01", printer="a", print_id="x"), ended("x"))[0]
+SPOILT = put(BOOKS, edited(BOOKS.printers["a"], bed=Bed.CLEAR))
+FLEET = Fleet.model_validate(
+    {
+        "fleet": {"timezone": "Europe/London", "operators": "ops"},
+        "printers": [{"name": "a", "model": "ultimaker2_plus", "port": "/dev/ttyUSB0"}],
+    }
+)
+SOUND = Facts(
+    version="1.2",
+    fleet_path="fleet.yaml",
+    books=BooksFacts("/s/farm.db", form=FORM, books=BOOKS),
+    cura=CuraFacts("/usr/bin/CuraEngine", "4.13.0", None, "/usr/share/cura/resources", "19", None),
+    clock=ClockFacts(NOW_S, True, (1.0, NOW_S - 9.0), "Europe/London"),
+    user=UserFacts("farm", frozenset({"ops", "dialout"}), frozenset({"ops"}), "farm"),
+    daemon_version="1.2",
+    fleet=FLEET,
+    files=FileFacts(3),
+    agents=(AgentFacts("a", True, PROTOCOL),),
+    ports=(PortFacts("a", "/dev/ttyUSB0", True, True, "dialout"),),
+    rooms=(RoomFacts("/s", 10**11),),
+    shared_memory=RoomFacts("/dev/shm", 10**9),
+)
+STRANGER = UserFacts("farm", frozenset(), frozenset({"ops"}), "farm")
+CASES = {
+    "no fleet": ({"fleet": None, "fleet_error": "line 3"}, "problem", "fleet", "line 3"),
+    "no printers": (
+        {"fleet": FLEET.model_copy(update={"printers": ()})},
+        "problem",
+        "fleet",
+        "has no printers",
+    ),
+    "daemon down": ({"daemon_error": "no answer"}, "warning", "daemon", "no answer"),
+    "old daemon": ({"daemon_version": "1.1"}, "warning", "daemon", "farm 1.1, this is 1.2"),
+    "another's folder": (
+        {"user": replace(SOUND.user, state_owner="ann")},
+        "warning",
+        "user",
+        "the state folder is ann's",
+    ),
+    "no such group": (
+        {"user": replace(SOUND.user, known_groups=frozenset())},
+        "problem",
+        "groups",
+        "there is no group ops",
+    ),
+    "not an operator": ({"user": STRANGER}, "warning", "groups", "farm is not in the group ops"),
+    "damaged books": (
+        {"books": BooksFacts("/s/farm.db", error="plate 3 was changed")},
+        "problem",
+        "books",
+        "plate 3 was changed",
+    ),
+    "books that contradict themselves": (
+        {"books": BooksFacts("/s/farm.db", form=FORM, books=SPOILT)},
+        "problem",
+        "books",
+        "printer a: its bed is clear, and print x on it is not judged",
+    ),
+    "missing file": ({"files": FileFacts(3, ("job 1: g",))}, "problem", "files", "job 1: g is missing"),
+    "changed file": (
+        {"files": FileFacts(3, (), ("job 1: g",))},
+        "problem",
+        "files",
+        "job 1: g is not what was planned",
+    ),
+    "dead agent": ({"agents": (AgentFacts("a", False),)}, "problem", "agents", "a: its agent does not live"),
+    "silent agent": ({"agents": (AgentFacts("a", True),)}, "problem", "agents", "does not answer"),
+    "old agent": ({"agents": (AgentFacts("a", True, 1),)}, "warning", "agents", "older version"),
+    "closed folder": (
+        {"agents": (AgentFacts("a", False, None, "closed"),)},
+        "problem",
+        "agents",
+        "cannot be used: closed",
+    ),
+    "no port": ({"ports": (PortFacts("a", "/dev/x", False),)}, "problem", "ports", "a: /dev/x is not there"),
+    "closed port": (
+        {"ports": (PortFacts("a", "/dev/x", True, False, "plugdev"),)},
+        "problem",
+        "ports",
+        "may not be read and written by farm",
+    ),
+    "no engine": ({"cura": replace(SOUND.cura, engine=None, engine_error="none")}, "problem", "cura", "none"),
+    "broken engine": ({"cura": replace(SOUND.cura, engine_version=None)}, "problem", "cura", "version"),
+    "no settings": (
+        {"cura": replace(SOUND.cura, resources=None, resources_error="no files")},
+        "problem",
+        "cura",
+        "no files",
+    ),
+    "clock of 1970": ({"clock": ClockFacts(1000.0, True)}, "problem", "clock", "1970-01-01: it is not set"),
+    "no NTP": ({"clock": replace(SOUND.clock, synchronised=False)}, "warning", "clock", "no NTP"),
+    "another scale": (
+        {"clock": replace(SOUND.clock, anchor=(60.0, NOW_S))},
+        "problem",
+        "clock",
+        "time_scale 60, fleet.yaml says 1",
+    ),
+    "clock set back": (
+        {"clock": replace(SOUND.clock, anchor=(1.0, NOW_S + 9e5))},
+        "warning",
+        "clock",
+        "was set back",
+    ),
+    "another zone": ({"clock": replace(SOUND.clock, host_zone="Etc/UTC")}, "warning", "clock", "Etc/UTC"),
+    "full disk": ({"rooms": (RoomFacts("/s", 10**6),)}, "problem", "room", "/s has 1 MB of room"),
+    "little room": ({"rooms": (RoomFacts("/s", 10**9),)}, "warning", "room", "a large job may not fit"),
+    "read-only disk": ({"rooms": (RoomFacts("/s", None),)}, "problem", "room", "cannot be written"),
+    "no shared memory": (
+        {"shared_memory": RoomFacts("/dev/shm", None)},
+        "warning",
+        "room",
+        "/dev/shm cannot be used",
+    ),
+}
+
+
+def test_a_sound_installation_has_nothing_to_do():
+    findings = check_installation(SOUND)
+    assert {one.level for one in findings} == {Level.OK}
+    assert not any(one.action for one in findings)
+
+
+@pytest.mark.parametrize(("changes", "level", "check", "text"), CASES.values(), ids=CASES)
+def test_what_is_wrong_is_named_with_what_to_do(changes, level, check, text):
+    wrong = [one for one in check_installation(replace(SOUND, **changes)) if one.level is not Level.OK]
+    found = [one for one in wrong if one.check == check and text in one.text]
+    assert [one.level for one in found] == [level]
+    assert found[0].action
+
+
+def test_a_farm_that_is_not_up_has_no_agents_and_no_books_yet():
+    facts = replace(
+        SOUND, daemon_error="down", agents=(AgentFacts("a", False),), books=BooksFacts("/s", False)
+    )
+    wrong = [one.check for one in check_installation(facts) if one.level is not Level.OK]
+    assert wrong == ["daemon"]
+
+
+def test_the_group_of_a_port_is_what_the_user_is_added_to():
+    facts = replace(SOUND, user=STRANGER, ports=(PortFacts("a", "/dev/ttyUSB0", True, False, "dialout"),))
+    (port,) = (one for one in check_installation(facts) if one.check == "ports")
+    assert port.action == "`sudo usermod -aG dialout farm`, then log in again"
+
+
+def test_many_contradictions_are_counted():
+    names = tuple(f"job 1: {number}" for number in range(9))
+    found = [
+        one for one in check_installation(replace(SOUND, files=FileFacts(9, names))) if one.check == "files"
+    ]
+    assert len(found) == 6 and "and 4 more" in found[-1].text

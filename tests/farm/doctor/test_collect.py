@@ -1,0 +1,96 @@
+"""Facts of a real folder: an installation of farm 0.1.0, sound and spoilt, and what `farm doctor` prints."""
+
+import json
+import os
+import sqlite3
+
+import pytest
+from typer.testing import CliRunner
+
+from drivers.locks import AGENT_LOCK, hold
+from farm.cli.main import app
+from farm.doctor import Level, check_installation, collect_facts
+from farm.paths import Places, StateFolder
+from recorded_state import unpack_state
+
+
+@pytest.fixture
+def places(tmp_path):
+    state = unpack_state(tmp_path)
+    return Places(StateFolder(state), tmp_path / "farm.sock", tmp_path / "fleet.yaml")
+
+
+def findings(places, check):
+    found = check_installation(collect_facts(places, None, "it is down"))
+    return [one for one in found if one.check == check]
+
+
+def test_the_books_are_read_and_not_changed(places):
+    before = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
+    (books,) = findings(places, "books")
+    assert (books.level, "5 jobs" in books.text) == (Level.OK, True)
+    after = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
+    assert after["farm.db"] == before["farm.db"]
+    assert after["farm.db-count"] == before["farm.db-count"]
+
+
+def test_files_that_are_missing_or_changed_are_named(places):
+    facts = collect_facts(places, None, None)
+    assert facts.files.checked > 4  # large ones were left out of the record
+    kept = next(path for path in sorted(places.state.files.iterdir()) if _is_needed(facts, path.name))
+    kept.chmod(0o600)
+    kept.write_bytes(b"other")
+    assert any(one.text.endswith(f"{kept} is not what was planned") for one in findings(places, "files"))
+    kept.unlink()
+    assert any(one.text.endswith(f"{kept} is missing") for one in findings(places, "files"))
+
+
+def _is_needed(facts, name):
+    live = [job for job in facts.books.books.jobs.values() if not job.state.ended]
+    return any(job.model_file == name for job in live)
+
+
+def test_a_row_that_was_changed_is_a_problem(places):
+    with sqlite3.connect(places.state.books) as db:
+        db.execute("UPDATE printer SET body = replace(body, 'clear', 'unknown')")
+    db.close()
+    (books,) = findings(places, "books")
+    assert books.level is Level.PROBLEM and "was changed" in books.text
+
+
+def test_no_books_and_books_that_are_none(places):
+    for path in places.state.root.glob("farm.db*"):
+        path.unlink()
+    assert [one.level for one in findings(places, "books")] == [Level.OK]
+    places.state.books.write_bytes(b"no books" * 1000)
+    assert [one.level for one in findings(places, "books")] == [Level.PROBLEM]
+
+
+def test_an_agent_that_lives_and_says_nothing_is_a_problem(places):
+    lock = hold(places.state.agent("um2-01") / AGENT_LOCK)
+    try:
+        (agent,) = (one for one in findings(places, "agents") if one.text.startswith("um2-01:"))
+    finally:
+        os.close(lock)
+    assert (agent.level, agent.text) == (Level.PROBLEM, "um2-01: its agent lives and does not answer")
+
+
+def test_the_command_prints_every_check_and_ends_with_1_where_there_is_a_problem(places):
+    places.state.books.write_bytes(b"no books" * 1000)
+    options = [
+        "--state",
+        str(places.state.root),
+        "--socket",
+        str(places.socket),
+        "--fleet",
+        str(places.fleet),
+    ]
+    run = CliRunner().invoke(app, ["doctor", "--json", *options])
+    answer = json.loads(run.stdout)
+    assert (run.exit_code, answer["schema"]) == (1, 1)
+    checks = {one["check"] for one in answer["findings"]}
+    assert {"fleet", "user", "daemon", "books", "files", "agents", "cura", "clock", "room"} <= checks
+    assert all(one["action"] for one in answer["findings"] if one["level"] != "ok")
+    lines = CliRunner().invoke(app, ["doctor", *options]).stdout.splitlines()
+    assert any(line.startswith("problem  books: ") for line in lines)
+    assert any(line.startswith("warning  daemon: ") for line in lines)
