@@ -20,8 +20,8 @@ MOST_SWALLOWED_MM = 0.3
 MOST_SECTION = 4.0
 """Of a line, as a multiple of the nozzle's diameter squared: more than any slicer's."""
 MOST_JUMP_MM = 1.0
-"""Filament that a move may feed beyond what had been drawn back and what its line takes. Slicers prime by less;
-where lines are missing from a file whose E counts on, all their filament would come in one move."""
+"""Filament that a move may feed beyond what was drawn back and what its line takes. Slicers prime by less;
+where lines are missing from a file whose E counts on, all of their filament comes in one move."""
 MOST_DROP_MM = 10.0
 """Height by which the head is raised before it parks in a pause, or homes when cancelled."""
 TRAVEL_MM_S, LOWER_MM_S = 120.0, 20.0
@@ -144,8 +144,8 @@ class Head:
             jump_mm = fed_mm - self._most_fed * math.dist(old, target)
             if jump_mm > MOST_JUMP_MM:
                 self._objections.add(
-                    f"one move feeds {jump_mm:.1f} mm of filament more than its line takes: lines are missing "
-                    "before it, or E begins anew and the file has to say G92 E0"
+                    f"one move feeds {jump_mm:.1f} mm of filament more than its line takes: lines are "
+                    "missing before it, or E begins anew and the file has to say G92 E0"
                 )
 
     def _arrive(self, old: Point, target: Point, pushed_mm: float, speed_mm_s: float) -> bool:

@@ -130,7 +130,7 @@ def test_a_file_that_lost_layers_is_refused_though_its_end_is_whole(data):
     lost = data.draw(st.integers(first + 1, len(starts) - 1))
     hole = lines[: starts[first]] + lines[starts[lost] :]
     if lost < len(starts) - 1:
-        with pytest.raises(GcodeRefused, match="lines are missing|names .* layers"):
+        with pytest.raises(GcodeRefused, match=r"lines are missing|names .* layers"):
             take(hole)
         return
     try:
