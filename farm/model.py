@@ -152,9 +152,15 @@ class ShortReel(Entity):
 
 
 class Hold(Entity):
+    """Reason to wait: a code, and a sentence that may change while the reason stays."""
+
     code: HoldCode
     text: str
     reel: ShortReel | None = None
+
+    def same_reason(self, other: Hold | None) -> bool:
+        """Tell whether another hold differs in its sentence alone (a time, a printer)."""
+        return other is not None and (self.code, self.reel) == (other.code, other.reel)
 
 
 class JobOptions(Entity):

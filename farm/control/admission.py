@@ -55,7 +55,7 @@ class JobAdmission:
     def decide(
         self, books: Books, situation: Situation, taken: frozenset[str], starting: bool
     ) -> Iterator[StartPlanning | HoldJob]:
-        """Yield what becomes of each queued job: it begins, or has a (new) reason to wait.
+        """Yield what becomes of each queued job: it begins, or has a reason to wait.
 
         Own G-code has a front of its own: it is planned in a moment, and never waits for a decomposition. A
         job that no printer matches lets the others pass.
@@ -93,7 +93,7 @@ class JobAdmission:
             if isinstance(decision, Begin):
                 planned[job.id] = frozenset(decision.printers)
                 yield StartPlanning(job.id, decision.printers, decision.rounds)
-            elif decision != job.hold:
+            else:
                 yield HoldJob(job.id, decision)
 
     def _request(self, job: Job) -> JobRequest:

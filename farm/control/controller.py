@@ -102,6 +102,8 @@ class Controller:
         self._forecast_cache = ForecastCache(self.rules, clock.scale)
         self._refusals: Counter[str] = Counter()
         self._backup_failure: str | None = None
+        self._plate_holds: dict[str, Hold] = {}
+        self._job_holds: dict[int, Hold] = {}
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
         """Bring the books in line with the fleet, and give up plans that died with a daemon.
@@ -206,21 +208,24 @@ class Controller:
         yield from self._admit_jobs(after, holds)
 
     def _hold_plates(self, holds: Mapping[str, Hold]) -> Iterator[Effect]:
-        news = {name: hold for name, hold in holds.items() if self.books.plates[name].hold != hold}
+        """Keep the sentences in memory, and book reasons that have changed."""
+        self._plate_holds = dict(holds)
+        news = {n: hold for n, hold in holds.items() if not hold.same_reason(self.books.plates[n].hold)}
         if news:
             yield from self._commit([ev.PlatesHeld(at_s=self.clock.now(), holds=dict(news))])
 
     def _admit_jobs(self, situation: Situation, holds: Mapping[str, Hold]) -> Iterator[Effect]:
         taken = taken_printers(self.books, situation, holds, self._replanning.reserved_printers)
-        decisions = self._admission.decide(self.books, situation, taken, self.is_starting())
-        for decision in list(decisions):
+        decisions = list(self._admission.decide(self.books, situation, taken, self.is_starting()))
+        self._job_holds = {each.job: each.hold for each in decisions if isinstance(each, HoldJob)}
+        for decision in decisions:
             now_s = self.clock.now()
-            if isinstance(decision, HoldJob):
-                yield from self._commit([ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold)])
-            else:
+            if not isinstance(decision, HoldJob):
                 yield from self._commit([ev.PlanningStarted(at_s=now_s, job=decision.job)])
                 self._admission.begin(decision)
                 yield decision
+            elif not decision.hold.same_reason(self.books.job(decision.job).hold):
+                yield from self._commit([ev.JobHeld(at_s=now_s, job=decision.job, hold=decision.hold)])
 
     def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Describe this moment to the scheduler, with all waiting plates but those held back."""
@@ -407,4 +412,6 @@ class Controller:
             startup_over=not self.is_starting(),
             progress=self.progress,
             warning=failure or self._backup_failure,
+            plate_holds=self._plate_holds,
+            job_holds=self._job_holds,
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 from farm.config import Fleet
-from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, Print
+from farm.model import AgentPrint, AgentSnapshot, Hold, Job, Link, PlanProgress, Plate, Print
 from farm.paths import StateFolder
 from farm.state.books import Books
 
@@ -25,6 +25,18 @@ class ViewContext:
     startup_over: bool = True  # the farm has been up long enough for every printer to have connected
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warning: str | None = None  # what is wrong with the farm itself
+    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # with their sentences as they are now
+    job_holds: Mapping[int, Hold] = field(default_factory=dict)
+
+    def plate_hold(self, plate: Plate) -> Hold | None:
+        """Return why a plate waits: the books have the reason, the scheduler its latest sentence."""
+        latest = self.plate_holds.get(plate.id)
+        return latest if latest is not None and latest.same_reason(plate.hold) else plate.hold
+
+    def job_hold(self, job: Job) -> Hold | None:
+        """Return why a job waits, likewise."""
+        latest = self.job_holds.get(job.id)
+        return latest if latest is not None and latest.same_reason(job.hold) else job.hold
 
     def format_time(self, at_s: float | None) -> str | None:
         """ISO 8601 in the fleet's zone."""

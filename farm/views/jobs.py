@@ -44,7 +44,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         reason=job.reason,
         paused=job.paused,
         exit_code=int(exit_code),
-        hold=job.hold,
+        hold=context.job_hold(job),
         progress=context.progress.get(job.id) if job.state is JobState.PLANNING else None,
         submitted=context.format_time(job.submitted_s) or "",
         submitted_by=job.submitted_by,
@@ -186,5 +186,5 @@ def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
         cached=plate.cached,
         warnings=list(plate.warnings),
         printing=any(not attempt.state.ended for attempt in context.books.prints_of(plate)),
-        hold=plate.hold,
+        hold=context.plate_hold(plate),
     )

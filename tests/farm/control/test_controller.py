@@ -261,6 +261,36 @@ def test_temperatures_and_progress_run_no_scheduler(farm, plan, monkeypatch):
     assert len(runs) == 3
 
 
+def test_a_hold_is_booked_when_its_reason_changes_not_when_its_sentence_does(farm):
+    farm.ready("a", "b")
+    farm.jobs.submit("r" * 8, "m.stl", MODEL, JobOptions())
+    event = planned(1, 3)
+    farm.controller.on_plan(1, Plan(event.parts, event.plates, (), 1.0, 500.0, 100.0))
+
+    def shown():
+        job = describe_job(farm.view_context(STATE), farm.controller.books.jobs[1])
+        (hold,) = (plate.hold for plate in job.plates if plate.hold is not None)
+        return hold
+
+    kept = farm.controller.books.plates["1/03"].hold
+    assert shown() == kept
+    farm.controller.handle()
+    first = shown()
+    assert "a and b are printing until" in first.text
+    now_s = farm.controller.clock.now()
+    for name in "ab":
+        attempt = farm.controller.books.open_print_on(name)
+        said = AgentPrint(
+            print_id=attempt.id, state=PrintState.PRINTING, fault=None, reason=None, progress_s=1.0,
+            print_time_s=90.0, extruded=True, started_s=now_s + 3600.0, ended_s=None,
+        )  # fmt: skip
+        farm.controller.on_snapshot(AgentSnapshot(printer=name, link=Link.BUSY, print=said))
+    assert shown().text != first.text
+    assert farm.controller.books.plates["1/03"].hold == kept
+    kinds = [kind for _, kind, _ in farm.store.events()]
+    assert kinds.count("PlatesHeld") == 1
+
+
 def test_a_report_that_could_not_be_booked_is_handled_when_it_is_said_again(farm):
     farm.ready("a", "b")
     found = AgentSnapshot(printer="a", link=Link.READY, agent_pid=9, alarm="it gets hotter", nozzle_c=90.0)
