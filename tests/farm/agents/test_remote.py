@@ -24,7 +24,7 @@ from drivers.errors import AgentError
 from drivers.records.start_file import Start
 from drivers.remote import bridge, client
 from drivers.remote.client import alive, pid
-from farm.agents import manager, remote
+from farm.agents import connection, remote
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
 from farm.config import Fleet, PrinterSection
@@ -186,8 +186,8 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
     tmp_path: Path, way: Any, monkeypatch: pytest.MonkeyPatch
 ):
     if isinstance(way, Silence):  # its ten minutes are five seconds of the wall
-        monkeypatch.setattr(manager, "_SILENCE_S", 1.5)
-        monkeypatch.setattr(manager, "_LONGEST_WAIT_S", 0.5)
+        monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
+        monkeypatch.setattr(connection, "_LONGEST_WAIT_S", 0.5)
         monkeypatch.setattr(client, "FIRST_WORD_S", 10.0)
     there = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(
