@@ -5,32 +5,29 @@ Request and result are plain data, so that this runs in worker processes.
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
-import json
 import math
-import os
 import tempfile
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from slicing import stl
+import numpy as np
+
 from slicing.checks import Unprinted, add_times, check_outline, output, read_toolpath, wall_layout
-from slicing.engine import Progress, check_versions, engine_version, run_engine
+from slicing.engine import Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
 from slicing.mesh_waves import add_waves
 from slicing.settings import EngineSettings
+from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
+from slicing.stl import Floats, read_triangles, write_triangles
 
-_FORMAT = "farm-slice-5"
-"""Part of the cache's key: changes where what is stored or checked changes."""
 _ON_BED_MM = 0.02
-_GROWN = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
-"""By what share a part is wider, and by how much its outlines are grown in mm, where something was left out
-otherwise. CuraEngine 4.13 loses a corner of a sound ring where the corner's two sides, in um, multiply to
-2**32 (from 0.99995 to 1.000003 of it, measured), in a layer's section as in the walls that it makes of it."""
+_RETRIES = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
+"""Share by which a part is wider, and mm by which its outlines are grown, one try after the other.
+
+CuraEngine 4.13 loses a corner of a sound ring where the corner's two sides, in um, multiply to 2**32 (from
+0.99995 to 1.000003 of it, measured), in a layer's section as in the walls that it makes of it."""
 _BY_CHANCE = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUTLINE))
 
 
@@ -78,15 +75,6 @@ class PlateResult:
     unprinted: tuple[Unprinted, ...] = ()  # walls too thin to print, the largest first
 
 
-@dataclass(frozen=True, slots=True)
-class _Sliced:
-    """What is kept of a slice."""
-
-    gcode: bytes
-    facts: output.GcodeFacts
-    unprinted: tuple[Unprinted, ...]
-
-
 def slice_plate(request: PlateRequest, progress: Progress | None = None) -> PlateResult:
     """Slice one plate and check the result; from the cache where the same was sliced before.
 
@@ -106,14 +94,13 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
     """
     try:
         model = request.stl.read_bytes()
-        triangles = stl.read_stl(model)
-        if abs(triangles.min_z_mm) > _ON_BED_MM:
-            raise SliceRejected(
-                Rule.HEIGHT, f"the model starts at Z {triangles.min_z_mm:.2f} mm; put it on the bed"
-            )
-        stored = _Stored.of(request, model)
+        corners = read_triangles(model)
+        lowest_mm = float(corners[..., 2].min())
+        if abs(lowest_mm) > _ON_BED_MM:
+            raise SliceRejected(Rule.HEIGHT, f"the model starts at Z {lowest_mm:.2f} mm; put it on the bed")
+        stored = StoredSlice.of(request.cache, request.engine, request.settings, model)
         kept = stored.read()
-        sliced = kept or _slice(request, triangles, progress)
+        sliced = kept or _slice(request, corners, progress)
         if kept is None:
             stored.write(sliced)
         # After the cache, whose key has no bed: the same file may fit one printer and not another.
@@ -126,15 +113,17 @@ def slice_plate(request: PlateRequest, progress: Progress | None = None) -> Plat
     return _result(request, sliced, kept is not None)
 
 
-def _slice(request: PlateRequest, triangles: stl.Triangles, progress: Progress | None) -> _Sliced:
-    """As the settings say; where that leaves something out, a hair wider or narrower, or with a wave."""
+def _slice(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
+    """Slice as the settings say; where that leaves something out, a bit wider or narrower, or with a wave."""
     check_versions(request.engine, request.settings.extruder)
     first: SliceRejected | None = None
     with tempfile.TemporaryDirectory(prefix="farm-wider-") as folder:
-        ways = [partial(_grown, request, share, offset_mm, Path(folder)) for share, offset_mm in _GROWN]
-        for way in (*ways, partial(_waved, request, triangles, Path(folder))):
+        ways = [
+            partial(_widen, request, corners, share, offset_mm, Path(folder)) for share, offset_mm in _RETRIES
+        ]
+        for way in (*ways, partial(_add_wave, request, corners, Path(folder))):
             try:
-                return _slice_once(way(), triangles, progress)
+                return _slice_once(way(), corners, progress)
             except SliceRejected as rejected:
                 first = first or rejected
                 if rejected.rule not in _BY_CHANCE:
@@ -143,12 +132,16 @@ def _slice(request: PlateRequest, triangles: stl.Triangles, progress: Progress |
     raise first
 
 
-def _grown(request: PlateRequest, share: float, offset_mm: float, folder: Path) -> PlateRequest:
-    """The same for a part that is wider by this share, about the bed's centre, its outlines grown."""
+def _widen(
+    request: PlateRequest, corners: Floats, share: float, offset_mm: float, folder: Path
+) -> PlateRequest:
+    """Make the request for a part that is wider by a share, about the bed's centre, its outlines grown."""
     if not share:
         return request
     wider = folder / request.stl.name
-    wider.write_bytes(stl.scale_stl_xy(request.stl.read_bytes(), share))
+    scaled = corners.astype(np.float32)
+    scaled[..., :2] *= 1.0 + share
+    wider.write_bytes(write_triangles(scaled))
     settings = request.settings
     offsets = {
         key: str(float(settings.extruder.get(key) or 0.0) + offset_mm)
@@ -157,21 +150,22 @@ def _grown(request: PlateRequest, share: float, offset_mm: float, folder: Path) 
     return replace(request, stl=wider, settings=replace(settings, extruder={**settings.extruder, **offsets}))
 
 
-def _waved(request: PlateRequest, triangles: stl.Triangles, folder: Path) -> PlateRequest:
-    """The same for a part whose long sides have a wave of hundredths of a mm."""
+def _add_wave(request: PlateRequest, corners: Floats, folder: Path) -> PlateRequest:
+    """Make the same request for a part whose long sides have a wave of hundredths of a mm."""
     path = folder / request.stl.name
-    path.write_bytes(stl.binary_stl(add_waves(triangles.corners)))
+    path.write_bytes(write_triangles(add_waves(corners)))
     return replace(request, stl=path)
 
 
-def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progress | None) -> _Sliced:
+def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
     settings = request.settings
+    height_mm = float(corners[..., 2].max())
     run = run_engine(
         request.engine,
         request.stl,
         settings.global_,
         settings.extruder,
-        layers=math.ceil(triangles.max_z_mm / settings.layer_height_mm) + 1,
+        layers=math.ceil(height_mm / settings.layer_height_mm) + 1,
         timeout_s=request.timeout_s,
         progress=progress,
     )
@@ -182,7 +176,7 @@ def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progr
     removed, lines = output.count_removed_layers(run.log), wall_layout(settings)
     output.check(
         facts,
-        height_mm=triangles.max_z_mm,
+        height_mm=height_mm,
         cut_mm=removed * settings.layer_height_mm,
         top_checked=lines is not None,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
@@ -193,13 +187,13 @@ def _slice_once(request: PlateRequest, triangles: stl.Triangles, progress: Progr
     if lines is not None:
         unprinted = check_outline(
             path,
-            triangles.corners,
+            corners,
             lines,
             removed=removed,
             centre_mm=_centre(settings),
             filament_mm2=settings.filament_mm2,
         )
-    return _Sliced(output.replace_header(add_times(run.gcode, path), run.log), facts, unprinted)
+    return CheckedSlice(output.replace_header(add_times(run.gcode, path), run.log), facts, unprinted)
 
 
 def _centre(settings: EngineSettings) -> tuple[float, float]:
@@ -212,7 +206,7 @@ def _check_bed(request: PlateRequest, facts: output.GcodeFacts) -> None:
     output.check_bed(facts, _centre(settings), request.bed, over_mm=highest_mm / 2)
 
 
-def _result(request: PlateRequest, sliced: _Sliced, cached: bool) -> PlateResult:
+def _result(request: PlateRequest, sliced: CheckedSlice, cached: bool) -> PlateResult:
     settings, facts = request.settings, sliced.facts
     centre = (*_centre(settings), 0.0)
     mm3 = facts.filament_mm * settings.filament_mm2
@@ -232,68 +226,3 @@ def _result(request: PlateRequest, sliced: _Sliced, cached: bool) -> PlateResult
         cached=cached,
         unprinted=sliced.unprinted,
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Stored:
-    """A cache entry: the G-code and what was found in it, named by what decides them."""
-
-    folder: Path | None
-    key: str
-
-    @classmethod
-    def of(cls, request: PlateRequest, model: bytes) -> _Stored:
-        if request.cache is None:
-            return cls(None, "")
-        settings = json.dumps([request.settings.global_, request.settings.extruder], sort_keys=True)
-        digest = hashlib.sha256(model)
-        for text in (settings, engine_version(request.engine), _FORMAT):
-            digest.update(hashlib.sha256(text.encode()).digest())
-        return cls(request.cache, digest.hexdigest())
-
-    def read(self) -> _Sliced | None:
-        """What is stored; None where nothing is, or it is not what was stored."""
-        if self.folder is None:
-            return None
-        try:
-            entry: Mapping[str, Any] = json.loads((self.folder / f"{self.key}.json").read_bytes())
-            gcode = (self.folder / f"{self.key}.gcode").read_bytes()
-            if hashlib.sha256(gcode).hexdigest() != entry["sha256"]:
-                return None
-            facts = dict(entry["facts"])
-            facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
-            unprinted = tuple(Unprinted(**wall) for wall in entry["unprinted"])
-            sliced = _Sliced(gcode, output.GcodeFacts(**facts), unprinted)
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
-        with contextlib.suppress(OSError):  # used now: what is not goes first (slicing.cache)
-            os.utime(self.folder / f"{self.key}.json")
-        return sliced
-
-    def write(self, sliced: _Sliced) -> None:
-        if self.folder is None:
-            return
-        self.folder.mkdir(parents=True, exist_ok=True)
-        entry = {
-            "sha256": hashlib.sha256(sliced.gcode).hexdigest(),
-            "facts": asdict(sliced.facts),
-            "unprinted": [asdict(wall) for wall in sliced.unprinted],
-        }
-        write_atomically(self.folder / f"{self.key}.gcode", sliced.gcode)
-        # Last: it makes the entry valid.
-        write_atomically(self.folder / f"{self.key}.json", json.dumps(entry).encode())
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that a reader sees all of it or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as sink:
-            sink.write(content)
-        Path(name).replace(path)
-    except BaseException as error:
-        Path(name).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            error.filename = str(path)  # a full disk names none
-        raise

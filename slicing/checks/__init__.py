@@ -1,11 +1,13 @@
 """Checks of what CuraEngine wrote: its log, its G-code, and each layer's outline against the model."""
 
 from slicing.checks.outline import Unprinted, check_outline
+from slicing.checks.output import GcodeFacts
 from slicing.checks.timeline import add_times
 from slicing.checks.toolpath import Toolpath, read_toolpath
 from slicing.checks.walls import WallLayout, wall_layout
 
 __all__ = [
+    "GcodeFacts",
     "Toolpath",
     "Unprinted",
     "WallLayout",

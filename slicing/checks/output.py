@@ -97,7 +97,7 @@ def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float)
         if min(reached_c, target_c["M104"]) < min_extrusion_c:
             cold |= bool(pushes[done : command.move].any())
         done = command.move
-        set_c = command.word("S") or 0.0
+        set_c = command.words.get("S", 0.0)
         target_c["M104" if command.code in ("M104", "M109") else "M140"] = set_c
         if command.code == "M109":
             reached_c = set_c

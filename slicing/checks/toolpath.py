@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from slicing.errors import GcodeRefused, Rule, SliceRejected
+from slicing.gcode_lines import PLAIN_MOVE, Words, split, words
+
 Floats = npt.NDArray[np.float64]
-Words = tuple[tuple[str, float], ...]
 
 # Any text matches the second group, so that a block is never given back and reading stays linear. A block is
 # bounded because the engine of `re` keeps 50 bytes for each byte of it.
-_BLOCK = re.compile(rb"((?:G[01](?: [FXYZE]-?\d+(?:\.\d*|))+\r?\n){0,1000})([^\n]*\n?)")
-_CODE = re.compile(rb"\s*([GMT])0*(\d+)")
-_WORD = re.compile(rb"([XYZEFS])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+_BLOCK = re.compile(rb"((?:%b\n){0,1000})([^\n]*\n?)" % PLAIN_MOVE)
 _LETTERS = b"GFXYZE\r\n"
 _SPACED = bytes.maketrans(_LETTERS, b" " * len(_LETTERS))
 _AXES = b"XYZE"
@@ -42,9 +42,6 @@ class Command:
     move: int
     code: str
     words: Words
-
-    def word(self, letter: str) -> float | None:
-        return next((number for name, number in self.words if name == letter), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,31 +89,43 @@ NO_LAYER = -(2**31)
 
 
 def read_toolpath(gcode: bytes) -> Toolpath:
-    """Read a G-code file; lines that are neither a move nor a command are passed over.
+    """Read a G-code file.
 
     ``G90 G91 M82 M83 G92`` are followed; homing does not change the coordinates.
+
+    Parameters
+    ----------
+    gcode
+        The whole file.
+
+    Raises
+    ------
+    SliceRejected
+        `FLAVOUR` where the firmware would read a line otherwise, or not at all.
     """
     blocks: list[bytes] = []
     notes: list[Note] = []
     commands: list[Command] = []
-    moves = 0
+    moves = number = 0
     for match in _BLOCK.finditer(gcode):
         block, line = match.groups()
         blocks.append(block)
         moves += block.count(b"\n")
-        words, _, comment = line.partition(b";")
-        if comment and not words:
-            notes.append(Note(moves, match.start(2), comment.decode("utf-8", "replace").strip()))
-        elif (code := _CODE.match(words)) is not None:
-            name = f"{code[1].decode()}{int(code[2])}"
-            if name in ("G0", "G1"):
-                plain = [b" %b%b" % word for word in _WORD.findall(words) if word[0] != b"S"]
-                blocks.append(b"G" + b"".join(plain) + b"\n")
-                moves += 1
-            else:
-                found = _WORD.findall(words[code.end() :])
-                read = tuple((letter.decode(), float(number)) for letter, number in found)
-                commands.append(Command(moves, name, read))
+        number += block.count(b"\n") + 1
+        if line.startswith(b";"):
+            notes.append(Note(moves, match.start(2), line[1:].decode("utf-8", "replace").strip()))
+            continue
+        try:
+            code, rest, _ = split(line, number)
+            given = words(rest, number)
+        except GcodeRefused as error:
+            raise SliceRejected(Rule.FLAVOUR, str(error)) from error
+        if code in ("G0", "G1"):
+            plain = "".join(f" {letter}{value:.9f}" for letter, value in given.items() if letter in "XYZEF")
+            blocks.append(b"G%b\n" % plain.encode())
+            moves += 1
+        elif code:
+            commands.append(Command(moves, code, given))
     columns = _columns(b"".join(blocks), moves)
     before, after = _positions(columns, commands)
     features = ("", *dict.fromkeys(note.text[5:] for note in notes if note.text.startswith("TYPE:")))
@@ -191,7 +200,7 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
                 relative_e = command.code == "M83"
             case "G92":
                 for axis, letter in enumerate("XYZE"):
-                    number = command.word(letter)
+                    number = command.words.get(letter)
                     here[axis] = here[axis] if number is None else number
     go_to(moves)
     return before, after

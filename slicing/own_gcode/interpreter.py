@@ -6,11 +6,11 @@ import math
 import re
 
 from slicing.errors import GcodeRefused
+from slicing.gcode_lines import Words, plain_move, split, words
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.arcs import Arc
 from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.head import MOST_SECTION, Head
-from slicing.own_gcode.lines import Words, plain_move, split, words
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.survey import Survey, is_layer
 from slicing.own_gcode.target import PrintTarget

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
-from slicing.own_gcode.lines import shown
+from slicing.gcode_lines import shown
 from slicing.own_gcode.target import PrintTarget
 
 _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
+from slicing.gcode_lines import plain_move, split
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.completeness import Completeness
-from slicing.own_gcode.lines import plain_move, split
 from slicing.own_gcode.machine import FOREIGN_START, Machine, find_machine
 
 FILAMENT_SLACK_MM = (-0.1, 0.2)

@@ -14,7 +14,9 @@ import trimesh
 from make_stl import stl_bytes
 from slicing import plate
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
-from slicing.plate import slice_plate, write_atomically
+from slicing.plate import slice_plate
+from slicing.slice_store import write_atomically
+from slicing.stl import read_triangles
 
 
 def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):
@@ -90,15 +92,16 @@ def test_a_sound_part_that_loses_a_corner_in_the_engine_is_sliced_again(request_
 def test_a_part_is_sliced_again_as_a_wider_mesh(request_for, tmp_path):
     """A section can lose its corner before any offset of the walls: the mesh itself has to be another."""
     request = request_for(trimesh.creation.box((80, 60, 2)))
+    corners = read_triangles(request.stl.read_bytes())
     folder = tmp_path / "wider"
     folder.mkdir()
-    wider = plate._grown(request, 1e-3, 0.01, folder)
+    wider = plate._widen(request, corners, 1e-3, 0.01, folder)
     assert wider.stl != request.stl
     assert trimesh.load_mesh(wider.stl).extents == pytest.approx((80.08, 60.06, 2.0), abs=1e-3)
     assert float(wider.settings.extruder["xy_offset"]) == pytest.approx(
         0.01 + float(request.settings.extruder.get("xy_offset") or 0.0)
     )
-    assert plate._grown(request, 0.0, 0.0, folder) is request
+    assert plate._widen(request, corners, 0.0, 0.0, folder) is request
 
 
 def test_an_inner_wall_that_is_lost_in_the_engine_is_sliced_again(request_for):
@@ -173,7 +176,7 @@ def test_a_full_disk_is_named_with_the_file_that_has_no_room(tmp_path, monkeypat
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("slicing.plate.os.fdopen", full)
+    monkeypatch.setattr("slicing.slice_store.os.fdopen", full)
     with pytest.raises(OSError, match="No space left") as error:
         write_atomically(tmp_path / "part.gcode", b"G28")
     assert error.value.filename == str(tmp_path / "part.gcode")

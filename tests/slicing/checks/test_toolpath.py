@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slicing.checks.toolpath import NO_LAYER, read_toolpath
+from slicing.errors import Rule, SliceRejected
 
 FILE = b""";FLAVOR:Marlin
 G28
@@ -19,8 +20,7 @@ G1 F600 X6 E1.5
 G1 Y-11.25
 G92 E0
 ;TYPE:WALL-OUTER
-g1 is no command here
-G1X7Y8E2 ; written in another way
+G1X7Y8 E2 ; written in another way
 G91
 G1 Z2 E-1
 G90
@@ -49,16 +49,23 @@ def test_modes_resets_and_other_ways_of_writing():
     assert not path.is_feature("SKIN").any()
     assert path.moved.tolist() == [True] * 7
     wait = next(command for command in path.commands if command.code == "M109")
-    assert (wait.move, wait.word("S"), wait.word("X")) == (1, 210.0, None)
+    assert (wait.move, wait.words) == (1, {"S": 210.0})
     note = path.notes[1]
     assert (note.move, note.text) == (1, "LAYER:0")
     assert FILE[note.offset :].startswith(b";LAYER:0\n")
 
 
-@pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X", b"G1 X1", b"\xff\x00\n"])
+@pytest.mark.parametrize("text", [b"", b"\n\n", b";only a comment", b"G28", b"G1 X1"])
 def test_next_to_nothing(text):
     path = read_toolpath(text)
     assert len(path.after) == len(path.layer) == len(path.feed_mm_min) == text.count(b"G1")
+
+
+@pytest.mark.parametrize("line", [b"g1 is no command here", b"G1X7Y8E2", b"G1 X", b"\xff", b"M104 S2e5 x"])
+def test_a_line_that_the_firmware_reads_otherwise_is_refused_with_its_number(line):
+    with pytest.raises(SliceRejected, match="line 3: ") as refused:
+        read_toolpath(b"G28\nG1 X1\n" + line + b"\nG1 X2\n")
+    assert refused.value.rule is Rule.FLAVOUR
 
 
 NUMBERS = st.integers(-99_999, 99_999).map(lambda n: n / 1000)
@@ -77,7 +84,7 @@ def test_the_columns_are_what_a_reader_of_lines_finds(lines, spaced):
                 here |= {"X": 1.0, "E": 0.0}
             continue
         words = [f"{letter}{number:.3f}" for letter, number in line.items()]
-        text.append(" ".join(["G1", *words]) if spaced else "G1" + "".join(words))
+        text.append(" ".join(["G1", *words]) if spaced else "G1" + "".join(words).replace("E", " E"))
         here |= {letter: number for letter, number in line.items() if letter != "F"}
         expected.append(list(here.values()))
     after = read_toolpath("\n".join(text).encode()).after

@@ -1,4 +1,8 @@
-"""One line of a G-code file taken apart, or refused with its number. What commands do is not known here."""
+"""Lexer of G-code lines: code, words and comment, or a refusal with the line's number.
+
+The meaning of commands is not known here. Two readers stand on it: `own_gcode` takes every line apart;
+`checks.toolpath` reads plain moves by the column, and only the few other lines one by one.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +26,8 @@ _ASIDE = re.compile(r"\([^()]*\)")
 _WORD = re.compile(r"\s*([A-Z])\s?([-+]?(?:\d+\.?\d*|\.\d+))")
 _RUN_TOGETHER = re.compile(r"[\d.]E")
 
+PLAIN_MOVE = rb"G[01](?: [FXYZE]-?\d+(?:\.\d*|))+\r?"
+"""A straight move in the form that slicers nearly always write. An empty branch is faster than ``?``."""
 _PLAIN_MOVE = re.compile(rb"G[01](?: [FXYZE]-?\d{1,4}(?:\.\d{1,9})?)+\r?\n?\Z")
 
 Words = dict[str, float]

@@ -1,0 +1,96 @@
+"""Store of slices by content: the same plate is sliced once. `slicing.cache` trims its folder."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from slicing.checks import GcodeFacts, Unprinted
+from slicing.engine import engine_version
+from slicing.settings import EngineSettings
+
+_FORMAT = "farm-slice-5"
+"""Part of the cache's key: changes where what is stored or checked changes."""
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedSlice:
+    """G-code that passed the checks, and what they found in it."""
+
+    gcode: bytes
+    facts: GcodeFacts
+    unprinted: tuple[Unprinted, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StoredSlice:
+    """Cache entry: the G-code and what was found in it, named by what decides them."""
+
+    folder: Path | None
+    key: str
+
+    @classmethod
+    def of(cls, cache: Path | None, engine: Path, settings: EngineSettings, model: bytes) -> StoredSlice:
+        """Name the entry of a model (an STL's bytes) for these settings; without a folder it stays empty."""
+        if cache is None:
+            return cls(None, "")
+        texts = json.dumps([settings.global_, settings.extruder], sort_keys=True)
+        digest = hashlib.sha256(model)
+        for text in (texts, engine_version(engine), _FORMAT):
+            digest.update(hashlib.sha256(text.encode()).digest())
+        return cls(cache, digest.hexdigest())
+
+    def read(self) -> CheckedSlice | None:
+        """Read what is stored; None where nothing is, or it is not what was stored."""
+        if self.folder is None:
+            return None
+        try:
+            entry: Mapping[str, Any] = json.loads((self.folder / f"{self.key}.json").read_bytes())
+            gcode = (self.folder / f"{self.key}.gcode").read_bytes()
+            if hashlib.sha256(gcode).hexdigest() != entry["sha256"]:
+                return None
+            facts = dict(entry["facts"])
+            facts |= {name: tuple(facts[name]) for name in ("min_mm", "max_mm")}
+            unprinted = tuple(Unprinted(**wall) for wall in entry["unprinted"])
+            sliced = CheckedSlice(gcode, GcodeFacts(**facts), unprinted)
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        with contextlib.suppress(OSError):  # used now: what is not goes first (slicing.cache)
+            os.utime(self.folder / f"{self.key}.json")
+        return sliced
+
+    def write(self, sliced: CheckedSlice) -> None:
+        """Store a slice; nothing where there is no cache."""
+        if self.folder is None:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        entry = {
+            "sha256": hashlib.sha256(sliced.gcode).hexdigest(),
+            "facts": asdict(sliced.facts),
+            "unprinted": [asdict(wall) for wall in sliced.unprinted],
+        }
+        write_atomically(self.folder / f"{self.key}.gcode", sliced.gcode)
+        # Last: it makes the entry valid.
+        write_atomically(self.folder / f"{self.key}.json", json.dumps(entry).encode())
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that a reader sees all of it or none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as sink:
+            sink.write(content)
+        Path(name).replace(path)
+    except BaseException as error:
+        Path(name).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = str(path)  # a full disk names none
+        raise
