@@ -22,7 +22,7 @@ from statistics import median
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
-from drivers.link.link import Link, Phase, Trouble
+from drivers.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
 
 MODEL = "ultimaker2_plus"

@@ -14,8 +14,8 @@ from drivers.agent.idle_watch import CARD, IdleWatch
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import ULTIMAKER2
+from drivers.link import Link, Report, Said, Up
 from drivers.link.dialogue import talk
-from drivers.link.link import Link, Report, Said, Up
 from drivers.locks import AGENT_LOCK, hold
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.ports.serial_port import Device, devices

@@ -12,7 +12,7 @@ from drivers.clock import Clock, wall_s
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
-from drivers.link.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
+from drivers.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.printers import Profile
 from drivers.records.board_state import BoardState

@@ -17,7 +17,7 @@ from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.agent.spool import Spool
 from drivers.clock import Clock, wall_s
 from drivers.errors import AgentError, BadGcode, DriverError, Fault, TooLate
-from drivers.link.link import Phase
+from drivers.link import Phase
 from drivers.messages import (
     PROTOCOL,
     BedCleared,

@@ -6,7 +6,8 @@ import select
 import time
 from collections.abc import Iterator
 
-from drivers.link.link import Event, Link, Phase
+from drivers.link.link import Link, Phase
+from drivers.link.replies import Event
 from drivers.ports.port import Port
 
 

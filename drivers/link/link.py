@@ -30,28 +30,12 @@ from enum import StrEnum
 from drivers.errors import Fault
 from drivers.firmware import Firmware
 from drivers.link import replies
+from drivers.link.opening import Heard, Opening
 from drivers.link.outbox import Outbox, Source
-from drivers.link.recovery import ASKS, NOISE_LINES, NOISE_REPAIRS, TRIES, Action, Place, Recovery
-from drivers.link.replies import Event, Events, Report, Said, Trouble, Up, checksum, frame
-
-__all__ = [
-    "Event",
-    "Events",
-    "Link",
-    "Phase",
-    "Report",
-    "Said",
-    "Source",
-    "Trouble",
-    "Up",
-    "checksum",
-    "frame",
-]
+from drivers.link.recovery import ASKS, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
+from drivers.link.replies import Event, Events, Said, Trouble, Up
 
 SILENT = "the board does not answer"
-START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
-HAIL_S = 0.3  # to the first question, where a board may not start at all
-QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 ASK_S = 0.3  # of silence; doubled with each question
 HINT_S = 0.05  # after something that could not be read and may have been an ok
 _LONGEST_ANSWER = 512
@@ -93,18 +77,14 @@ class Link:
     def _reset(self) -> None:
         self.phase = Phase.CLOSED
         self._out = b""
-        self._hail = b""  # while it opens: words that the board must have heard, started anew or not
-        self._refused = False  # they may be lost
+        self._opening = Opening(self._firmware, self._floor_s)
         self._partial = b""
-        self._banner = b""
-        self._restarted = False
         self._due_s = math.inf  # of what is in flight, or of the phase
         self._poll_s = math.inf
         self._waiting = False  # for the ok of the line at the cursor
         self._calm = True  # nothing was asked or refused since the line in flight was sent
         self._refused = False  # oks are void until the board has said its last line
         self._recovery = Recovery()
-        self._tries = 0  # while it opens
         self.repeated = 0
         self._outbox = Outbox(self._firmware)
 
@@ -121,19 +101,15 @@ class Link:
         """
         self._reset()
         self.phase = Phase.OPENING
-        self._hail = hail
-        self._due_s = now_s + (self._hail_s if hail else max(START_S, self._floor_s))
-
-    @property
-    def _hail_s(self) -> float:
-        return max(HAIL_S, self._floor_s / 8)
+        self._opening = Opening(self._firmware, self._floor_s, hail)
+        self._due_s = now_s + self._opening.first_s
 
     def restarted(self, now_s: float) -> None:
         """The board started by itself, and that is all right: go on with its banner."""
         self._reset()
         self.phase = Phase.BANNER
-        self._restarted = True
-        self._due_s = now_s + max(QUIET_S, self._floor_s / 4)
+        self._opening.restarted = True
+        self._due_s = now_s + self._opening.quiet_s
 
     def closed(self) -> None:
         """The port is gone."""
@@ -241,26 +217,21 @@ class Link:
                 self._hurry(now_s)
 
     def _hear_boot(self, line: bytes, now_s: float, events: list[Event]) -> None:
-        if line.endswith(b"start"):
-            self._restarted, self._banner = True, b""
+        heard = self._opening.hear(line)
+        if heard is Heard.START:
             self.phase = Phase.BANNER
-            self._due_s = now_s + max(QUIET_S, self._floor_s / 4)
-        elif self._restarted:
-            self._banner += line + b"\n"
-            if self._firmware.banner_end in line:
-                self._greet(now_s, events)
-        elif self._hail and b"Resend" in line:
-            self._refused = True
+            self._due_s = now_s + self._opening.quiet_s
+        elif heard is Heard.REFUSAL:
             self._due_s = now_s
-        elif line.startswith(b"ok T:" if self._hail else b"ok") and self._tries:
+        elif heard is Heard.READY:
             self._greet(now_s, events)
 
     def _greet(self, now_s: float, events: list[Event]) -> None:
         self.phase = Phase.LIVE
-        self._tries = 0
+        self._refused = self._opening.refused
         self._poll_s = now_s + self.poll_every_s
         self._outbox.begin()
-        events.append(Up(self._restarted, self._banner))
+        events.append(Up(self._opening.restarted, self._opening.banner))
         self._go(now_s)
 
     def _hear_report(self, line: bytes, now_s: float, events: list[Event]) -> None:
@@ -344,15 +315,11 @@ class Link:
         elif self._waiting:
             self._press(now_s, events)
         elif self.phase is Phase.OPENING:
-            self._tries += 1
-            if self._tries > TRIES:
+            if (question := self._opening.ask()) is None:
                 self._give_up(Fault.NO_ANSWER, SILENT, events)
-            else:  # it did not restart, and nobody knows its line number
-                if self._refused or self._tries > 1:
-                    self._out += self._hail
-                self._refused = False
-                self._out += self._firmware.report_query + b"\n"
-                self._due_s = now_s + max(START_S if self._hail else START_S / 2, self._floor_s)
+            else:
+                self._out += question
+                self._due_s = now_s + self._opening.answer_s
         else:
             self._go(now_s)
         return events

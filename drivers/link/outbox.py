@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 
 from drivers.firmware import Firmware
-from drivers.link.replies import frame
+from drivers.gcode.frame import frame
 
 HISTORY_LINES = 32
 LINE_S = 50.0  # a line is given up after so long,

@@ -1,4 +1,4 @@
-"""What is said on the wire: our numbered lines, and the board's answers sorted into events. Pure.
+"""Answers of a board, sorted into events. Pure.
 
 The wording is that of docs/explanation/ultimaker2-serial.md, sections 1 and 3.
 """
@@ -61,24 +61,6 @@ class Trouble:
 
 Event = Up | Report | Said | Trouble
 Events = Sequence[Event]
-
-
-def checksum(line: bytes) -> int:
-    """XOR of all bytes (at most 128 of them), by folding one long number onto itself."""
-    n = int.from_bytes(line, "little")
-    n ^= n >> 512
-    n ^= n >> 256
-    n ^= n >> 128
-    n ^= n >> 64
-    n ^= n >> 32
-    n ^= n >> 16
-    return (n ^ n >> 8) & 0xFF
-
-
-def frame(number: int, command: bytes) -> bytes:
-    """One numbered and checksummed line with its newline."""
-    line = b"N%d %b" % (number, command)
-    return b"%b*%d\n" % (line, checksum(line))
 
 
 def report(line: bytes) -> Report | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 
 from drivers.errors import Fault
-from drivers.link.link import Phase as LinkPhase
+from drivers.link import Phase as LinkPhase
 from drivers.session.context import Answer, Ended, Script, SessionContext, Wait
 
 SEND_S = 180.0

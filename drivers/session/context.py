@@ -14,7 +14,7 @@ from drivers.errors import Fault, Unreadable
 from drivers.firmware import Firmware
 from drivers.gcode.filament_position import Point
 from drivers.gcode.program import Program
-from drivers.link.link import Link, Report, Up
+from drivers.link import Link, Report, Up
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import Profile
 from drivers.records.alarm import Suspicion

@@ -10,7 +10,7 @@ import math
 
 from drivers.errors import Fault
 from drivers.gcode.program import Heat, HeaterName
-from drivers.link.link import Report
+from drivers.link import Report
 from drivers.messages import PrintPhase
 from drivers.records.alarm import Suspicion
 from drivers.session.commands import arm_dead_man, await_report, send

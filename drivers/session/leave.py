@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault
-from drivers.link.link import Phase as LinkPhase
+from drivers.link import Phase as LinkPhase
 from drivers.messages import Filament
 from drivers.session.commands import TRIES, arm_dead_man, connect, send
 from drivers.session.context import Answer, Ended, Script, SessionContext

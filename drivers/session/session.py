@@ -17,8 +17,8 @@ from collections.abc import Callable
 
 from drivers.errors import Fault, Unreadable
 from drivers.gcode.filament_position import place
-from drivers.link.link import Event, Events, Report, Said, Trouble, Up
-from drivers.link.link import Phase as LinkPhase
+from drivers.link import Event, Events, Report, Said, Trouble, Up
+from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
 from drivers.session.context import Ended, Script, SessionContext, Wait
 from drivers.session.heat import power_off_due_s, suspect, watch_heaters

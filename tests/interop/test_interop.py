@@ -18,7 +18,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.errors import Fault, PortError
 from drivers.firmware import ULTIMAKER2
-from drivers.link.link import Link, Phase, Trouble
+from drivers.link import Link, Phase, Trouble
 from drivers.ports.serial_port import SerialPort
 
 HERE = Path(__file__).parent

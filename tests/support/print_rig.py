@@ -10,7 +10,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.gcode.program import Store, strip
-from drivers.link.link import Link
+from drivers.link import Link
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import PROFILES
 from drivers.session import Pace, Session, SessionContext

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
-from drivers.link import replies
-from drivers.link.link import ASK_S, Link, Phase, Report, Trouble, Up, checksum, frame
+from drivers.gcode.frame import checksum, frame
+from drivers.link import Link, Phase, Report, Trouble, Up, replies
+from drivers.link.link import ASK_S
 from drivers.link.recovery import ASKS, TRIES
 
 BANNER = b"start\necho:Marlin 1.0.0\necho: Last Updated | Author: Vers:_3.3.0\necho:   M301 P10 I1 D70\n"

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from drivers.firmware import ULTIMAKER2
-from drivers.link.link import Link, Report
+from drivers.link import Link, Report
 
 BANNER = b"start\necho:Marlin 1.0.0\necho:   M301 P10 I1 D70\n"
 REPORT = b"ok T:200.0 /210.0 B:60.0 /60.0 @:0 B@:0\n"

@@ -10,7 +10,7 @@ from bench.stalls import KINDS, run
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
-from drivers.link.link import Link, Phase
+from drivers.link import Link, Phase
 from drivers.printers import PROFILES
 
 MEDIAN_S, WORST_S = 1.0, 3.0  # simulated seconds

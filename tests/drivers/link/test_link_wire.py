@@ -14,7 +14,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.hardware.noise import Noise
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
-from drivers.link.link import Link, Phase, Trouble
+from drivers.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
 
 NAMED = {Fault.NO_ANSWER, Fault.NOISY_LINE, Fault.REBOOT}

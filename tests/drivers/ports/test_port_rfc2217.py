@@ -18,8 +18,8 @@ from drivers.clock import Clock
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
+from drivers.link import Link, Report, Up
 from drivers.link.dialogue import talk
-from drivers.link.link import Link, Report, Up
 from drivers.ports.port import NetPort
 from drivers.remote.client import AgentClient, spawn
 from drivers.safety import estop

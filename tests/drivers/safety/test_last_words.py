@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.receiver import RING_BYTES
 from drivers.firmware import ULTIMAKER2
-from drivers.link.link import Event, Link, Up
+from drivers.link import Event, Link, Up
 from drivers.ports.port import Port
 from drivers.ports.serial_port import SerialPort
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS

@@ -8,8 +8,8 @@ import pytest
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.listener import Phase
 from drivers.errors import Fault
-from drivers.link.link import Phase as LinkPhase
-from drivers.link.link import Trouble
+from drivers.link import Phase as LinkPhase
+from drivers.link import Trouble
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, assert_ended_off, gcode

@@ -1,0 +1,87 @@
+"""From the opening of a port to a board that answers: what is heard and asked meanwhile. Pure."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from drivers.firmware import Firmware
+from drivers.link.recovery import TRIES
+
+START_S = 10.0  # from the opening of the port to ``start``; the bootloader takes one
+HAIL_S = 0.3  # to the first question, where a board may not start at all
+QUIET_S = 1.0  # after ``start``: time for the rest of the banner
+
+
+class Heard(Enum):
+    """What a line says while the port opens."""
+
+    NOTHING = 0
+    START = 1  # the banner begins
+    READY = 2  # the banner has ended, or a board that did not start anew answers
+    REFUSAL = 3  # the hail may be lost
+
+
+class Opening:
+    """The opening of one port.
+
+    Parameters
+    ----------
+    firmware
+        Of the board.
+    floor_s
+        See `Link`.
+    hail
+        Commands that the board must have heard, started anew or not.
+
+    Attributes
+    ----------
+    restarted, banner
+        The board said ``start``, and this after it.
+    refused
+        The hail may be lost.
+    """
+
+    def __init__(self, firmware: Firmware, floor_s: float, hail: bytes = b"") -> None:
+        self.restarted = False
+        self.banner = b""
+        self.refused = False
+        self._firmware, self._floor_s, self._hail = firmware, floor_s, hail
+        self._tries = 0
+
+    @property
+    def first_s(self) -> float:
+        """How long to wait for ``start`` before the first question."""
+        return max(HAIL_S, self._floor_s / 8) if self._hail else max(START_S, self._floor_s)
+
+    @property
+    def quiet_s(self) -> float:
+        """How long to wait for the rest of a banner."""
+        return max(QUIET_S, self._floor_s / 4)
+
+    @property
+    def answer_s(self) -> float:
+        """How long to wait for the answer to a question."""
+        return max(START_S if self._hail else START_S / 2, self._floor_s)
+
+    def hear(self, line: bytes) -> Heard:
+        """Take a line from the board."""
+        if line.endswith(b"start"):  # a reset puts noise before it
+            self.restarted, self.banner = True, b""
+            return Heard.START
+        if self.restarted:
+            self.banner += line + b"\n"
+            return Heard.READY if self._firmware.banner_end in line else Heard.NOTHING
+        if self._hail and b"Resend" in line:
+            self.refused = True
+            return Heard.REFUSAL
+        answers = line.startswith(b"ok T:" if self._hail else b"ok") and self._tries > 0
+        return Heard.READY if answers else Heard.NOTHING
+
+    def ask(self) -> bytes | None:
+        """Ask a board that did not start anew; None where it was asked often enough."""
+        self._tries += 1
+        if self._tries > TRIES:
+            return None
+        again = self._hail if self.refused or self._tries > 1 else b""
+        self.refused = False
+        return again + self._firmware.report_query + b"\n"
