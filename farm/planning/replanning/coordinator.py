@@ -51,7 +51,7 @@ class ReplanCoordinator:
         return frozenset(name for replan in self._running.values() for name in replan.printers)
 
     def clock_set(self) -> None:
-        """Search anew: when the last search was says nothing on a clock that was set."""
+        """Forget when the last search was: the host's clock was set."""
         self._searched_s = float("-inf")
 
     def holds(self) -> dict[str, Hold]:

@@ -166,6 +166,17 @@ def test_what_waits_for_a_full_bed_overnight_is_sliced_for_another_kind_of_print
     assert farm.controller.books.plates["1/01"].replaced_by == ("1/01-2",)
 
 
+def test_a_host_s_clock_that_is_set_back_does_not_put_off_the_next_search(tmp_path):
+    farm = begun(tmp_path, [PLUS, PLUS, PLAIN], plates=2)
+    fails(farm, "a", "1/01")
+    farm.controller.on_replan("1/01", FarmError("too thin"))
+    farm.controller.clock.now_s -= HOUR
+    farm.controller.on_clock_set(-HOUR)
+    farm.controller.clock.now_s += 60.0
+    fails(farm, "b", "1/02")
+    assert farm.effects.replans == [("1/01", ["c"], False), ("1/02", ["c"], False)]
+
+
 def test_a_slice_that_would_not_be_there_sooner_is_not_made_twice(tmp_path):
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")
