@@ -35,7 +35,7 @@ from farm.config import load_fleet
 from farm.errors import DaemonUnreachable, FarmError
 from farm.model import Bed, Job, JobOptions, PrintState
 from farm.paths import StateFolder
-from farm.planning.inspection.fleet_check import mistake_in
+from farm.planning.inspection.fleet_check import find_mistake
 from farm.planning.inspection.own_gcode import inspect_gcode, plan_gcode
 from farm.planning.plan import DecomposeTask, Plan
 from farm.state import events as ev
@@ -82,7 +82,7 @@ class Night:
         self.client = Client(self.state.root / "farm.sock")
         self.state.make()
         self._write_fleet()
-        self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), mistake_in)
+        self.fleet = load_fleet(self.fleet_file, frozenset(PROFILES), find_mistake)
         self.plate_s = self._book_job()
         begun = range(1, args.plates + 1)
         # How many prints have begun when one is to fail, and when a printer is unplugged.

@@ -1,7 +1,7 @@
-"""The worker processes for decomposition and slicing: polite, bounded, and never outliving the daemon.
+"""Pool of worker processes for decomposition and slicing: low priority, limited, ended with the daemon.
 
-Each piece of work has a process to itself. It is ended (a person cancels its job, its time is over) by ending
-that process, which a new one replaces; and a process that dies takes no other work with it.
+Each task has a process to itself. A task is ended (its job is cancelled, its time is over) by ending that
+process, which a new one replaces; a process that dies takes no other task with it.
 """
 
 from __future__ import annotations
@@ -30,11 +30,19 @@ _GB = 2**30
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """How long a kind of work may take, in wall seconds from when a worker has it."""
+    """Limit of a kind of work, in wall seconds from when a worker has it.
+
+    Attributes
+    ----------
+    what
+        The work, as messages name it.
+    urgent
+        A person waits for it: it goes before all that is not urgent.
+    """
 
     what: str
     seconds: float
-    urgent: bool = False  # a person waits for it: it goes before all that is not
+    urgent: bool = False
 
 
 CHECKING = Limit("reading and checking the model", 600.0, urgent=True)
@@ -43,14 +51,14 @@ SLICING = Limit("slicing a part", 2400.0)  # CuraEngine's own limit (slicing.pla
 
 
 def memory_for_each(count: int, memory_gb: float | None) -> int:
-    """What a worker may use, in bytes: a share of the machine, but enough for one large model.
+    """Return the memory in bytes that a worker may use.
 
     Parameters
     ----------
     count
-        How many workers there are.
+        Number of workers.
     memory_gb
-        What a person gives each; None for the default.
+        Memory of each, as set by a person; None for a share of the machine that suffices for a large model.
     """
     if memory_gb is not None:
         return int(memory_gb * _GB)
@@ -59,18 +67,18 @@ def memory_for_each(count: int, memory_gb: float | None) -> int:
 
 
 class Workers:
-    """As many processes as cores. All methods are called on the event loop's thread.
+    """Pool of worker processes. All methods are called on the event loop's thread.
 
     Parameters
     ----------
     scratch
-        A folder of the pool's own: each worker has its temporary files in a folder there, which goes with it.
+        Folder of the pool: each worker has a folder for temporary files there, which is removed with it.
     count
-        How many; as many as cores by default.
+        Number of workers; as many as cores by default.
     memory_gb
-        What each may use; see `memory_for_each`.
+        Memory limit of each; see `memory_for_each`.
     warm
-        What every worker does first: import what it will need, before somebody waits for it.
+        First call of every worker: it imports what tasks need, before somebody waits for them.
     """
 
     def __init__(
@@ -97,17 +105,21 @@ class Workers:
 
     @property
     def pids(self) -> frozenset[int]:
-        """The processes that there are now."""
+        """Ids of the processes that live."""
         return frozenset(worker.pid for worker in self._alive)
 
     async def run(self, work: Callable[..., T], *args: object, limit: Limit = CHECKING) -> T:
-        """Run a function, which may be run more than once, in a worker; cancelled, the worker is ended.
+        """Run a function in a worker; where this is cancelled, the worker is ended.
+
+        Parameters
+        ----------
+        work
+            May be run a second time, where its worker dies.
 
         Raises
         ------
         FarmError
-            What the work raised, or `limit` where its time or its memory did not suffice, or that its workers
-            died.
+            As the work raised; `limit` where its time or its memory did not suffice; or its workers died.
         """
         ended = ""
         for _ in range(_TRIES):
@@ -147,7 +159,7 @@ class Workers:
         )
 
     def close(self) -> None:
-        """Give up whatever is being worked on; no process is left when this returns."""
+        """Give up all work; no process is left when this returns."""
         self._closed = True
         for worker in self._alive:
             worker.end()
@@ -161,17 +173,17 @@ class Workers:
         self._give(worker)
 
     def _replace(self) -> None:
-        """Start a worker, or try again until one can be started (the disk may be full)."""
+        """Start a worker; where that fails (the disk may be full), retry until it succeeds."""
         if self._closed:
             return
         try:
             self._start()
         except OSError as error:
-            log.error("no worker can be started: %s; it is tried again", error)
+            log.error("no worker can be started: %s; retrying", error)
             asyncio.get_running_loop().call_later(_RETRY_S, self._replace)
 
     async def _take(self, urgent: bool) -> Worker:
-        """The next worker that is free; work that is as urgent gets one in the order in which it came."""
+        """Wait for a free worker; work of equal urgency gets one in the order of its calls."""
         if self._idle:
             return self._idle.pop()
         turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
@@ -193,7 +205,7 @@ class Workers:
         self._idle.append(worker)
 
     def _release(self, worker: Worker, fit: bool) -> None:
-        """Give back a worker that is fit for more work, else put a new one in its place."""
+        """Return a worker to the pool, or replace one that is not fit for more work."""
         if self._closed:
             return
         if fit:

@@ -1,4 +1,4 @@
-"""One worker process: it does what it is sent through a pipe, one thing after another, until it is ended."""
+"""Worker process: it runs the calls that come through its pipe, one after another, until it is ended."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ _ENDING_S = 2.0  # from the end of its pipe to its own
 
 @dataclass(frozen=True, slots=True)
 class Raised:
-    """What the work raised."""
+    """Exception of the work."""
 
     error: Exception
 
 
 class Worker:
-    """One process, which does one thing at a time.
+    """Handle of one process, which runs one call at a time.
 
     It has to be started on the daemon's main thread: the kernel ends it when the thread that started it ends.
 
     Parameters
     ----------
     scratch
-        Where it gets a folder for its temporary files.
+        Folder in which the process gets a folder for its temporary files.
     memory_bytes
-        What it may use.
+        Limit of its data memory.
     warm
-        What it does first; None for nothing.
+        Its first call; None for none.
     """
 
     def __init__(self, scratch: Path, memory_bytes: int, warm: Warm | None) -> None:
@@ -59,7 +59,18 @@ class Worker:
         theirs.close()  # so that its end is seen
 
     def call(self, work: Callable[..., Any], args: tuple[object, ...]) -> Any:
-        """What the work returned, `Raised`, or a MemoryError; blocks. EOFError where the process ends."""
+        """Run a function in the process, and wait for it.
+
+        Returns
+        -------
+        Any
+            The result of the work, `Raised`, or a MemoryError.
+
+        Raises
+        ------
+        EOFError
+            The process ended.
+        """
         try:
             self._pipe.send_bytes(pickle.dumps((work, args)))
             return pickle.loads(self._pipe.recv_bytes())
@@ -67,7 +78,7 @@ class Worker:
             raise EOFError from error
 
     def wait(self) -> str:
-        """How the process, which has closed its pipe, ended."""
+        """Wait for the end of the process, which has closed its pipe, and describe it."""
         self._process.join(_ENDING_S)
         code = self._process.exitcode
         return signal.Signals(-code).name if code is not None and code < 0 else f"exit code {code}"
@@ -81,13 +92,13 @@ class Worker:
 
 
 def _serve(pipe: Connection, daemon: int, folder: Path, memory_bytes: int, warm: Warm | None) -> None:
-    """What a worker process does: answer one call after another."""
+    """Answer one call after another, in the process."""
     _prepare(daemon, folder, memory_bytes)
     if warm is not None:
         try:
             warm()
         except Exception:
-            traceback.print_exc()  # whoever needs it will meet it again, and be told
+            traceback.print_exc()  # the task that needs it fails by it, with a message
     while True:
         try:
             request = pipe.recv_bytes()
@@ -115,13 +126,13 @@ def _answer(request: bytes) -> bytes:
 
 
 def _prepare(daemon: int, folder: Path, memory_bytes: int) -> None:
-    """Run politely, within the limit, with temporary files of its own, and die with the daemon (Linux)."""
+    """Lower the priority, limit memory, set the temporary folder, and die with the daemon (Linux)."""
     os.nice(19)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != daemon:
-        os._exit(1)  # it died before the kernel was asked
+        os._exit(1)  # it died before the kernel watched it
     with contextlib.suppress(OSError):  # where the machine runs out of memory, it takes this, not the daemon
         Path("/proc/self/oom_score_adj").write_text("800")
     tempfile.tempdir = os.environ["TMPDIR"] = str(folder)

@@ -33,7 +33,7 @@ from farm.model import (
 )
 from farm.paths import StateFolder
 from farm.planning.plan import Plan, TooFewPrinters
-from farm.planning.planned_event import planned_event
+from farm.planning.planned_event import build_planned_event
 from farm.planning.replanning.coordinator import ReplanCoordinator
 from farm.planning.replanning.replan import ReplannedPlate
 from farm.scheduling.assign import assign
@@ -329,7 +329,7 @@ class Controller:
             return ev.PlanningAbandoned(at_s=now_s, job=job.id, hold=None)
         if isinstance(result, FarmError):
             return ev.JobFailed(at_s=now_s, job=job.id, error=result.code, reason=str(result))
-        return planned_event(job, result, self.fleet_printers(), self.books, self.rules, now_s)
+        return build_planned_event(job, result, self.fleet_printers(), self.books, self.rules, now_s)
 
     def _end_planning(self, number: int) -> None:
         self.progress.pop(number, None)

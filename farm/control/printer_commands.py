@@ -9,7 +9,7 @@ from farm import api
 from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.model import Print, PrintState, Reel, Verdict
-from farm.planning.inspection.fleet_check import mistake_in
+from farm.planning.inspection.fleet_check import find_mistake
 from farm.state import events as ev
 from farm.state.plate_state import PlateState
 from farm.state.reels import section_with_reel
@@ -113,7 +113,7 @@ class PrinterCommands:
             nozzle_mm=request.nozzle_mm or section.nozzle_mm,
             doubted=same is not None and same.doubted and request.grams is None,
         )
-        mistake = await asyncio.to_thread(mistake_in, section_with_reel(section, reel))
+        mistake = await asyncio.to_thread(find_mistake, section_with_reel(section, reel))
         if mistake is not None:
             raise Refused(f"{printer}: {mistake[1]}")
         self._refuse_printing(printer)  # it may have begun meanwhile

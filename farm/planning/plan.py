@@ -32,7 +32,7 @@ class TooFewPrinters(FarmError):
 
 @dataclass(frozen=True, slots=True)
 class InspectedSubmission:
-    """What can be printed, in the file store: a solid in mm, or a person's own G-code.
+    """Printable content of a submission, in the file store: a solid in mm, or a person's own G-code.
 
     Attributes
     ----------

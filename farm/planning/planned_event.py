@@ -1,4 +1,4 @@
-"""A plan that was made, as the event that books it: with the night that it needs, and the hash of it all."""
+"""Event that books a plan, with its expected time on the fleet and its hash."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from farm.state import events as ev
 from farm.state.books import Books
 
 
-def planned_event(
+def build_planned_event(
     job: Job, plan: Plan, printers: Iterable[FleetPrinter], books: Books, rules: StartRules, now_s: float
 ) -> ev.JobPlanned:
-    """What is booked of a plan: rounds, hours and the breaker may make it longer than its longest plate."""
+    """Build the event of a plan; rounds, hours and the breaker may make it longer than its longest plate."""
     used = {plate.printer for plate in plan.plates}
     printers = list(printers)
     fleet = [idle(view) for view in printers if view.name in used]
@@ -39,8 +39,8 @@ def planned_event(
             situation.with_printers(tuple(printers))
         ).ends_s  # on printers as they are: beds may be full
         if ends_s > job.done_by_s:
-            asked, ends = rules.words(job.done_by_s), rules.words(ends_s)
-            notices = (*notices, f"It was to be printed by {asked}; as soon as it can be is {ends}.")
+            deadline, ends = rules.words(job.done_by_s), rules.words(ends_s)
+            notices = (*notices, f"It was to be printed by {deadline}; as soon as it can be is {ends}.")
     beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
     at_once = seen.left or (beside and rules.max_heating is None)
     return ev.JobPlanned(
@@ -56,13 +56,13 @@ def planned_event(
         picture=plan.picture,
         assembly=plan.assembly,
         decomposition=plan.decomposition,
-        plan=plan_hash(plan.parts, plan.plates),
+        plan=hash_plan(plan.parts, plan.plates),
         held=job.options.hold,
     )
 
 
-def plan_hash(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
-    """Names a plan by all that is printed and where: 12 hexadecimal digits."""
+def hash_plan(parts: Iterable[Part], plates: Iterable[Plate]) -> str:
+    """Return a plan's hash, of all that is printed and where: 12 hexadecimal digits."""
     facts = [
         sorted((part.id, part.plate, part.file) for part in parts),
         sorted((plate.id, plate.sha256, plate.printer, plate.material, plate.nozzle_mm) for plate in plates),

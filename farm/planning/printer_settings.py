@@ -1,4 +1,4 @@
-"""The printers that a job may go to, and their slicer settings."""
+"""Printers that a job may go to, and their slicer settings."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import pytest
 
 from farm.config import load_fleet
 from farm.errors import ExitCode, FleetFileError
-from farm.planning.inspection.fleet_check import mistake_in
+from farm.planning.inspection.fleet_check import find_mistake
 
 MODELS = frozenset({"ultimaker2_plus", "ultimaker2_extended_plus"})
 ROOT = Path(__file__).parents[2]
@@ -156,15 +156,15 @@ def test_a_mistake_is_named_in_one_line(tmp_path, text, said):
 )
 def test_what_cura_has_no_files_for_is_named_like_any_mistake(tmp_path, text, said):
     with pytest.raises(FleetFileError) as error:
-        load(tmp_path, text, mistake_in)
+        load(tmp_path, text, find_mistake)
     assert said in str(error.value)
     assert error.value.exit_code == ExitCode.USAGE
 
 
 def test_a_printer_that_cura_has_files_for_is_well_and_none_is_judged_without_files(tmp_path, monkeypatch):
-    assert len(load(tmp_path, GOOD, mistake_in).printers) == 2
+    assert len(load(tmp_path, GOOD, find_mistake).printers) == 2
     monkeypatch.setenv("FARM_CURA_RESOURCES", str(tmp_path))
-    assert len(load(tmp_path, GOOD.replace("colour: blue", "nozzle_mm: 7"), mistake_in).printers) == 2
+    assert len(load(tmp_path, GOOD.replace("colour: blue", "nozzle_mm: 7"), find_mistake).printers) == 2
 
 
 def test_two_ways_to_write_one_port_are_one_port(tmp_path):

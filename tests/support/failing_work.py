@@ -55,17 +55,13 @@ def first_to_go():
 
 def slice_rod(folder):
     """The layers of a rod."""
-    from farm.planning.local.slice_file import slice_to_file  # here: the other work does without it
-
-    report = slice_to_file(
-        folder / "rod.stl",
-        folder / "rod.gcode",
-        printer_model="ultimaker2_plus",
-        quality="glue",
-        material="generic_pla",
-        nozzle_mm=0.4,
-        overrides={"layer_height": "0.2"},
+    from farm.planning.local.slice_file import (  # here: the other work does without it
+        SliceOptions,
+        slice_to_file,
     )
+
+    options = SliceOptions("ultimaker2_plus", "glue", "generic_pla", 0.4, {"layer_height": "0.2"})
+    report = slice_to_file(folder / "rod.stl", folder / "rod.gcode", options)
     return report["layers"]
 
 

@@ -54,9 +54,9 @@ def up(
 
 
 def _load_fleet(places: Places) -> Fleet:
-    from farm.planning.inspection.fleet_check import mistake_in
+    from farm.planning.inspection.fleet_check import find_mistake
 
-    return load_fleet(places.fleet, frozenset(PROFILES), mistake_in)
+    return load_fleet(places.fleet, frozenset(PROFILES), find_mistake)
 
 
 def _warn(fleet: Fleet, places: Places) -> None:

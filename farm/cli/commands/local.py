@@ -57,12 +57,10 @@ def decompose(
     json: Json = False,
 ) -> None:
     """Cut a model into parts of about equal printing time, and write them to a folder. Needs no daemon."""
-    from farm.planning.local.decompose_file import decompose_to_folder
+    from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
 
     size = _parse_volume(volume)
-    report = decompose_to_folder(
-        model,
-        out,
+    request = DecomposeRequest(
         printers=parse_printer_count(printers),
         volume_mm=size,
         brim_mm=brim,
@@ -81,6 +79,7 @@ def decompose(
         clear_s=clear,
         assemble_s=assemble,
     )
+    report = decompose_to_folder(model, out, request)
     if json:
         print_json(report)
         return
@@ -112,7 +111,7 @@ def slice_model(
     json: Json = False,
 ) -> None:
     """Slice one model as one plate for USB streaming, with all checks. Needs no daemon."""
-    from farm.planning.local.slice_file import default_cache, slice_to_file
+    from farm.planning.local.slice_file import SliceOptions, default_cache, slice_to_file
 
     overrides = {}
     for pair in set_ or []:
@@ -122,19 +121,9 @@ def slice_model(
         overrides[key] = value
     signal.signal(signal.SIGTERM, _exit)
     with _show_step() as show_step:
-        report = slice_to_file(
-            model,
-            out,
-            printer_model=printer_model,
-            quality=quality,
-            material=material,
-            nozzle_mm=nozzle,
-            overrides=overrides,
-            scale=scale,
-            longest_side_mm=longest_side,
-            cache=None if no_cache else cache or default_cache(),
-            tell=show_step,
-        )
+        options = SliceOptions(printer_model, quality, material, nozzle, overrides, scale, longest_side)
+        slices = None if no_cache else cache or default_cache()
+        report = slice_to_file(model, out, options, slices, show_step)
     if price_per_kg is not None:
         report["price"] = report["grams"] / 1000 * price_per_kg
     if json:

@@ -1,4 +1,4 @@
-"""What `fleet.yaml` says of a printer, against Cura's files: what a submission would stumble over."""
+"""Check of the printers in `fleet.yaml` against Cura's files."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ from slicing.errors import BadSetting, SlicingError
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 
-def mistake_in(section: PrinterSection) -> tuple[str, str] | None:
-    """The first key of a printer that Cura's files have nothing for, and what there is instead.
+def find_mistake(section: PrinterSection) -> tuple[str, str] | None:
+    """Find the first key of a printer that Cura's files have nothing for.
 
-    None where all is well, or where there are no files of Cura's to look into (a submission says so).
+    Returns
+    -------
+    tuple[str, str] | None
+        The key, and what there is instead. None where all is well, or where Cura's files are missing (a
+        submission reports that).
     """
     request = SettingsRequest(
         slicing_printer(PROFILES[section.model]), material=section.material, nozzle_mm=section.nozzle_mm

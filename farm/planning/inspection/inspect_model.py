@@ -1,4 +1,4 @@
-"""A submitted model, read, repaired and scaled once, before its job is taken."""
+"""Inspection of a submitted model: read, repair and scale it once, before its job is taken."""
 
 from __future__ import annotations
 
@@ -17,13 +17,20 @@ from slicing.settings import find_engine, find_resources
 
 
 def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> InspectedSubmission:
-    """Read, repair and scale a model, which a person knows by `name`; runs in a worker.
+    """Read, repair and scale a model, and store it as a solid; runs in a worker.
+
+    Parameters
+    ----------
+    name
+        The file's name as a person knows it.
+    files
+        The file store.
 
     Raises
     ------
     FarmError
-        With code `model` and the reason, where it cannot be made a solid; with code `engine` where there is
-        nothing to slice it with later.
+        `model` with the reason, where it is no solid and cannot be repaired; `engine` where there is nothing
+        to slice it with later.
     """
     with translate_errors():
         find_engine()
@@ -42,7 +49,7 @@ def inspect_model(path: Path, name: str, options: JobOptions, files: Path) -> In
 
 
 def read_inspected(path: Path) -> Model:
-    """The model that `inspect_model` stored, to the last bit."""
+    """Read the model that `inspect_model` stored, to the last bit. Raises FarmError with code `model`."""
     try:
         with np.load(path) as saved:
             solid = Solid.from_arrays(saved["vertices"], saved["faces"])

@@ -1,4 +1,4 @@
-"""A person's own G-code: checked at submission, and planned as one plate. The work runs in workers."""
+"""Inspection of a person's own G-code, and its plan of one plate. Runs in workers."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _APART_C = 30.0  # brands of one material are not so far apart
 
 
 def is_gcode(name: str) -> bool:
-    """Whether a submission is taken for G-code, by its name.
+    """Tell by its name whether a submission is G-code.
 
     Raises
     ------
     FarmError
-        Where it is G-code that is packed.
+        It is G-code that is packed.
     """
     lower = name.lower()
     packing = next((suffix for suffix in _PACKED if lower.endswith(suffix)), None)
@@ -62,7 +62,7 @@ def _is_plain(lower: str) -> bool:
 def inspect_gcode(
     path: Path, name: str, options: JobOptions, printers: Sequence[PrinterSection], files: Path
 ) -> InspectedSubmission:
-    """Whether a file can be printed on one of these printers; runs in a worker.
+    """Check that a file can be printed on one of these printers, and store it.
 
     Raises
     ------
@@ -72,16 +72,16 @@ def inspect_gcode(
     """
     _check_options(options)
     matching = matching_printers(printers, options)
-    accepted = _accept(path, matching[0], _nozzle(matching), name)
-    section = _first_that_fits(matching, accepted, name)
-    own = _own(accepted, section)
+    accepted = _rewrite(path, matching[0], _common_nozzle_mm(matching), name)
+    section = _find_fitting_printer(matching, accepted, name)
+    own = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
     stored.hardlink_to(path)  # where its worker dies now, another one reads the upload again
-    return InspectedSubmission(store_file(files, stored), _notices(accepted, section), 1.0, own)
+    return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, own)
 
 
 def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
-    """A plan of one plate, on the lowest of the printers that can print it; runs in a worker.
+    """Plan one plate, on the lowest of the printers that can print it.
 
     Raises
     ------
@@ -96,21 +96,27 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
             section.name,
         ),
     )
-    nozzle_mm = _nozzle(order)
-    accepted = _accept(task.model, order[0], nozzle_mm, "the file")
-    section = _first_that_fits(order, accepted, "the file")
+    nozzle_mm = _common_nozzle_mm(order)
+    accepted = _rewrite(task.model, order[0], nozzle_mm, "the file")
+    section = _find_fitting_printer(order, accepted, "the file")
     if section is not order[0]:  # its material may be another
-        accepted = _accept(task.model, section, nozzle_mm, "the file")
-    own = _own(accepted, section)
+        accepted = _rewrite(task.model, section, nozzle_mm, "the file")
+    part, plate = _book_gcode(task, accepted, section, files)
+    expected_s = plate.expected_s
+    return Plan((part,), (plate,), _list_notices(accepted, section), 1.0, expected_s, expected_s)
+
+
+def _book_gcode(
+    task: DecomposeTask, accepted: ForeignGcode, section: PrinterSection, files: Path
+) -> tuple[Part, Plate]:
+    """Put the rewritten file into the store, and return its part and its plate."""
+    own = _measure_needs(accepted, section)
     out = task.folder / "plate.gcode"
     out.write_bytes(accepted.gcode)
-    settings = _settings(section)
+    settings = _resolve_material(section)
     filament_mm3 = accepted.filament_mm * settings.filament_mm2
     grams = filament_mm3 / 1000 * settings.density_g_cm3
-    factor = task.time_factors.get(section.name, 1.0)
-    expected_s = plate_seconds(
-        PROFILES[section.model], accepted.print_time_s, accepted.nozzle_c, accepted.bed_c, factor
-    )
+    profile, time_factor = PROFILES[section.model], task.time_factors.get(section.name, 1.0)
     part = Part(
         id=f"{task.job}/p01",
         job=task.job,
@@ -127,7 +133,9 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         sha256=sha256_of(out),
         gcode=store_file(files, out),
         sliced_s=accepted.print_time_s,
-        expected_s=expected_s,
+        expected_s=plate_seconds(
+            profile, accepted.print_time_s, accepted.nozzle_c, accepted.bed_c, time_factor
+        ),
         grams=grams,
         filament_mm=accepted.filament_mm,
         price=section.price(grams),
@@ -137,20 +145,20 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
         material=section.material,
         nozzle_mm=section.nozzle_mm,
         printer=section.name,
-        time_factor=factor,
+        time_factor=time_factor,
     )
-    return Plan((part,), (plate,), _notices(accepted, section), 1.0, expected_s, expected_s)
+    return part, plate
 
 
-def _nozzle(printers: Sequence[PrinterSection]) -> float | None:
-    """The one that all of them have."""
+def _common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
+    """Return the nozzle that all printers have; None where they differ."""
     found = {section.nozzle_mm for section in printers}
     return found.pop() if len(found) == 1 else None
 
 
-def _accept(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> ForeignGcode:
-    """What the slicing room makes of the file, and once more whether it can be sent."""
-    settings = _settings(section)
+def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> ForeignGcode:
+    """Rewrite the file for a printer, and check that the result can be sent."""
+    settings = _resolve_material(section)
     try:
         accepted = accept(
             _Lines(path),
@@ -169,21 +177,21 @@ def _accept(path: Path, section: PrinterSection, nozzle_mm: float | None, name: 
     return accepted
 
 
-def _settings(section: PrinterSection) -> EngineSettings:
-    """For what its material says: temperatures, density and the filament's section."""
+def _resolve_material(section: PrinterSection) -> EngineSettings:
+    """Resolve the settings of a printer's material: temperatures, density and filament section."""
     with translate_errors():
         return printer_settings(section, JobOptions().quality, find_resources())
 
 
-def _notices(accepted: ForeignGcode, section: PrinterSection) -> tuple[str, ...]:
-    """What was changed, and whether the file looks like one for another material."""
+def _list_notices(accepted: ForeignGcode, section: PrinterSection) -> tuple[str, ...]:
+    """List what was changed, and warn where the file looks like one for another material."""
     notices = list(accepted.notices)
     own, kind = accepted.filament_type, find_resources().material_kind(section.material)
-    if own is not None and kind is not None and _material(own) != _material(kind):
+    if own is not None and kind is not None and _material_kind(own) != _material_kind(kind):
         notices.append(
             f"Warning: it was sliced for {shown(own)}, and {section.name} has {section.material} ({kind})."
         )
-    usual_c = _settings(section).nozzle_c
+    usual_c = _resolve_material(section).nozzle_c
     if abs(accepted.nozzle_c - usual_c) > _APART_C:
         notices.append(
             f"Warning: it heats the nozzle to {accepted.nozzle_c:g} C, and {section.material} on "
@@ -192,14 +200,14 @@ def _notices(accepted: ForeignGcode, section: PrinterSection) -> tuple[str, ...]
     return tuple(notices)
 
 
-def _material(kind: str) -> str:
-    """A material's kind under one name: slicers and Cura have several for some."""
+def _material_kind(kind: str) -> str:
+    """Return the one name of a material's kind: slicers and Cura have several for some."""
     first = re.split(r"[\s\d_+-]", kind.strip().upper().removeprefix("TOUGH "), maxsplit=1)[0]
     return _SAME_MATERIAL.get(first, first)
 
 
-def _own(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:
-    """What the file asks of a printer, from the bed's centre: as the plates of a model."""
+def _measure_needs(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:
+    """Return the nozzle and the extent that the file needs, from the bed's centre."""
     width, depth = PROFILES[section.model].bed_mm
     (x0, y0, z0), (x1, y1, z1) = accepted.min_mm, accepted.max_mm
     return OwnGcode(
@@ -209,19 +217,21 @@ def _own(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:
     )
 
 
-def _first_that_fits(printers: Sequence[PrinterSection], accepted: ForeignGcode, name: str) -> PrinterSection:
+def _find_fitting_printer(
+    printers: Sequence[PrinterSection], accepted: ForeignGcode, name: str
+) -> PrinterSection:
     obstacles = []
     for section in printers:
-        obstacle = _obstacle(section, accepted)
+        obstacle = _describe_obstacle(section, accepted)
         if obstacle is None:
             return section
         obstacles.append(obstacle)
     raise FarmError(f"{name}: {obstacles[0]}", ErrorCode.NO_FIT)
 
 
-def _obstacle(section: PrinterSection, accepted: ForeignGcode) -> str | None:
-    """Why a printer cannot print it; None where it can."""
-    own = _own(accepted, section)
+def _describe_obstacle(section: PrinterSection, accepted: ForeignGcode) -> str | None:
+    """Describe why a printer cannot print the file; None where it can."""
+    own = _measure_needs(accepted, section)
     if own.nozzle_mm not in (None, section.nozzle_mm):
         return f"sliced for a nozzle of {own.nozzle_mm:g} mm, and {section.name} has {section.nozzle_mm:g} mm"
     (x0, y0, _), (x1, y1, z1) = own.min_mm, own.max_mm
@@ -248,7 +258,7 @@ def _obstacle(section: PrinterSection, accepted: ForeignGcode) -> str | None:
 
 
 def _check_options(options: JobOptions) -> None:
-    """Refuse what G-code has decided already."""
+    """Refuse options of a model: G-code has decided them."""
     usual = JobOptions()
     given = {
         "--longest-side": options.longest_side_mm is not None,
@@ -267,7 +277,7 @@ def _check_options(options: JobOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Lines:
-    """A file's lines, anew each time, none longer than what is refused anyway."""
+    """Lines of a file, read at each iteration, none longer than what is refused."""
 
     path: Path
 

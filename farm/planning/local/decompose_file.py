@@ -1,11 +1,11 @@
-"""`farm decompose`: one model, no daemon."""
+"""Decomposition of one model without a daemon (`farm decompose`)."""
 
 from __future__ import annotations
 
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,34 +26,53 @@ from farm.planning.slicing_printers import slicing_printer
 from slicing.settings import SettingsRequest, find_resources, resolve_settings
 
 MOST_PRINTERS = 100
-"""That a number is chosen from, where a person names none."""
+"""Number of printers to choose from, where a person names none."""
 
 
-def decompose_to_folder(
-    path: Path,
-    out: Path,
-    *,
-    printers: int | None,
-    volume_mm: tuple[float, float, float],
-    brim_mm: float,
-    longest_side_mm: float | None,
-    scale: float | None,
-    granularity: str | int,
-    interior: str,
-    min_wall_mm: float,
-    min_glue_mm2: float,
-    engine: str,
-    seed: int,
-    tries: int,
-    score: str,
-    faithful: bool,
-    budget_s: float,
-    clear_s: float,
-    assemble_s: float,
-) -> dict[str, Any]:
-    """Cut a model and write parts, report and picture; the report, with what was repaired.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DecomposeRequest:
+    """Options of `farm decompose`, as a person gives them.
 
-    Without a number of printers it is as many as are worth it, up to `MOST_PRINTERS`.
+    Attributes
+    ----------
+    printers
+        None: as many as are worth it, up to `MOST_PRINTERS`.
+    volume_mm
+        Build volume of a printer: x, y, z.
+    interior, engine, score
+        Names of `Interior`, `Engine` and `Score`.
+    budget_s
+        Of the engine `best`.
+    clear_s, assemble_s
+        Time to clear a bed, and to glue a part; a part more has to be worth them.
+    """
+
+    printers: int | None
+    volume_mm: tuple[float, float, float]
+    brim_mm: float
+    longest_side_mm: float | None
+    scale: float | None
+    granularity: str | int
+    interior: str
+    min_wall_mm: float
+    min_glue_mm2: float
+    engine: str
+    seed: int
+    tries: int
+    score: str
+    faithful: bool
+    budget_s: float
+    clear_s: float
+    assemble_s: float
+
+
+def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dict[str, Any]:
+    """Cut a model and write parts, report and picture.
+
+    Returns
+    -------
+    dict[str, Any]
+        The report, with `repairs` and `scale` of the model.
 
     Raises
     ------
@@ -61,49 +80,24 @@ def decompose_to_folder(
         With the reason, in one line.
     """
     profile = max(
-        PROFILES.values(), key=lambda p: (p.height_mm >= volume_mm[2], -p.height_mm)
+        PROFILES.values(), key=lambda p: (p.height_mm >= request.volume_mm[2], -p.height_mm)
     )  # the lowest that is high enough; the first of two is a 2+, which has the larger clips
-    room = part_room(profile, brim_mm, volume_mm)
+    room = part_room(profile, request.brim_mm, request.volume_mm)
     if not room:
-        raise FarmError(f"a brim of {brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
-    try:
-        kept = Interior(interior)
-    except ValueError:
-        raise FarmError(f"--interior {interior}: leave or keep", ErrorCode.SETTINGS) from None
-    try:
-        read = Score(score)
-    except ValueError:
-        raise FarmError(f"--score {score}: low, high or both", ErrorCode.SETTINGS) from None
-    try:
-        cutter = Engine(engine)
-    except ValueError:
-        known = ", ".join(Engine)
-        raise FarmError(f"--engine {engine}: {known}", ErrorCode.SETTINGS) from None
-    if faithful and cutter in (Engine.BEST, Engine.GUILLOTINE):
-        raise FarmError(f"--faithful is for the engines of papers, not {cutter}", ErrorCode.SETTINGS)
-    options = Options(
-        engine=cutter,
-        granularity=granularity,
-        interior=kept,
-        min_wall_mm=min_wall_mm,
-        min_glue_mm2=min_glue_mm2,
-        seed=seed,
-        faithful=faithful,
-        best=BestOptions(budget_s),
-        parallelobox=ParalleloboxOptions(tries, read),
-    )
+        raise FarmError(f"a brim of {request.brim_mm:g} mm leaves no room on that bed", ErrorCode.NO_FIT)
+    options = _build_options(request)
     _empty_for_parts(out)
     with translate_errors():
         settings = resolve_settings(SettingsRequest(slicing_printer(profile)), find_resources())
-        model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
+        model = load_model(path, scale=request.scale, longest_side_mm=request.longest_side_mm)
         rooms = [
             PrinterRoom(str(number), model_sizes(room, settings))
-            for number in range(printers or MOST_PRINTERS)
+            for number in range(request.printers or MOST_PRINTERS)
         ]
-        cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=brim_mm))
+        cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         with ThreadPoolExecutor(os.cpu_count()) as executor:
-            if printers is None:
-                handling = {"clear_s": clear_s, "assemble_s": assemble_s}
+            if request.printers is None:
+                handling = {"clear_s": request.clear_s, "assemble_s": request.assemble_s}
                 found = decompose_auto(model, rooms, options, cost, executor, **handling)
             else:
                 found = decompose_model(model, rooms, options, cost, executor)
@@ -111,8 +105,38 @@ def decompose_to_folder(
     return {**written.as_dict(), "repairs": list(model.repairs), "scale": model.scale}
 
 
+def _build_options(request: DecomposeRequest) -> Options:
+    """Build the decomposition's options. Raises FarmError where a name is not known."""
+    try:
+        interior = Interior(request.interior)
+    except ValueError:
+        raise FarmError(f"--interior {request.interior}: leave or keep", ErrorCode.SETTINGS) from None
+    try:
+        score = Score(request.score)
+    except ValueError:
+        raise FarmError(f"--score {request.score}: low, high or both", ErrorCode.SETTINGS) from None
+    try:
+        engine = Engine(request.engine)
+    except ValueError:
+        known = ", ".join(Engine)
+        raise FarmError(f"--engine {request.engine}: {known}", ErrorCode.SETTINGS) from None
+    if request.faithful and engine in (Engine.BEST, Engine.GUILLOTINE):
+        raise FarmError(f"--faithful is for the engines of papers, not {engine}", ErrorCode.SETTINGS)
+    return Options(
+        engine=engine,
+        granularity=request.granularity,
+        interior=interior,
+        min_wall_mm=request.min_wall_mm,
+        min_glue_mm2=request.min_glue_mm2,
+        seed=request.seed,
+        faithful=request.faithful,
+        best=BestOptions(request.budget_s),
+        parallelobox=ParalleloboxOptions(request.tries, score),
+    )
+
+
 def _empty_for_parts(out: Path) -> None:
-    """Make the folder, without the parts that an earlier run left there.
+    """Create the folder, and remove the parts that an earlier run left there.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""`farm slice`: one model as one plate, without a daemon."""
+"""Slicing of one model as one plate without a daemon (`farm slice`)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from decompose.geometry import load_model
-from drivers.printers import BEDS, RoomBox, part_room, place
+from decompose.geometry import Model, load_model
+from drivers.printers import BEDS, Profile, RoomBox, part_room, place
 from farm.errors import ErrorCode, FarmError
 from farm.planning.error_translation import translate_errors
 from farm.planning.part_records import SliceTask
@@ -20,14 +20,15 @@ from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer
 from slicing.cache import trim_cache
 from slicing.errors import nearest
-from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
+from slicing.plate import PlateResult
+from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
-Tell = Callable[[str], None]
+OnStep = Callable[[str], None]
 _SPARE = 0.99  # of the largest size that fits: what is proposed is a rounded figure
 
 
 def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
-    """The cache of `farm slice` in the XDG cache folder; None where that cannot be written."""
+    """Return the slice cache in the XDG cache folder; None where that cannot be written."""
     folder = Path(env.get("XDG_CACHE_HOME") or Path(env.get("HOME", "/")) / ".cache") / "farm" / "slices"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -36,58 +37,72 @@ def default_cache(env: Mapping[str, str] = os.environ) -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
+@dataclass(frozen=True, slots=True)
+class SliceOptions:
+    """Options of `farm slice`.
+
+    Attributes
+    ----------
+    printer_model, quality, material, nozzle_mm, overrides
+        As `slicing.settings.SettingsRequest` takes them; the printer by its name.
+    scale, longest_side_mm
+        As `decompose.geometry.load_model` takes them.
+    """
+
+    printer_model: str
+    quality: str
+    material: str
+    nozzle_mm: float
+    overrides: Mapping[str, str] = field(default_factory=dict)
+    scale: float | None = None
+    longest_side_mm: float | None = None
+
+
 def slice_to_file(
     path: Path,
     out: Path,
-    *,
-    printer_model: str,
-    quality: str,
-    material: str,
-    nozzle_mm: float,
-    overrides: Mapping[str, str],
-    scale: float | None = None,
-    longest_side_mm: float | None = None,
+    options: SliceOptions,
     cache: Path | None = None,
-    tell: Tell = lambda _: None,
+    on_step: OnStep = lambda _: None,
 ) -> dict[str, Any]:
-    """Slice a model as it stands, in the middle of the bed; what `farm slice --json` says.
+    """Slice a model as it stands, in the middle of the bed.
 
     Parameters
     ----------
     out
         The G-code file. It appears whole or not at all.
-    printer_model, quality, material, nozzle_mm, overrides
-        As `slicing.settings.plate_settings.SettingsRequest` takes them.
-    scale, longest_side_mm
-        As `decompose.mesh.load_model` takes them.
     cache
-        A folder for slices by content, as `slicing.plate` takes it.
-    tell
-        Is told what is being done.
+        Folder of slices by content, as `slicing.plate` takes it.
+    on_step
+        Called with the name of each step.
+
+    Returns
+    -------
+    dict[str, Any]
+        The report of `farm slice --json`.
 
     Raises
     ------
     FarmError
         With the reason, in one line.
     """
-    if printer_model not in BEDS:
-        hint = nearest(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
-        raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
-    profile = BEDS[printer_model]
-    request = SettingsRequest(slicing_printer(profile), quality, material, nozzle_mm, overrides)
+    profile = _find_printer(options.printer_model)
+    request = SettingsRequest(
+        slicing_printer(profile), options.quality, options.material, options.nozzle_mm, options.overrides
+    )
     _check_writable(out, path)
     with translate_errors():
         resources, engine = find_resources(), find_engine()
         settings = resolve_settings(request, resources)
-        tell(f"reading {path.name}")
-        model = load_model(path, scale=scale, longest_side_mm=longest_side_mm)
+        on_step(f"reading {path.name}")
+        model = load_model(path, scale=options.scale, longest_side_mm=options.longest_side_mm)
     x, y, z = map(float, model.extents_mm)
     size = (x * settings.scale_xy, y * settings.scale_xy, z * settings.scale_z)  # as printed
     room = part_room(profile, settings.brim_width_mm)
     if place(size, room) is None:
         raise FarmError(
-            f"{path.name} ({_by(size)} mm as printed) does not fit the {profile.title}: "
-            + _what_fits(size, room, max(x, y, z), model.scale),
+            f"{path.name} ({_format_size(size)} mm as printed) does not fit the {profile.title}: "
+            + _suggest_size(size, room, max(x, y, z), model.scale),
             ErrorCode.NO_FIT,
         )
     with tempfile.TemporaryDirectory(prefix="farm-slice-") as folder:
@@ -104,20 +119,33 @@ def slice_to_file(
             out=Path(folder) / "model.gcode",
             cache=cache,
         )
-        tell(f"slicing {path.name}")
-        result = slice_part(task, lambda share: tell(f"slicing {path.name}, {share:.0%}"))
+        on_step(f"slicing {path.name}")
+        result = slice_part(task, lambda share: on_step(f"slicing {path.name}, {share:.0%}"))
         with translate_errors():
             settings = settings_of(task, size[2])
         _put(result.gcode, out)
     if cache is not None:
         trim_cache(cache)
-    expected_s = plate_seconds(profile, result.sliced_s, settings.nozzle_c, settings.bed_c)
+    return _build_report(model, result, settings, profile)
+
+
+def _find_printer(printer_model: str) -> Profile:
+    if printer_model not in BEDS:
+        hint = nearest(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
+        raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
+    return BEDS[printer_model]
+
+
+def _build_report(
+    model: Model, result: PlateResult, settings: EngineSettings, profile: Profile
+) -> dict[str, Any]:
+    """Build the report of `farm slice --json`, whose names are fixed."""
     return {
         "schema": 1,
         "repairs": list(model.repairs),
         "scale": model.scale,
         "print_time_s": result.sliced_s,
-        "estimated_s": expected_s,
+        "estimated_s": plate_seconds(profile, result.sliced_s, settings.nozzle_c, settings.bed_c),
         "filament_mm": result.filament_mm,
         "filament_mm3": result.filament_mm3,
         "grams": result.grams,
@@ -129,10 +157,10 @@ def slice_to_file(
     }
 
 
-def _what_fits(
+def _suggest_size(
     size_mm: tuple[float, float, float], room: tuple[RoomBox, ...], longest_mm: float, scale: float
 ) -> str:
-    """The room that there is, and the largest that the model can be in it."""
+    """Describe the room that there is, and the largest scale of the model in it."""
     x, y, z = size_mm
     shares = [
         (min(width / dx, depth / dy, height / z), (width, depth, height))
@@ -144,17 +172,18 @@ def _what_fits(
     share, largest_mm = max(shares)
     share *= _SPARE
     return (
-        f"there is room for {_by(largest_mm)} mm beside the brim; `farm decompose` cuts it into parts, "
-        f"or make it smaller with --scale {scale * share:.3g} or --longest-side {longest_mm * share:.0f}"
+        f"there is room for {_format_size(largest_mm)} mm beside the brim; `farm decompose` cuts it into "
+        f"parts, or make it smaller with --scale {scale * share:.3g} or "
+        f"--longest-side {longest_mm * share:.0f}"
     )
 
 
-def _by(size_mm: tuple[float, float, float]) -> str:
+def _format_size(size_mm: tuple[float, float, float]) -> str:
     return " x ".join(f"{side:.1f}" for side in size_mm)
 
 
 def _check_writable(out: Path, model: Path) -> None:
-    """Say so before minutes of work, where the file cannot be written; nothing is made yet."""
+    """Raise FarmError where the file cannot be written, before minutes of work; nothing is created yet."""
     try:
         if out.is_dir():
             raise _unwritable(out, "it is a folder")
@@ -170,7 +199,7 @@ def _check_writable(out: Path, model: Path) -> None:
 
 
 def _put(gcode: Path, out: Path) -> None:
-    """The file under its name, whole or not at all; a device or a pipe is written to."""
+    """Put the file under its name, whole or not at all; write to a device or a pipe."""
     try:
         if out.exists() and not out.is_file():
             shutil.copyfile(gcode, out)

@@ -15,7 +15,7 @@ from decompose.printers import PrinterRoom
 from decompose.results import Decomposition
 
 LATE_SHARE = 1.1
-"""The margin of `--done-by`: planning itself takes its time, and so may a print."""
+"""Margin of `--done-by`, for the time of planning and for prints that take longer."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ class ReplanCoordinator:
 
     @property
     def reserved_printers(self) -> frozenset[str]:
-        """The printers that plates are being replanned for."""
+        """Printers that plates are being replanned for."""
         return frozenset(name for replan in self._running.values() for name in replan.printers)
 
     def clock_set(self) -> None:

@@ -21,7 +21,7 @@ MARGIN = 0.2
 LEAST_GAIN_S = 1800.0
 """And this: a new plan is trouble of its own."""
 JOIN_S = 336.0
-"""A piece more: a person takes it off its bed (2 min) and glues it (3.6 min), as `decompose.curve` has it."""
+"""Time of a person for a piece more: take it off its bed (2 min) and glue it (3.6 min)."""
 SLICING_S, CUTTING_S = 120.0, 300.0
 """Wall seconds that a slice, or a cut and its slices, take as a rule."""
 MOST_PIECES = 8
@@ -38,7 +38,7 @@ _WAITS = (
     HoldCode.UNATTENDED,
     HoldCode.NO_SUCH_PRINTER,
 )
-"""What a printer of another kind may be free of."""
+"""Reasons to wait that a printer of another kind may not have."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +108,8 @@ def choose_reslice(plate: WaitingPlate, situation: Situation, free: Sequence[Fle
 def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
     """Choose the printers over which a failed plate's part ends sooner by the margin, if there are some.
 
-    They are those that the other waiting plates leave. The pieces are taken to be equal here; what the cut
-    really gives is compared again before anything is booked.
+    They are those that the other waiting plates leave. The pieces are taken to be equal here; the cut
+    itself is compared before anything is booked.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class ReplanWorker:
             shutil.rmtree(task.folder, ignore_errors=True)
         try:
             self._on_replan(task.plate.id, result)
-        except FarmError as error:  # the books cannot be written: it is looked at again when they can
+        except FarmError as error:  # the books cannot be written: the plate is examined when they can
             log.error("plate %s: %s", task.plate.id, error)
 
     async def _reslice(self, task: ReplanTask) -> ReplannedPlate:

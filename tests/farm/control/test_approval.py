@@ -93,7 +93,7 @@ def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(far
     def start(section):
         farm.controller.handle(ev.JobApproved(at_s=1.0, job=other, by="ann"))
 
-    monkeypatch.setattr(printer_commands, "mistake_in", start)
+    monkeypatch.setattr(printer_commands, "find_mistake", start)
     monkeypatch.setattr(printer_commands, "asyncio", NoThreads)
     with pytest.raises(Refused, match="a is printing"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=500.0), "ann"))
@@ -145,7 +145,7 @@ def test_a_fleet_can_ask_for_approval_of_every_job(tmp_path, state):
 def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
     farm, state, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(printer_commands, "mistake_in", lambda section: None)
+    monkeypatch.setattr(printer_commands, "find_mistake", lambda section: None)
     asyncio.run(farm.printers.load_reel("a", LoadRequest(grams=4.0, colour="white"), "ann"))
     reel = asyncio.run(
         farm.printers.load_reel("b", LoadRequest(material="generic_abs", grams=700.0, nozzle_mm=0.8), "ann")
@@ -169,7 +169,7 @@ def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
 
 def test_a_reel_that_cura_does_not_know_is_refused(farm, state, monkeypatch):
     monkeypatch.setattr(
-        printer_commands, "mistake_in", lambda section: ("material", "there is no generic_gold")
+        printer_commands, "find_mistake", lambda section: ("material", "there is no generic_gold")
     )
     with pytest.raises(Refused, match="a: there is no generic_gold"):
         asyncio.run(farm.printers.load_reel("a", LoadRequest(material="generic_gold"), "ann"))
@@ -293,7 +293,7 @@ def test_the_night_of_a_held_job_is_foreseen(farm, state):
 
 
 def test_a_person_is_told_what_to_approve_and_which_reel_is_too_short(farm, state, monkeypatch):
-    monkeypatch.setattr(printer_commands, "mistake_in", lambda section: None)
+    monkeypatch.setattr(printer_commands, "find_mistake", lambda section: None)
     first = submit(farm, hold=True)
     farm.controller.on_plan(first, plan_for(first, state))
     for name in "ab":

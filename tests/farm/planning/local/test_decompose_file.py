@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from farm.errors import FarmError
-from farm.planning.local.decompose_file import decompose_to_folder
+from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
 
 USUAL = {
     "printers": 4,
@@ -40,8 +40,8 @@ def bar(tmp_path):
 
 def test_an_engine_by_name(bar, tmp_path):
     out = tmp_path / "out"
-    asked = {"engine": "parallelobox", "faithful": True, "score": "both"}
-    report = decompose_to_folder(bar, out, **USUAL | asked)
+    chosen = {"engine": "parallelobox", "faithful": True, "score": "both"}
+    report = decompose_to_folder(bar, out, DecomposeRequest(**USUAL | chosen))
     assert report["engine"] == "parallelobox"
     assert report["options"]["score"] == "high"
     assert 2 <= len(report["parts"]) <= 4
@@ -60,5 +60,5 @@ def test_an_engine_by_name(bar, tmp_path):
 )
 def test_a_wrong_option_is_named(bar, tmp_path, wrong, said):
     with pytest.raises(FarmError, match=said):
-        decompose_to_folder(bar, tmp_path / "out", **USUAL | wrong)
+        decompose_to_folder(bar, tmp_path / "out", DecomposeRequest(**USUAL | wrong))
     assert not (tmp_path / "out").exists()

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from farm.errors import ErrorCode, ExitCode, FarmError
-from farm.planning.local.slice_file import default_cache, slice_to_file
+from farm.planning.local.slice_file import SliceOptions, default_cache, slice_to_file
 
 SIDES = st.floats(20.0, 400.0)
 
@@ -21,7 +21,7 @@ def box(tmp_path):
     return path
 
 
-def slice_(path, out, **options):
+def slice_(path, out, cache=None, on_step=lambda _: None, **options):
     defaults = {
         "printer_model": "ultimaker2_plus",
         "quality": "glue",
@@ -29,7 +29,7 @@ def slice_(path, out, **options):
         "nozzle_mm": 0.4,
         "overrides": {},
     }
-    return slice_to_file(path, out, **{**defaults, **options})
+    return slice_to_file(path, out, SliceOptions(**{**defaults, **options}), cache, on_step)
 
 
 def refused(path, out, **options):
@@ -42,7 +42,7 @@ def refused(path, out, **options):
 def test_slicing_again_says_that_it_was_there_and_the_file_is_the_same(box, tmp_path):
     cache, out = tmp_path / "cache", tmp_path / "new folder" / "box.gcode"
     told = []
-    first = slice_(box, out, cache=cache, tell=told.append)
+    first = slice_(box, out, cache=cache, on_step=told.append)
     content = out.read_bytes()
     assert told[:2] == ["reading box.stl", "slicing box.stl"]
     assert all(re.fullmatch(r"slicing box.stl, \d+%", text) for text in told[2:])
