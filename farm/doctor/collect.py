@@ -36,7 +36,7 @@ from farm.doctor.facts import (
 from farm.errors import FarmError
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor
-from farm.planning.inspection.fleet_check import mistake_in
+from farm.planning.inspection.fleet_check import find_mistake
 from farm.state.books import Books
 from farm.state.storage.file_store import sha256_of
 from farm.state.storage.store import read_books
@@ -85,7 +85,7 @@ def collect_facts(places: Places, daemon_version: str | None, daemon_error: str 
 
 def _read_fleet(path: Path) -> tuple[Fleet | None, str | None]:
     try:
-        return load_fleet(path, frozenset(PROFILES), mistake_in), None
+        return load_fleet(path, frozenset(PROFILES), find_mistake), None
     except FarmError as error:
         return None, str(error)
 
