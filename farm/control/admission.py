@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from farm.model import Hold, HoldCode, Job, JobState
-from farm.scheduling.admission import Availability, Begin, JobRequest, begin_beside, unmatched
+from farm.scheduling.admission import Availability, Begin, JobRequest, choose_printers_beside, find_mismatch
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import job_requirements
 from farm.scheduling.spares import spare_printers
@@ -84,7 +84,7 @@ class JobAdmission:
                 decision = Hold(code=HoldCode.NOT_FRONT, text=text)
             if decision is None:
                 fronts[own] = job
-                decision = begin_beside(
+                decision = choose_printers_beside(
                     self._request(job),
                     _availability(situation, taken, starting),
                     job.options.priority,
@@ -128,13 +128,13 @@ def taken_printers(
 
 def _own_hold(job: Job, situation: Situation) -> Hold | None:
     """Return why a job would begin on no printer, whoever is in front of it."""
-    nobody = unmatched(job_requirements(job), situation.printers)
+    nobody = find_mismatch(job_requirements(job), situation.printers)
     if nobody is not None:
         return nobody
     if job.paused:
         return Hold(code=HoldCode.PAUSED, text=f"it is paused: `farm resume {job.id}`")
     if job.not_before_s is not None and situation.now_s < job.not_before_s and not job.options.hold:
-        text = f"it starts {situation.rules.words(job.not_before_s)}"
+        text = f"it starts {situation.rules.format_moment(job.not_before_s)}"
         return Hold(code=HoldCode.START_TIME, text=text)
     return None
 

@@ -38,15 +38,15 @@ from farm.planning.replanning.coordinator import ReplanCoordinator
 from farm.planning.replanning.replan import ReplannedPlate
 from farm.scheduling.assign import assign
 from farm.scheduling.matching import FleetPrinter
+from farm.scheduling.plate_holds import find_plate_holds
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import (
-    Rooms,
-    Span,
+    BuildVolumes,
+    PrintLimits,
     describe_plates,
     describe_printers,
-    may_begin,
-    own_holds,
-    span,
+    find_print_limits,
+    may_start_now,
 )
 from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules
@@ -84,7 +84,7 @@ class Controller:
         Gives the boxes that a printer of a section can print in.
     """
 
-    def __init__(self, fleet: Fleet, store: Store, clock: Clock, rooms: Rooms) -> None:
+    def __init__(self, fleet: Fleet, store: Store, clock: Clock, rooms: BuildVolumes) -> None:
         self.clock = clock
         self.started_s = clock.now()
         self.telemetry = Telemetry()
@@ -175,7 +175,7 @@ class Controller:
             raise RuntimeError("the controller has not been started")
         for effect in effects:
             if isinstance(effect, ev.SendStart):
-                limits = self.span(effect.print_id)
+                limits = self.print_limits(effect.print_id)
                 effect = effect.model_copy(
                     update={"not_after_s": limits.not_after_s, "ends_by_s": limits.ends_by_s}
                 )
@@ -190,7 +190,7 @@ class Controller:
         if self.stopping:
             return
         now_s = self.clock.now()
-        held_back = own_holds(self.books, self.fleet.printers, now_s)
+        held_back = find_plate_holds(self.books, self.fleet.printers, now_s)
         offered = self._situation(held_back)
         yield from self._replanning.recut_failures(self.books, offered)
         held_back |= self._replanning.holds()
@@ -264,8 +264,7 @@ class Controller:
 
     def _may_begin(self, attempt: Print) -> bool:
         """Tell whether a print may begin: not in an outage that nobody has confirmed, nor out of hours."""
-        printers, now_s = self.fleet_printers(), self.clock.now()
-        return self.books.outage is None and may_begin(attempt, self.books, printers, self.rules, now_s)
+        return self.books.outage is None and may_start_now(attempt, self.books, self._fleet_now())
 
     # -- agents -----------------------------------------------------------------------------------------
 
@@ -337,7 +336,7 @@ class Controller:
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
         """Book what a replan came to."""
-        offered = self._situation(own_holds(self.books, self.fleet.printers, self.clock.now()))
+        offered = self._situation(find_plate_holds(self.books, self.fleet.printers, self.clock.now()))
         event = self._replanning.finish(plate, result, self.books, offered)
         self.handle(*([event] if event is not None else []))
 
@@ -380,10 +379,13 @@ class Controller:
         printers = describe_printers(sections, self.books, self.telemetry.snapshots, self._rooms)
         return printers[0] if printers else None
 
-    def span(self, print_id: str) -> Span:
+    def print_limits(self, print_id: str) -> PrintLimits:
         """Return when hours let a print begin and go on."""
-        printers, now_s = self.fleet_printers(), self.clock.now()
-        return span(self.books.prints[print_id], self.books, printers, self.rules, now_s)
+        return find_print_limits(self.books.prints[print_id], self.books, self._fleet_now())
+
+    def _fleet_now(self) -> Situation:
+        """Describe the fleet at this moment, with no plate that waits."""
+        return Situation((), tuple(self.fleet_printers()), self.rules, self.clock.now())
 
     def next_edge_s(self) -> float | None:
         """Return when hours or start times next change what may start; None where they never do."""

@@ -48,7 +48,11 @@ class PrinterCommands:
         """Raise Refused where nothing may print on some of them now, as nobody is there."""
         now_s = self._controller.clock.now()
         known = [p for name in printers if (p := self._controller.fleet_printer(name)) is not None]
-        away = [why for printer in known if (why := self._controller.rules.away(printer, now_s)) is not None]
+        away = [
+            why
+            for printer in known
+            if (why := self._controller.rules.unattended_reason(printer, now_s)) is not None
+        ]
         if away:
             raise Refused("; ".join(away))
 

@@ -39,7 +39,7 @@ def build_planned_event(
             situation.with_printers(tuple(printers))
         ).ends_s  # on printers as they are: beds may be full
         if ends_s > job.done_by_s:
-            deadline, ends = rules.words(job.done_by_s), rules.words(ends_s)
+            deadline, ends = rules.format_moment(job.done_by_s), rules.format_moment(ends_s)
             notices = (*notices, f"It was to be printed by {deadline}; as soon as it can be is {ends}.")
     beside = len({slot.printer for slot in seen.slots}) == len(plan.plates)
     at_once = seen.left or (beside and rules.max_heating is None)

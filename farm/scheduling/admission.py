@@ -76,7 +76,7 @@ class Availability:
         return replace(self, taken=self.taken | names)
 
 
-def unmatched(requirements: Requirements, printers: Iterable[FleetPrinter]) -> Hold | None:
+def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) -> Hold | None:
     """Return a hold where no printer of the fleet matches: `fleet.yaml` may have changed since submission."""
     if any(requirements.matches(printer.capabilities) for printer in printers):
         return None
@@ -132,7 +132,7 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
     return Begin(tuple(sorted(p.name for p in idle[:given])))
 
 
-def begin_beside(
+def choose_printers_beside(
     request: JobRequest,
     availability: Availability,
     priority: int,

@@ -12,7 +12,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.start_rules import Start, StartRules, short_of_filament
 
 CLEARING_S = 900.0
-"""A person takes a part off and says so, once somebody is there."""
+"""Time in which a person clears a bed, once somebody is there."""
 _COMING = (
     None,
     HoldCode.PRINTER_BUSY,
@@ -24,7 +24,7 @@ _COMING = (
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """A plate's time on a printer, in seconds since the epoch."""
+    """Time of a plate on a printer, in seconds since the epoch."""
 
     plate: str
     printer: str
@@ -34,7 +34,7 @@ class Slot:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """The slots in order of their start; plates that no printer can ever take have none."""
+    """Slots in order of their start, and the plates that no printer can ever take."""
 
     slots: tuple[Slot, ...]
     left: tuple[str, ...]
@@ -93,7 +93,7 @@ def forecast(situation: Situation, bounded: bool = True) -> Forecast:
             continue
         slots.append(Slot(plate.id, name, start_s, end_s))
         heating.append((start_s, start_s + plate.heating_s))
-        ready_s[name] = rules.cleared_s(end_s, CLEARING_S)
+        ready_s[name] = rules.bed_clear_s(end_s, CLEARING_S)
         on_reel = grams[name]
         grams[name] = None if on_reel is None else on_reel - plate.grams
     slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
@@ -125,7 +125,7 @@ def _ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
     """Return when a printer is idle and clear."""
     if printer.obstacle() is None:
         return now_s
-    return rules.cleared_s(max(now_s, printer.free_s or now_s), CLEARING_S)
+    return rules.bed_clear_s(max(now_s, printer.free_s or now_s), CLEARING_S)
 
 
 def _fitting(
@@ -149,7 +149,7 @@ def _start_s(
 ) -> float | None:
     """Return the first moment when hours and the heating limit let a plate start on a printer."""
     while True:
-        start: Start = rules.start(plate, printer, from_s)
+        start: Start = rules.find_start(plate, printer, from_s)
         if start.at_s is None or rules.max_heating is None:
             return start.at_s
         at_s = start.at_s
@@ -176,7 +176,7 @@ def _lower_bound_s(
     for plate in plates:
         if not can[plate.id]:
             continue
-        starts = [(p, rules.start(plate, p, ready_s[p.name]).at_s) for p in can[plate.id]]
+        starts = [(p, rules.find_start(plate, p, ready_s[p.name]).at_s) for p in can[plate.id]]
         ends = [at_s + seconds_on(plate, p) for p, at_s in starts if at_s is not None]
         if not ends:
             continue

@@ -80,9 +80,9 @@ class HoldReasons:
         short = short_of_filament(plate, printer, printer.grams)
         if short is not None:
             return short
-        start = self._situation.rules.start(plate, printer, self._situation.now_s)
+        start = self._situation.rules.find_start(plate, printer, self._situation.now_s)
         if start.at_s != self._situation.now_s:
-            return start.why
+            return start.reason
         if name in self._kept and not takes_spare(plate, self._situation.fleet):
             return Hold(code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept for a plate that fails (--spares)")
         if self._full is not None:
@@ -108,7 +108,7 @@ class HoldReasons:
             for n in busy
             if (end := self._situation.fleet[n].free_s) is not None and end > self._situation.now_s
         ]
-        until = f" until {self._situation.rules.words(min(ends))}" if ends else ""
+        until = f" until {self._situation.rules.format_moment(min(ends))}" if ends else ""
         text = f"{join_names(busy)} {'is' if len(busy) == 1 else 'are'} printing{until}"
         full = [n for n, hold in obstacles.items() if hold.code is HoldCode.BED_NOT_CLEAR]
         if full:

@@ -27,15 +27,15 @@ class Hours:
     zone: tzinfo
 
     def span(self, at_s: float) -> Span | None:
-        """The half-open span that `at_s` is in; None where it is in none. A last one ends at infinity."""
+        """Return the half-open span around `at_s`; None where there is none. A last one ends at infinity."""
         return next((span for span in self._near(at_s) if span[0] <= at_s < span[1]), None)
 
     def following(self, at_s: float) -> Span | None:
-        """The first span that begins after `at_s`; None where there is none."""
+        """Return the first span that begins after `at_s`; None where there is none."""
         return next((span for span in self._near(at_s) if span[0] > at_s), None)
 
     def edge_s(self, at_s: float) -> float | None:
-        """When it changes next whether it is within the windows; None where it never does."""
+        """Return the next begin or end of a window; None where there is none."""
         now, then = self.span(at_s), self.following(at_s)
         if now is not None:
             return None if math.isinf(now[1]) else now[1]
@@ -48,7 +48,7 @@ class Hours:
 
 @lru_cache(maxsize=64)
 def _spans(windows: tuple[Window, ...], zone: tzinfo, day: int) -> tuple[Span, ...]:
-    """The spans from the day before this one on, merged, in order."""
+    """Return the spans from the day before this one on, merged, in order."""
     spans = []
     for ordinal in range(day - 1, day + _HORIZON_DAYS):
         date = datetime.fromordinal(ordinal).replace(tzinfo=zone)

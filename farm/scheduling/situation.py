@@ -38,27 +38,27 @@ class Situation:
 
     @cached_property
     def fleet(self) -> dict[str, FleetPrinter]:
-        """The printers by name, in the order of their names."""
+        """Return the printers by name, in the order of their names."""
         return {printer.name: printer for printer in sorted(self.printers, key=lambda p: p.name)}
 
     @cached_property
     def by_priority(self) -> tuple[WaitingPlate, ...]:
-        """The waiting plates, the one that may choose first at the front."""
+        """Return the waiting plates, the one that chooses first at the front."""
         return tuple(sorted(self.waiting, key=lambda plate: plate.priority_key))
 
     @cached_property
     def planned(self) -> frozenset[str]:
-        """The printers that the waiting plates were planned for."""
+        """Return the printers that the waiting plates were planned for."""
         return frozenset(plate.planned for plate in self.waiting)
 
     @cached_property
     def free(self) -> tuple[FleetPrinter, ...]:
-        """The printers that are idle and clear, by name."""
+        """Return the printers that are idle and clear, by name."""
         return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Tell whether hours and start times let a plate start on a printer now."""
-        return self.rules.start(plate, printer, self.now_s).at_s == self.now_s
+        return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
 
     def with_waiting(self, waiting: tuple[WaitingPlate, ...]) -> Situation:
         """Return the same moment with other plates that wait."""

@@ -9,14 +9,14 @@ from farm.scheduling.matching import FleetPrinter, WaitingPlate
 
 
 def spare_printers(printers: Iterable[FleetPrinter], planned: Collection[str], spares: int) -> frozenset[str]:
-    """Of the free printers that no waiting plate was `planned` for, the roomiest."""
+    """Return the roomiest free printers that no waiting plate was `planned` for, as many as are kept."""
     free = [p for p in printers if p.name not in planned and p.obstacle() is None]
     free.sort(key=lambda p: (p.capabilities.height_mm, p.name), reverse=True)
     return frozenset(printer.name for printer in free[:spares])
 
 
 def takes_spare(plate: WaitingPlate, fleet: Mapping[str, FleetPrinter]) -> bool:
-    """Whether a plate may have such a printer: it failed elsewhere, or the one of its plan is out of use."""
+    """Tell whether a plate may take a spare: it failed elsewhere, or its planned printer is out of use."""
     own = fleet.get(plate.planned)
     if plate.failed_on or own is None or not plate.requirements.matches(own.capabilities):
         return True

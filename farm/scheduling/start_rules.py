@@ -1,4 +1,4 @@
-"""The house's rules for starting a print: hours, the breaker, and enough on the reel. Pure."""
+"""Rules for starting a print: hours, the breaker, and enough filament on the reel. Pure."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from farm.scheduling.matching import FleetPrinter, WaitingPlate
 from farm.text import span
 
 LATE = 1.05
-"""A print may take this much longer than expected."""
+"""Factor by which a print may take longer than expected."""
 GRAMS_SHARE, GRAMS_LEAST = 1.05, 5.0
-"""What must be on a reel beside a plate's grams: priming, and what a ledger does not see."""
+"""Reserve of a reel beside a plate's grams, as a factor and in grams: priming, and what is not counted."""
 FIRST_LAYER_S = 3600.0
 """Before the end of the attended hours, for first layers that need somebody."""
 ENDED_BEFORE_S = 900.0
@@ -26,15 +26,23 @@ _FARTHEST_S = 15 * 86400.0
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """When a plate may start on a printer; never where `at_s` is None. `why` says what made it wait."""
+    """First moment at which a plate may start on a printer.
+
+    Attributes
+    ----------
+    at_s
+        Seconds since the epoch; None where it never may.
+    reason
+        What makes it wait until then; None where nothing does.
+    """
 
     at_s: float | None
-    why: Hold | None = None
+    reason: Hold | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class StartRules:
-    """What `fleet.yaml` says of the house."""
+    """Rules of `fleet.yaml`: attended hours, quiet hours, first layers, and printers that heat at once."""
 
     attended: Hours
     quiet: Hours
@@ -55,45 +63,47 @@ class StartRules:
     def zone(self) -> tzinfo:
         return self.attended.zone
 
-    def words(self, at_s: float) -> str:
-        """A moment as a person reads it."""
+    def format_moment(self, at_s: float) -> str:
+        """Format a moment for a person, like `Fri 22:00`."""
         return datetime.fromtimestamp(at_s, self.zone).strftime("%a %H:%M")
 
-    def start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
-        """The first moment from `from_s` on at which a plate may start there, as far as hours decide it.
+    def find_start(self, plate: WaitingPlate, printer: FleetPrinter, from_s: float) -> Start:
+        """Find the first moment from `from_s` on at which hours let a plate start on a printer.
 
         Nothing starts that would print into quiet hours, nothing that needs somebody who is not there.
         """
-        at_s, why = from_s, None
+        at_s, reason = from_s, None
         if plate.not_before_s is not None and plate.not_before_s > at_s:
             at_s = plate.not_before_s
-            why = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.words(at_s)}")
+            reason = Hold(code=HoldCode.START_TIME, text=f"its job starts {self.format_moment(at_s)}")
         while at_s < from_s + _FARTHEST_S:
-            for moved in (self._out_of_quiet(plate, at_s), self._attended(plate, printer, at_s)):
+            for moved in (self._after_quiet_hours(plate, at_s), self._attended_start(plate, printer, at_s)):
                 if moved is not None:
                     break
             else:
-                return Start(at_s, why)
-            why = moved.why
+                return Start(at_s, reason)
+            reason = moved.reason
             if moved.at_s is None:
                 return moved
             at_s = moved.at_s
         text = f"it takes {span(plate.expected_s)}: longer than the hours of fleet.yaml ever let it print"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
-    def _out_of_quiet(self, plate: WaitingPlate, at_s: float) -> Start | None:
-        """When these quiet hours end, or those into which it would print; None where there are none."""
+    def _after_quiet_hours(self, plate: WaitingPlate, at_s: float) -> Start | None:
+        """Return the end of the quiet hours that a print at `at_s` would touch; None where there are none."""
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
-        text = f"it takes {span(plate.expected_s)}, quiet hours are from {self.words(quiet[0])}"
+        text = f"it takes {span(plate.expected_s)}, quiet hours are from {self.format_moment(quiet[0])}"
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
-        return Start(quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.words(quiet[1])}"))
+        return Start(
+            quiet[1], Hold(code=HoldCode.QUIET_HOURS, text=f"{text} to {self.format_moment(quiet[1])}")
+        )
 
-    def _attended(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> Start | None:
-        """When somebody comes, where somebody has to be there and is not, or not long enough."""
-        needed_s = self._attended_s(plate, printer)
+    def _attended_start(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> Start | None:
+        """Return when somebody comes, where a print needs somebody who is not there long enough."""
+        needed_s = self._needed_attendance_s(plate, printer)
         if needed_s is None:
             return None
         asks = "first layers are printed only while somebody is there"
@@ -106,43 +116,43 @@ class StartRules:
         if then is None:
             text = f"{asks}, and fleet.yaml names no such hours (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
-        text = f"{asks}: from {self.words(then[0])}"
+        text = f"{asks}: from {self.format_moment(then[0])}"
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
 
-    def _attended_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
-        """How long somebody has to be there from the start on; None: not at all."""
+    def _needed_attendance_s(self, plate: WaitingPlate, printer: FleetPrinter) -> float | None:
+        """Return how long somebody has to be there from the start on; None where nobody has to."""
         if not printer.unattended:
             return plate.expected_s * LATE + ENDED_BEFORE_S
         return plate.first_layer_s if self.first_layers_attended else None
 
-    def latest_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
-        """Until when a plate that may start there at `at_s` still may; infinity where hours do not end it."""
+    def latest_start_s(self, plate: WaitingPlate, printer: FleetPrinter, at_s: float) -> float:
+        """Return until when a plate that may start at `at_s` still may; infinity where hours set no end."""
         quiet = self.quiet.following(at_s)
         latest_s = math.inf if quiet is None else quiet[0] - plate.expected_s * LATE
-        needed_s = self._attended_s(plate, printer)
+        needed_s = self._needed_attendance_s(plate, printer)
         span = None if needed_s is None else self.attended.span(at_s)
         if needed_s is not None and span is not None:
             latest_s = min(latest_s, span[1] - needed_s)
         return latest_s
 
     def ends_by_s(self, printer: FleetPrinter, at_s: float) -> float | None:
-        """When what prints there at `at_s` has to be ended; None where it may print on with nobody there."""
+        """Return when a print that goes on at `at_s` has to end; None where it may go on unattended."""
         span = self.attended.span(at_s)
         if printer.unattended or (span is not None and math.isinf(span[1])):
             return None
         return at_s if span is None else span[1] - ENDED_BEFORE_S
 
-    def away(self, printer: FleetPrinter, now_s: float) -> str | None:
-        """Why nothing may print on there now, in words; None where it may."""
+    def unattended_reason(self, printer: FleetPrinter, now_s: float) -> str | None:
+        """Return why a printer may not go on printing now, in words; None where it may."""
         ends_by_s = self.ends_by_s(printer, now_s)
         if ends_by_s is None or now_s < ends_by_s:
             return None
         then = self.attended.following(now_s)
-        again = "" if then is None else f": from {self.words(then[0])}"
+        again = "" if then is None else f": from {self.format_moment(then[0])}"
         return f"{printer.name} prints only while somebody is there ({printer.why_attended}){again}"
 
     def evening_s(self, now_s: float) -> float | None:
-        """When the night begins: the end of the attended hours, or earlier where first layers need somebody.
+        """Return when the night begins: at the end of the attended hours, less the time for first layers.
 
         None where it has begun already.
 
@@ -159,11 +169,11 @@ class StartRules:
         return max(now_s, span[1] - (FIRST_LAYER_S if self.first_layers_attended else 0.0))
 
     def is_attended(self, at_s: float) -> bool:
-        """Whether it is within the attended hours; never where none are named."""
+        """Tell whether a moment is within the attended hours; never where none are named."""
         return self.attended.span(at_s) is not None
 
-    def cleared_s(self, ended_s: float, clearing_s: float) -> float:
-        """When the bed of a print that ended can be clear: somebody has to be there."""
+    def bed_clear_s(self, ended_s: float, clearing_s: float) -> float:
+        """Return when the bed of an ended print can be clear: somebody has to be there."""
         if not self.attended.windows or self.attended.span(ended_s) is not None:
             return ended_s + clearing_s
         then = self.attended.following(ended_s)
@@ -171,7 +181,7 @@ class StartRules:
 
 
 def short_of_filament(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
-    """Whether a reel with so many grams has too little for a plate; of an unknown one nothing is said."""
+    """Return a hold where a reel has too few grams for a plate; None where it has enough, or is unknown."""
     needed = max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
     if grams is None or grams >= needed:
         return None

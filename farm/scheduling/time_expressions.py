@@ -1,4 +1,4 @@
-"""Moments as a person says them: `22:00`, `fri 22:00`, `2026-11-21 22:00`. Pure."""
+"""Parsing of moments as a person writes them: `22:00`, `fri 22:00`, `2026-11-21 22:00`. Pure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _TIME = re.compile(r"(?:([a-z]{3})\s+)?(\d{1,2}):(\d{2})")
 
 
 def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
-    """The next such moment after now, in seconds since the epoch.
+    """Parse the next such moment after now, in seconds since the epoch.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
 def start_and_deadline_s(
     options: JobOptions, rules: StartRules, now_s: float
 ) -> tuple[float | None, float | None]:
-    """From when on a person wants a job printed, and by when; None where they did not say.
+    """Parse when a job may start and by when it is wanted; None for what was not said.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def start_and_deadline_s(
 
 
 def _next(now: datetime, day: str | None, hour: int, minute: int) -> datetime:
-    """The next such local time; one that a change of the clock brings twice is met twice."""
+    """Return the next such local time; one that a change of the clock brings twice is met twice."""
     then = now.replace(hour=hour, minute=minute, second=0, microsecond=0, fold=0)
     for _ in range(9):
         again = then.replace(fold=1)  # an hour later where it comes twice, earlier where it is skipped

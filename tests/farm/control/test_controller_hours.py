@@ -64,7 +64,7 @@ def asked(farm):
 
 def test_a_print_is_told_until_when_it_may_begin_and_when_it_ends(farm):
     attempt = farm.controller.books.open_print_on("a")
-    span = farm.controller.span(attempt.id)
+    span = farm.controller.print_limits(attempt.id)
     needed_s = farm.controller.books.plates[attempt.plate].expected_s * 1.05
     assert span.not_after_s == pytest.approx(STOP - needed_s)
     assert span.ends_by_s == STOP

@@ -2,7 +2,7 @@
 
 from farm.model import Bed, Hold, HoldCode, Link
 from farm.scheduling import admission
-from farm.scheduling.admission import Availability, Begin, JobRequest, unmatched
+from farm.scheduling.admission import Availability, Begin, JobRequest, find_mismatch
 from farm.scheduling.matching import Requirements
 from scheduling_examples import TALL, printer
 
@@ -43,9 +43,12 @@ def test_it_waits_for_enough_printers_for_one_round_and_takes_rounds_where_the_f
 
 
 def test_a_job_that_no_printer_matches_is_held_with_the_reason():
-    assert unmatched(Requirements("generic_abs", None, None), [printer("a")]).code is HoldCode.NO_SUCH_PRINTER
-    assert unmatched(ANY, []).code is HoldCode.NO_SUCH_PRINTER
-    assert unmatched(ANY, [printer("a", attention_reason="it smokes")]) is None
+    assert (
+        find_mismatch(Requirements("generic_abs", None, None), [printer("a")]).code
+        is HoldCode.NO_SUCH_PRINTER
+    )
+    assert find_mismatch(ANY, []).code is HoldCode.NO_SUCH_PRINTER
+    assert find_mismatch(ANY, [printer("a", attention_reason="it smokes")]) is None
 
 
 def test_what_begins_at_night_is_planned_for_printers_that_may_print_then():

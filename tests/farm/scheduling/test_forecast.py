@@ -78,7 +78,7 @@ def test_the_laws_of_a_forecast(plates, fleet, house, after_s, random):
         assert what.requirements.matches(where.capabilities)
         assert slot.starts_s >= now_s
         assert slot.ends_s - slot.starts_s == pytest.approx(seconds_on(what, where))
-        assert house.start(what, where, slot.starts_s).at_s == slot.starts_s
+        assert house.find_start(what, where, slot.starts_s).at_s == slot.starts_s
         heats = [s for s in seen.slots if s.starts_s <= slot.starts_s < s.starts_s + 300.0]
         assert house.max_heating is None or len(heats) <= house.max_heating
     assert now_s <= seen.lower_bound_s <= seen.ends_s

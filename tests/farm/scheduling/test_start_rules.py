@@ -96,14 +96,14 @@ def test_nothing_starts_that_the_house_forbids(waiting, fleet, house, now_s, spa
 @settings(deadline=None)
 def test_what_may_start_now_may_start_until_its_latest_moment_and_not_after_it(waiting, fleet, house, now_s):
     for what, where in ((w, p) for w in waiting for p in fleet):
-        at_s = house.start(what, where, now_s).at_s
+        at_s = house.find_start(what, where, now_s).at_s
         if at_s is None:
             continue
-        latest_s = house.latest_s(what, where, at_s)
+        latest_s = house.latest_start_s(what, where, at_s)
         for within_s in (at_s, (at_s + min(latest_s, at_s + HOUR)) / 2, min(latest_s, at_s + HOUR) - 1e-3):
-            assert within_s < at_s or house.start(what, where, within_s).at_s == within_s
+            assert within_s < at_s or house.find_start(what, where, within_s).at_s == within_s
         if latest_s < math.inf:
-            assert house.start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
+            assert house.find_start(what, where, latest_s + 1.0).at_s != latest_s + 1.0
         ends_by_s = house.ends_by_s(where, at_s)
         assert (ends_by_s is None) == (where.unattended or math.isinf(house.attended.span(at_s)[1]))
         assert ends_by_s is None or at_s + what.expected_s < ends_by_s
@@ -112,13 +112,13 @@ def test_what_may_start_now_may_start_until_its_latest_moment_and_not_after_it(w
 def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_when_it_may_go_on():
     house, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
     assert house.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
-    assert house.away(alone, at("2026-11-20 17:44")) is None
+    assert house.unattended_reason(alone, at("2026-11-20 17:44")) is None
     says = "a prints only while somebody is there (so): from Mon 08:00"
-    assert house.away(alone, at("2026-11-20 17:45")) == says
-    assert house.away(alone, at("2026-11-21 03:00")) == says
+    assert house.unattended_reason(alone, at("2026-11-20 17:45")) == says
+    assert house.unattended_reason(alone, at("2026-11-21 03:00")) == says
     assert house.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
-    assert rules().away(alone, FRIDAY) == "a prints only while somebody is there (so)"
-    assert house.away(printer("a"), at("2026-11-21 03:00")) is None
+    assert rules().unattended_reason(alone, FRIDAY) == "a prints only while somebody is there (so)"
+    assert house.unattended_reason(printer("a"), at("2026-11-21 03:00")) is None
     assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
 
 

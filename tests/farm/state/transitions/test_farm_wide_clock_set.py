@@ -1,7 +1,7 @@
 """The books where the host's clock is set: spans stay what they were, and the last print is the last one."""
 
 from farm.model import HoldCode, PrintState, Verdict
-from farm.scheduling.situation_builder import own_holds
+from farm.scheduling.plate_holds import find_plate_holds
 from farm.state import events as ev
 from farm.state.books import Books, put
 from farm.state.plate_state import PlateState
@@ -42,8 +42,8 @@ def test_what_was_lost_before_the_clock_was_set_back_is_told_and_tried_again():
         ended("x", PrintState.FAILED, 5000.0, fault="port_lost", reason="it went"),
     )
     books, _ = run(printing(plates=1), *lost, ev.ClockSet(at_s=1000.0, by_s=-4000.0))
-    assert own_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
-    assert own_holds(books, [], 1000.0) == {}
+    assert find_plate_holds(books, [], 5005.0)["1/01"].code is HoldCode.JUST_LOST
+    assert find_plate_holds(books, [], 1000.0) == {}
     assert [one.key for one in list_due_notices(books, 1000.0, 0.0, ())] == ["print x"]
 
 
