@@ -67,5 +67,5 @@ class Clock:
         return self.anchor_s + (farm_s - self.ahead_s - self.anchor_s) / self.scale
 
     def wall_seconds(self, farm_seconds: float) -> float:
-        """How many wall seconds a span of farm seconds takes."""
+        """Convert a span of farm seconds to wall seconds."""
         return farm_seconds / self.scale

@@ -1,4 +1,4 @@
-"""What is plugged in, and whether a board can be stopped: by a pulse of DTR it has to start again."""
+"""List what is plugged in, and see that a board can be stopped: by a pulse of DTR it has to start again."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def model_of(banner: bytes) -> str:
 
 
 def _see_idle(port: Port, url: str, answer_s: float) -> None:
-    """Where opening the port did not reset the board, it can say that it prints."""
+    """See that a printer is idle; a board that opening the port did not reset can say that it prints."""
     link, idle = Link(ULTIMAKER2), IdleWatch()
     for now_s, event in talk(port, link, answer_s):
         if isinstance(event, Up):

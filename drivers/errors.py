@@ -46,7 +46,7 @@ class Unreadable(DriverError):
 
 
 class Fault(StrEnum):
-    """Why a print failed: the names that a daemon keeps in its books."""
+    """Reason for which a print failed, by the name that a daemon keeps in its books."""
 
     STOPPED = "stopped"  # the firmware's Stop(): heaters off, it answers and moves nothing
     MAXTEMP = "maxtemp"  # a sensor reads too hot, or is broken

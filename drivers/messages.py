@@ -1,4 +1,4 @@
-"""What a daemon and an agent say to each other: one JSON object a line over the agent's Unix socket.
+"""Messages between a daemon and an agent: one JSON object a line over the agent's Unix socket.
 
 The daemon sends `Request`s, each with an `id` of its own; the agent answers each with one `Reply` of the same
 id, and pushes a `Snapshot` whenever something changed, and about once a wall second while anything is warm or
@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, TypeAdapter
 
 PROTOCOL = 2
-"""What this version speaks: one more where requests get a field, or there is a new one. An agent says its own
+"""Protocol of this version: one more where requests get a field, or there is a new one. An agent says its own
 with each snapshot; the first that did say none are 1."""
 
 
@@ -30,13 +30,13 @@ class _Message(BaseModel):
 
 
 class _Request(_Message):
-    """What an agent is asked. It refuses what it does not know, so an older one is not asked it."""
+    """Request to an agent. It refuses what it does not know, so an older one is not asked it."""
 
     since: ClassVar[int] = 1  # the protocol in which the request appeared
 
 
 class _Said(_Message):
-    """What an agent says. It may be of another version than who reads it: an upgrade ends no print."""
+    """Message of an agent. It may be of another version than who reads it: an upgrade ends no print."""
 
     model_config = ConfigDict(
         extra="ignore",
@@ -49,7 +49,7 @@ class _Said(_Message):
 
 
 class LinkState(StrEnum):
-    """What the agent knows of its board."""
+    """State of the link between an agent and its board."""
 
     ABSENT = "absent"  # the port is not there, or cannot be opened
     CONNECTING = "connecting"  # opened; waiting for the banner or for the first answer
@@ -59,7 +59,7 @@ class LinkState(StrEnum):
 
 
 class Filament(StrEnum):
-    """Where the end of the filament is."""
+    """Place of the filament's end."""
 
     PARKED = "parked"  # 20 mm back, as the end code and the printer's own menu leave it
     AT_NOZZLE = "at_nozzle"
@@ -168,7 +168,7 @@ class StartPrint(_Request):
 
 
 class EndPrintBy(_Request):
-    """When a print is to be ended safely where it has not ended by itself, daemon or no daemon."""
+    """Set when a print is ended safely where it has not ended by itself, daemon or no daemon."""
 
     since: ClassVar[int] = 2
     do: Literal["end_by"] = "end_by"

@@ -63,7 +63,7 @@ def _mine(folder: Path) -> bool:
 
 
 def _end_heat(given: start_file.Start, folder: Path) -> None:
-    """Where nothing can be written nothing is printed, but what the last agent heated must not stay hot."""
+    """End the heat of the last agent: nothing can be written, so nothing is printed."""
     if recall(folder / JOURNAL)[0].heat:
         stopped = cut(
             Target(given.printer, given.port, folder, given.power_off_cmd, firmware_of(given.model))

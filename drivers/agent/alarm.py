@@ -48,13 +48,13 @@ class Alarms:
         return self.alarm is not None and self.alarm.pending
 
     @property
-    def told(self) -> str | None:
+    def message(self) -> str | None:
         """For people."""
-        return None if self.alarm is None else self.alarm.told
+        return None if self.alarm is None else self.alarm.message
 
     @property
     def suspicion(self) -> Suspicion | None:
-        """What the session after a dead agent's has to know."""
+        """The suspicion that the session after a dead agent's has to know."""
         return None if self.alarm is None else self.alarm.suspicion
 
     def printer_back(self) -> None:
@@ -62,7 +62,7 @@ class Alarms:
         if self.alarm is not None and self.alarm.said is not None:
             self.alarm = self.alarm.model_copy(update={"over": True})
 
-    def person_looked(self) -> None:
+    def clear(self) -> None:
         """Whatever was the matter is over."""
         self.alarm = None
 
@@ -98,7 +98,7 @@ class Alarms:
         return True
 
     def outcome(self) -> str | None:
-        """What came of the command, told once; None where nothing is new."""
+        """Take the outcome of the command, once; None where nothing is new."""
         said = None if self._run is None else self._run.outcome()
         if said is not None:
             self._run = None
@@ -114,5 +114,5 @@ class Alarms:
             self._run = PowerOff(self._command, self._printer)
 
     def wake_wall_s(self) -> float:
-        """When `outcome` wants to be called."""
+        """Wall time at which `outcome` wants to be called."""
         return math.inf if self._run is None else wall_s() + LOOK_S

@@ -104,7 +104,7 @@ class Board:
         self._go_on(self.link.tick(now_s), now_s)
 
     def wake_wall_s(self) -> float:
-        """When `tick` wants to be called, in wall time."""
+        """Wall time at which `tick` wants to be called."""
         due_s = self.link.deadline_s
         if self.session is not None:
             due_s = min(due_s, self.session.deadline_s)
@@ -149,7 +149,7 @@ class Board:
         """Let a session have the board, from a reset on."""
         self.session = session
         self.stuck = None
-        self.idle.anew()
+        self.idle.reset()
         self._go_on((), self._clock.now())
 
     def cancel(self, reason: str) -> None:
@@ -173,7 +173,7 @@ class Board:
             self.session.end_by(at_s, now_s)
             self._go_on((), now_s)
 
-    def looked_at(self) -> None:
+    def clear_attention(self) -> None:
         """A person saw to the printer: whatever was the matter is over."""
         if self.idle.card:
             raise AgentError(CARD)
@@ -233,7 +233,7 @@ class Board:
     # --- the emulator's own word ---
 
     def status(self) -> EmulatorStatus | None:
-        """What an emulator shows; None for a real printer, which can show nothing."""
+        """Read the status of an emulator; None for a real printer, which has none."""
         if not self.simulated:
             return None
         try:
@@ -298,7 +298,7 @@ class Board:
 
     def _answers(self, up: Up) -> None:
         """See whether the pulse of DTR before had reset the board."""
-        self.idle.anew()
+        self.idle.reset()
         if up.restarted and (self.proving or self.session is not None):
             self.state.reset_verified, self.state.reset_refuted = self._url, None
         elif self.proving > 1:
@@ -338,7 +338,7 @@ class Board:
         self.absent = None
         self.untouched = False
         self.report = self.stuck = None
-        self.idle.anew()
+        self.idle.reset()
         if self.session is None:
             self.link.poll_every_s = self.pace.idle_s
         else:

@@ -1,4 +1,4 @@
-"""When an agent that says nothing is taken to be wedged, by whoever listens to it on its host.
+"""Judgement of whether a silent agent is wedged, by whoever listens to it on its host.
 
 An agent that is well says something every 5 wall seconds, and every second while it prints or is warm. A
 busy machine must not cost a print, so silence alone is not enough:

@@ -1,4 +1,4 @@
-"""What an idle board tells of people, cards and faults that the farm did not cause. Pure.
+"""Watch over an idle board, for people, cards and faults that the farm did not cause. Pure.
 
 Answers carry no checksum, so that what a garbled digit could have said is believed when it is said twice.
 """
@@ -34,9 +34,9 @@ class IdleWatch:
 
     def __init__(self) -> None:
         self.card = False
-        self.anew()
+        self.reset()
 
-    def anew(self) -> None:
+    def reset(self) -> None:
         """The board was reset or printed for us: what was seen before is of no use."""
         self.card = False
         self._place: bytes | None = None

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivers.agent.board import NO_RESET, Board
 from drivers.agent.idle_watch import CARD
-from drivers.agent.print_record import Record
+from drivers.agent.recorder import Recorder
 from drivers.agent.server import Server
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.agent.spool import Spool
@@ -96,7 +96,7 @@ class Agent:
         self._journal = Journal(folder / JOURNAL)
         self._spool = Spool(folder / "spool", profile)
         self._board = Board(url, profile, folder / EMULATOR, clock, self._remember, self._port_moved)
-        self._record = Record(printer, profile, self._board, self._journal, clock, power_off_cmd)
+        self._recorder = Recorder(printer, profile, self._board, self._journal, clock, power_off_cmd)
         self._url = url
         self._pushed: tuple[object, ...] = ()
         self._push_wall_s = 0.0
@@ -126,7 +126,7 @@ class Agent:
         left = self._journal.memory.print
         if left is not None and not left.phase.ended:
             log.warning("print %s was open when the last agent died: resetting the board", left.print_id)
-            self._record.begin(None, self._journal.memory.filament, left.extruded)
+            self._recorder.begin(None, self._journal.memory.filament, left.extruded)
         self._board.open()
         self._board.tick()
         self._server = Server(self._folder, self._selector, self._answer, self._snapshot)
@@ -141,22 +141,22 @@ class Agent:
             if due or self._board.stirred:  # else the wire alone moved, and no deadline came nearer
                 self._board.stirred = False
                 self._push()
-                alarms_wall_s = self._record.alarms.wake_wall_s()
+                alarms_wall_s = self._recorder.alarms.wake_wall_s()
                 wake_wall_s = min(self._board.wake_wall_s(), self._push_wall_s, alarms_wall_s)
 
     def _remember(self) -> None:
-        self._record.remember()
+        self._recorder.record_changes()
         if self._ending and self._board.session is None and not self._board.state.hot:
             self._over = True
 
-    # --- what is told ---
+    # --- snapshots ---
 
     def _link_state(self) -> tuple[LinkState, str | None]:
         board = self._board
         if board.untouched:
             return LinkState.FAULT, board.absent
         if board.session is not None:
-            return LinkState.BUSY, board.absent or self._record.unsaid
+            return LinkState.BUSY, board.absent or self._recorder.journal_error
         if board.absent is not None:
             return LinkState.ABSENT, board.absent
         if board.proving:
@@ -177,9 +177,9 @@ class Agent:
         filament = memory.filament if session is None else session.context.filament
         if filament is Filament.UNKNOWN and session is None and status is not None:
             filament = _filament(status.filament_end_mm, self._profile.parked_mm)
-        told = memory.print
-        if session is not None and told is not None:
-            told = self._record.shot(told, session.context)
+        known = memory.print
+        if session is not None and known is not None:
+            known = self._recorder.describe_print(known, session.context)
         off = report is not None and report.nozzle_target_c == 0 and report.bed_target_c == 0
         return Snapshot(
             protocol=PROTOCOL,
@@ -198,9 +198,9 @@ class Agent:
             starved_s=status.starved_s if status is not None else 0.0,
             board_resets=board.resets,
             bed_unknown_reason=board.state.bed_unknown_reason,
-            alarm=self._record.alarms.told,
+            alarm=self._recorder.alarms.message,
             reset_verified=board.proven,
-            print=told,
+            print=known,
         )
 
     def _push(self) -> None:
@@ -211,7 +211,7 @@ class Agent:
             self._link_state(),
             self._board.resets,
             self._board.state.bed_unknown_reason,
-            self._record.alarms.told,
+            self._recorder.alarms.message,
             self._board.report is None,
             memory.print.print_id if memory.print is not None else None,
             session.context.phase if session else None,
@@ -245,14 +245,14 @@ class Agent:
 
     def _prints(self, since_s: float) -> tuple[PrintSnapshot, ...]:
         """All that had not ended then, the open one last."""
-        memory, told = self._journal.memory, self._snapshot().print
+        memory, known = self._journal.memory, self._snapshot().print
         late = [said for said in memory.late if said.ended_s is None or said.ended_s >= since_s]
-        if told is not None and told.print_id not in memory.ended:
-            late.append(told)
+        if known is not None and known.print_id not in memory.ended:
+            late.append(known)
         return tuple(late)
 
     def _obey(self, request: Request) -> None:
-        told = self._journal.memory.print
+        known = self._journal.memory.print
         match request:
             case Hello() | ListPrints():
                 pass
@@ -261,18 +261,18 @@ class Agent:
             case Upload():
                 self._spool.put(request.print_id, request.at, request.data)
             case CancelPrint():
-                if told is not None and told.print_id == request.print_id:
+                if known is not None and known.print_id == request.print_id:
                     self._board.cancel(request.reason)
             case EndPrintBy():
-                if told is not None and told.print_id == request.print_id:
+                if known is not None and known.print_id == request.print_id:
                     self._board.end_by(request.ends_by_s)
             case PausePrint() | ResumePrint():
-                if told is not None and told.print_id == request.print_id:
+                if known is not None and known.print_id == request.print_id:
                     self._board.pause(isinstance(request, PausePrint))
             case ForgetPrint():
-                if told is not None and told.print_id == request.print_id:
-                    if not told.phase.ended:
-                        raise AgentError(f"print {told.print_id} is still open: cancel it first")
+                if known is not None and known.print_id == request.print_id:
+                    if not known.phase.ended:
+                        raise AgentError(f"print {known.print_id} is still open: cancel it first")
                     self._journal.write(self._clock.now(), print=None)
                     self._spool.drop(request.print_id)
             case BedCleared():
@@ -296,7 +296,7 @@ class Agent:
         self._spool.check(request.print_id)
         memory = self._journal.memory
         if request.print_id in memory.ended or (memory.print and memory.print.print_id == request.print_id):
-            return  # told before
+            return  # it was asked before
         now_s = self._clock.now()
         if request.not_after_s is not None and now_s > request.not_after_s:
             late_s = now_s - request.not_after_s
@@ -330,23 +330,23 @@ class Agent:
             return
         shot = shot.model_copy(update={"lines": program.count, "started_s": now_s})
         self._journal.write(now_s, print=shot.model_dump(mode="json"), filament=request.filament.value)
-        self._record.begin(program, request.filament, extruded=False, ends_by_s=request.ends_by_s)
+        self._recorder.begin(program, request.filament, extruded=False, ends_by_s=request.ends_by_s)
 
     def _cleared(self, request: BedCleared) -> None:
         if self._board.session is not None:
             raise AgentError(f"{self._printer} prints: its bed is cleared when that has ended")
-        told = self._journal.memory.print
+        known = self._journal.memory.print
         if (
             self._board.state.attention_reason is not None
-            and told is not None
-            and told.fault == Fault.WRONG_PRINTER
+            and known is not None
+            and known.fault == Fault.WRONG_PRINTER
         ):
             self._journal.write(
                 self._clock.now(), identity=None
             )  # a person has seen that it is the right one
         self._board.clear_bed()
-        self._board.looked_at()
-        self._record.alarms.person_looked()
+        self._board.clear_attention()
+        self._recorder.alarms.clear()
         if request.filament is not None:
             self._journal.write(self._clock.now(), filament=request.filament.value)
         self._remember()
@@ -384,7 +384,7 @@ class Agent:
 
 
 def _filament(end_mm: float, parked_mm: float) -> Filament:
-    """Where an emulator's filament is."""
+    """Tell the place of an emulator's filament."""
     if abs(end_mm + parked_mm) <= _PARKED_SLACK_MM:
         return Filament.PARKED
     return Filament.AT_NOZZLE if abs(end_mm) <= 1.0 else Filament.UNKNOWN

@@ -1,4 +1,4 @@
-"""What goes wrong on request: named faults, and the dice that they are drawn from.
+"""Faults on request, by name, and the dice that they are drawn from.
 
 A new fault is a field of `Faults` (its name is its name in the url) and one place that asks for it: `Dice`
 for what happens to lines, `EmulatedBoard` for what is broken physically, `EmulatedFirmware` for what the
@@ -85,7 +85,7 @@ class Faults:
 
     @property
     def due(self) -> dict[str, int]:
-        """What happens at a line of its own, by name."""
+        """Faults that happen at a line of their own, by name."""
         named = ((field.name, getattr(self, field.name)) for field in fields(self))
         return {name: line for name, line in named if name.endswith("_after") and line}
 

@@ -34,7 +34,7 @@ CONTROL_TIMEOUT_S = 5.0
 
 
 class Command(StrEnum):
-    """What a person at the printer may do."""
+    """Command that a person at the printer may give."""
 
     CLEAR_BED = "clear_bed"
     RESET = "reset"

@@ -94,7 +94,7 @@ class Port:
         return raised
 
     def read(self) -> bytes:
-        """What the host sent; empty also where it has closed the port."""
+        """Read what the host sent; empty also where it has closed the port."""
         try:
             return os.read(self.master, 4096)
         except OSError:  # EIO: nobody has the slave open; EAGAIN: nothing there

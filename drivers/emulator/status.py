@@ -1,4 +1,4 @@
-"""What may be seen of an emulator from outside: `status.json` in its folder, never half written."""
+"""Status of an emulator for others: `status.json` in its folder, never half written."""
 
 from __future__ import annotations
 

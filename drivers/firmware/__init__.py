@@ -1,4 +1,4 @@
-"""What is particular to a printer's firmware: one module a firmware."""
+"""Firmwares of printers: one module a firmware."""
 
 from drivers.firmware.firmware import Firmware, Identity
 from drivers.firmware.ultimaker2 import ULTIMAKER2

@@ -11,7 +11,7 @@ from drivers.errors import Fault
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a banner tells of the printer that it is.
+    """Identity of a printer, as its banner tells it.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ is_everyday = _EVERYDAY.match
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What is sent, and what it says.
+    """A command as it is sent, and as it is read.
 
     Attributes
     ----------

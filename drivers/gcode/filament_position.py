@@ -1,4 +1,4 @@
-"""How far back the filament is in the middle of a file, by its lines and where the head stood. Pure.
+"""Position of the filament in the middle of a file, by its lines and where the head stood. Pure.
 
 The firmware acknowledges moves long before it makes them, so the last line that it took does not tell where
 a quick stop (M401) found the feeder. But M114 then tells the real place
@@ -41,7 +41,7 @@ def place(said: bytes) -> Point | None:
 
 
 def retracted_mm(program: Program, done: int, stood: Point | None = None) -> float:
-    """How far behind the nozzle's tip the filament ends.
+    """Compute how far behind the nozzle's tip the filament ends.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ class Walk:
         )
 
     def back_at(self, stood: Point) -> float:
-        """How far back the filament was where the head stood; by the last line where no move leads there."""
+        """Compute it for where the head stood; by the last line where no move leads there."""
         nearest_mm, found_mm = NEAR_MM, self.back_mm
         for before, after, back_mm in self._moves:
             away_mm = _distance(stood, before, after)

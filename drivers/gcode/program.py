@@ -51,7 +51,7 @@ class Heat:
 
 
 class Store(Protocol):
-    """Where the bytes of a program are kept."""
+    """Storage of the bytes of a program."""
 
     def write(self, data: bytes, /) -> object:
         """Put more of them behind those that are there."""
@@ -113,7 +113,7 @@ class Program:
 
     @property
     def layers(self) -> int:
-        """How many layers there are."""
+        """Number of layers."""
         return self.timeline.layers
 
     def lines(self, start: int, stop: int) -> list[bytes]:
@@ -144,11 +144,11 @@ class Program:
         return data
 
     def at(self, line: int) -> Mark:
-        """How far the print is when `line` lines are done."""
+        """Compute the progress when `line` lines are done."""
         return self.timeline.at(line, self.count)
 
     def target_c(self, heater: HeaterName, line: int) -> float | None:
-        """What a heater was last set to when `line` lines are done; None before the first."""
+        """Target of a heater when `line` lines are done; None before the first."""
         for heat in reversed(self.heats):
             if heat.heater is heater and heat.line < line:
                 return heat.target_c
@@ -268,7 +268,7 @@ class _Text:
 
 
 def _note(comment: bytes, number: int, count: int, timeline: Timeline) -> None:
-    """What a slicer's comment says of the print; `count` lines are before it."""
+    """Take what a slicer's comment says of the print; `count` lines are before it."""
     if comment.startswith(b"TIME_ELAPSED:"):
         timeline.elapsed(count, value(comment[13:], number, _MOST_S))
     elif comment.startswith(b"LAYER:"):
@@ -280,7 +280,7 @@ def _note(comment: bytes, number: int, count: int, timeline: Timeline) -> None:
 
 
 def _heat(command: Command, number: int, count: int, profile: Profile) -> Heat:
-    """What a heating line sets. Raises BadGcode."""
+    """Read what a heating line sets. Raises BadGcode."""
     target_c = command.words.get(b"S")
     if target_c is None or target_c < 0:
         raise BadGcode(f"line {number}: {shown(command.text)} names no temperature with S")

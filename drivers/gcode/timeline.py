@@ -1,4 +1,4 @@
-"""How far a print is at each line of its file, by the slicer's comments. Pure.
+"""Progress of a print at each line of its file, by the slicer's comments. Pure.
 
 A file of 50 MB has some 200,000 marks: they are kept as columns, of 29 bytes a mark.
 """
@@ -16,7 +16,7 @@ _NONE = -(2**31)
 
 
 class Feature(StrEnum):
-    """What a move prints, by the names of Cura's ``;TYPE:`` comments."""
+    """Feature that a move prints, by the names of Cura's ``;TYPE:`` comments."""
 
     SKIRT = "SKIRT"  # a brim too
     SUPPORT = "SUPPORT"
@@ -34,7 +34,7 @@ _NUMBERS = {feature: number for number, feature in enumerate(_FEATURES)}
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """How far a print is from a line on (0-based, of the stripped file).
+    """Progress of a print from a line on (0-based, of the stripped file).
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Timeline:
         return (self[at] for at in range(len(self)))
 
     def at(self, line: int, count: int) -> Mark:
-        """How far the print is when `line` of all `count` lines are done."""
+        """Compute the progress when `line` of all `count` lines are done."""
         at = bisect_right(self._lines, line)
         before = self[at - 1] if at else Mark(0, 0.0)
         if line >= count or at == len(self):

@@ -42,7 +42,7 @@ _LONGEST_ANSWER = 512
 
 
 class Phase(StrEnum):
-    """Where the link stands."""
+    """Phase of a conversation with a board."""
 
     CLOSED = "closed"
     OPENING = "opening"  # waits for ``start``
@@ -141,14 +141,14 @@ class Link:
         self._poll_s = min(self._poll_s, at_s)
 
     def take(self) -> bytes:
-        """What is to be written now."""
+        """Take what is to be written now."""
         out, self._out = self._out, b""
         return out
 
     @property
     def drained(self) -> bool:
         """Every line was acknowledged; a poll may be under way."""
-        return not (self._waiting or self._outbox.ahead)
+        return not (self._waiting or self._outbox.pending)
 
     @property
     def streamed(self) -> int:
@@ -157,7 +157,7 @@ class Link:
 
     @property
     def deadline_s(self) -> float:
-        """When `tick` wants to be called."""
+        """Time at which `tick` wants to be called."""
         if self.phase is Phase.LIVE and not self._waiting:
             return self._poll_s
         return self._due_s  # of what is in flight, or of the phase; never where the link is closed or dead
@@ -172,7 +172,7 @@ class Link:
         # The one path that has to be cheap: the ok to a line of a program, and the next line is encoded
         # already.
         if data == b"ok\n" and self._waiting and not self._partial and now_s < self._poll_s and self._calm:
-            line = self._outbox.quick()
+            line = self._outbox.take_encoded()
             if line is not None:
                 self._out = line
                 self._due_s = now_s + self._ask_s
@@ -294,12 +294,12 @@ class Link:
                 if self._repaired(events):
                     self._land(now_s)
             case Action.ACCEPT_UP_TO:
-                outbox.back_to(line)
+                outbox.rewind_to(line)
                 self._land(now_s)
             case Action.REPEAT:
                 self.repeated += 1
                 if self._repaired(events):
-                    self._launch(outbox.back_to(line), now_s)
+                    self._launch(outbox.rewind_to(line), now_s)
             case _:
                 self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
 
@@ -352,7 +352,7 @@ class Link:
 
     @property
     def _place(self) -> Place:
-        """What was sent last; an answer to a question from another place is out of date."""
+        """Place of what was sent last; an answer to a question from another one is out of date."""
         return Place(self._outbox.number, self.repeated, self._outbox.top, self._recovery.confirmations)
 
     # --- sending ---
@@ -364,7 +364,7 @@ class Link:
         if now_s >= self._poll_s and self._outbox.fresh:
             self._outbox.insert_poll()
             self._poll_s = now_s + self.poll_every_s
-        line = self._outbox.step()
+        line = self._outbox.take_next()
         if line is not None:
             self._launch(line, now_s)
 

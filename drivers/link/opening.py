@@ -13,7 +13,7 @@ QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 
 
 class Heard(Enum):
-    """What a line says while the port opens."""
+    """Meaning of a line while the port opens."""
 
     NOTHING = 0
     START = 1  # the banner begins
@@ -50,17 +50,17 @@ class Opening:
 
     @property
     def first_s(self) -> float:
-        """How long to wait for ``start`` before the first question."""
+        """Seconds to wait for ``start`` before the first question."""
         return max(HAIL_S, self._floor_s / 8) if self._hail else max(START_S, self._floor_s)
 
     @property
     def quiet_s(self) -> float:
-        """How long to wait for the rest of a banner."""
+        """Seconds to wait for the rest of a banner."""
         return max(QUIET_S, self._floor_s / 4)
 
     @property
     def answer_s(self) -> float:
-        """How long to wait for the answer to a question."""
+        """Seconds to wait for the answer to a question."""
         return max(START_S if self._hail else START_S / 2, self._floor_s)
 
     def hear(self, line: bytes) -> Heard:

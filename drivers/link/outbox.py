@@ -1,4 +1,4 @@
-"""What a link sends: commands and a program, numbered, encoded ahead, and kept to go back to. Pure.
+"""Lines of a link: commands and a program, numbered, encoded ahead, and kept to be sent again. Pure.
 
 A number is given for good when its line is sent. What is only encoded ahead gets another one where an M105 is
 put in front of it.
@@ -82,7 +82,7 @@ class Outbox:
         return self._frames[self._cursor].partition(b" ")[2].startswith(_MOVES)
 
     @property
-    def ahead(self) -> bool:
+    def pending(self) -> bool:
         """Whether there is something that was not sent yet."""
         return self._cursor + 1 < len(self._frames) or bool(self._queue) or self.streaming
 
@@ -155,15 +155,15 @@ class Outbox:
 
     # --- what goes out ---
 
-    def quick(self) -> bytes | None:
-        """The next line where it is an everyday one, encoded already; None: take `step`."""
+    def take_encoded(self) -> bytes | None:
+        """The next line where it is an everyday one, encoded already; None: call `take_next`."""
         ahead = self._cursor + 1
         if ahead < len(self._frames) and self._base + self._cursor > self._careful:
             self._cursor = ahead
             return self._frames[ahead]
         return None
 
-    def step(self) -> bytes | None:
+    def take_next(self) -> bytes | None:
         """The next line; None where there is none."""
         if self._cursor + 1 >= len(self._frames):
             self._encode_ahead()
@@ -172,7 +172,7 @@ class Outbox:
         self._cursor += 1
         return self._frames[self._cursor]
 
-    def back_to(self, number: int) -> bytes:
+    def rewind_to(self, number: int) -> bytes:
         """Line `number` again, and from there on."""
         self._top = self.top
         self._careful = max(self._careful, self._top)

@@ -16,7 +16,7 @@ CONFIRMATIONS = 3  # the board carries out a line between two answers, and holds
 
 
 class Place(NamedTuple):
-    """Where a link stands.
+    """Place of a link among its lines.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Place(NamedTuple):
 
 
 class Action(Enum):
-    """What a link does about an answer."""
+    """Action of a link on an answer."""
 
     TAKE_FOR_REFUSAL = "nothing was asked: a line has lost its number"
     IGNORE = "the question is out of date, and so is its line"
@@ -59,7 +59,7 @@ class Verdict(NamedTuple):
 
 
 class Recovery:
-    """What was asked and answered since the line in flight was sent.
+    """Questions and answers since the line in flight was sent.
 
     Attributes
     ----------

@@ -19,7 +19,7 @@ _BYTES = 4096
 
 
 class Port(Protocol):
-    """What `SerialPort` and `NetPort` have in common."""
+    """Interface of `SerialPort` and `NetPort`."""
 
     def fileno(self) -> int: ...
 
@@ -71,7 +71,7 @@ class NetPort:
         return self._ours.fileno()
 
     def read(self) -> bytes:
-        """What has come, perhaps nothing. Raises PortError where the port went away."""
+        """Read what has come, perhaps nothing. Raises PortError where the port went away."""
         try:
             data = self._ours.recv(_BYTES)
         except BlockingIOError:

@@ -79,7 +79,7 @@ class SerialPort:
         return self._fd
 
     def read(self) -> bytes:
-        """What has come, perhaps nothing.
+        """Read what has come, perhaps nothing.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class SerialPort:
             raise PortError(f"{self.path}: went away ({error}); look at its cable and power") from error
 
     def _queued(self) -> int:
-        """How many bytes the kernel has not sent yet."""
+        """Count the bytes that the kernel has not sent yet."""
         return int.from_bytes(fcntl.ioctl(self._fd, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
 
     def reset(self) -> None:

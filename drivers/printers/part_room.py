@@ -68,7 +68,7 @@ FIT_TOLERANCE_MM = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where a part's bounding-box centre goes on the bed, and whether it is turned by 90 degrees about Z."""
+    """Place of a part's bounding-box centre on the bed; `turned` is by 90 degrees about Z."""
 
     x_mm: float
     y_mm: float
@@ -76,7 +76,7 @@ class Placement:
 
 
 def place(extents_mm: tuple[float, float, float], room: tuple[RoomBox, ...]) -> Placement | None:
-    """Where a part of these extents (x, y, z) goes, near the bed's centre; None where it does not fit."""
+    """Place a part of these extents (x, y, z) near the bed's centre; None where it does not fit."""
     best: tuple[float, bool, float, float] | None = None
     for box in room:
         for turned in (False, True):

@@ -76,7 +76,7 @@ class HeaterModel:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """What is fixed for a printer model.
+    """Facts of a printer model.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""What lies in an agent's folder: what it was started with, and its journal."""
+"""Files in an agent's folder: what it was started with, and its journal."""

@@ -51,11 +51,11 @@ class Alarm(BaseModel):
         return not self.asked
 
     @property
-    def told(self) -> str | None:
+    def message(self) -> str | None:
         """For people; None once it is over."""
         return None if self.over else "; ".join(filter(None, (self.text, self.said)))
 
     @property
     def suspicion(self) -> Suspicion | None:
-        """What a session after it has to know."""
+        """The suspicion that a session after it has to know."""
         return Suspicion(self.text, self.at_s) if self.open else None

@@ -1,4 +1,4 @@
-"""What an agent keeps of its board in the journal. Pure."""
+"""State of a board in an agent's journal. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an agent must know after it died: one JSON object a line, on disk before the agent acts on it."""
+"""Journal of an agent: one JSON object a line, on disk before the agent acts on it."""
 
 from __future__ import annotations
 

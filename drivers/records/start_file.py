@@ -1,4 +1,4 @@
-"""What an agent is started with: a file in its folder, that whoever starts it there writes."""
+"""Start file of an agent: whoever starts it writes the file into its folder."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Start:
         return Clock(self.scale, self.anchor_s)
 
     def text(self) -> str:
-        """What the file holds."""
+        """Dump it as the file holds it."""
         return json.dumps(asdict(self))
 
     def write(self, folder: Path) -> None:
@@ -44,7 +44,7 @@ class Start:
 
 
 def read(folder: Path) -> Start:
-    """What the agent of this folder was started with last.
+    """Read what the agent of this folder was started with last.
 
     Raises
     ------

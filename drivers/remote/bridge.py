@@ -40,7 +40,7 @@ _BYTES = 65536
 
 
 class Do(StrEnum):
-    """What a bridge is for."""
+    """Purpose of a bridge."""
 
     SERVE = "serve"
     REACH = "reach"  # the same where an agent lives
@@ -49,7 +49,7 @@ class Do(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Errand:
-    """What the first line says. `farm` keeps the printers of two farms on one host apart."""
+    """First line to a bridge. `farm` keeps the printers of two farms on one host apart."""
 
     do: Do
     farm: str

@@ -124,7 +124,7 @@ class AgentClient:
         self._reading = asyncio.create_task(self._read(reader, self._snapshots))
 
     async def snapshots(self) -> AsyncIterator[Snapshot]:
-        """What the agent pushes, until the connection is gone."""
+        """Yield what the agent pushes, until the connection is gone."""
         queue = self._snapshots
         while (snapshot := await queue.get()) is not None:
             yield snapshot
@@ -211,7 +211,7 @@ def _last_line(log: Path) -> str:
 
 
 def read_line(line: bytes) -> Snapshot | Reply:
-    """What an agent says in one line. Raises MessageError where that is no message."""
+    """Read one line of an agent. Raises MessageError where that is no message."""
     try:
         return from_agent_adapter.validate_json(line)
     except ValidationError as error:
@@ -266,7 +266,7 @@ def spawn(
 
 
 def _log(folder: Path) -> BinaryIO:
-    """Where an agent logs; nowhere, where the disk takes nothing: it may have to end the last one's heat."""
+    """Open an agent's log; none where the disk takes nothing: it may have to end the last one's heat."""
     try:
         return (folder / LOG).open("ab")
     except OSError:

@@ -65,7 +65,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """What came of it.
+    """Outcome of an emergency stop.
 
     Attributes
     ----------
@@ -197,7 +197,7 @@ class _Board:
 
     @property
     def motion(self) -> str:
-        """What was seen of its motion, in words."""
+        """Say what was seen of its motion."""
         return "it stands still" if self.still else "it was not seen to stand still: look whether it moves"
 
     def show(self, show_s: float) -> tuple[str, bool]:
@@ -242,7 +242,7 @@ class _Board:
             self._hear(now_s, event)
             if isinstance(event, Report):
                 report = event
-                finding = watch.look(event, dict.fromkeys(HeaterName, 0.0), now_s)
+                finding = watch.judge(event, dict.fromkeys(HeaterName, 0.0), now_s)
                 if finding is not None or not event.off:
                     break
                 if watch.cools:

@@ -28,7 +28,7 @@ BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, of which the firmwar
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What a heater in good health does. [assumed; the nozzle's are wider than what a fan costs]
+    """Limits of a heater in good health. [assumed; the nozzle's are wider than what a fan costs]
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ RULES = {
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What is wrong with a heater.
+    """Fault of a heater.
 
     Attributes
     ----------
@@ -89,23 +89,24 @@ class Watch:
         self._watched_s = 0.0  # time in which reports came
         self._heaters = {name: _Heater(name, rule, patience_s) for name, rule in RULES.items()}
 
-    def look(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
+    def judge(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
         """Take in a report; the first thing found wrong, or None.
 
         Parameters
         ----------
         set_c
-            What each heater was told, which is never garbled.
+            What each heater was set to, which is never garbled.
         """
         if not math.isnan(self._heard_s):
             self._watched_s += min(max(now_s - self._heard_s, 0.0), self._gap_s)
         self._heard_s = now_s
-        told_c = {
+        reported_c = {
             HeaterName.NOZZLE: (report.nozzle_c, report.nozzle_target_c),
             HeaterName.BED: (report.bed_c, report.bed_target_c),
         }
         found = [
-            heater.look(*told_c[name], set_c[name], self._watched_s) for name, heater in self._heaters.items()
+            heater.look(*reported_c[name], set_c[name], self._watched_s)
+            for name, heater in self._heaters.items()
         ]
         return next((finding for finding in found if finding is not None), None)
 
@@ -118,7 +119,7 @@ class Watch:
         """Both were switched off, and since then each was seen to fall or to be cold."""
         return all(heater.cools for heater in self._heaters.values())
 
-    def again(self) -> None:
+    def restart(self) -> None:
         """Both were switched off now: what was seen before tells nothing of that."""
         for heater in self._heaters.values():
             heater.forget()

@@ -57,7 +57,7 @@ class PowerOff:
             self._end(f"power_off_cmd could not be run ({error}): {BY_HAND}")
 
     def outcome(self) -> str | None:
-        """What came of it in a few words; None while it is under way."""
+        """Say what came of it in a few words; None while it is under way."""
         if self._said is not None:
             return self._said
         self._listen()

@@ -26,7 +26,7 @@ BLIND_S = 700.0  # printing without a report: longer than any command may take
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How often to ask, and the least patience; in seconds of the farm's clock.
+    """Intervals of questions, and the least patience; in seconds of the farm's clock.
 
     An accelerated clock must neither flood the link with M105 nor take the host's scheduling for a silent
     board, so each of them has a bound in wall time.
@@ -206,12 +206,12 @@ class SessionContext:
 
     @property
     def report_by_s(self) -> float:
-        """When a report that is asked for now has to be there."""
+        """Time by which a report that is asked for now has to be there."""
         return self.now_s + max(REPORT_S, 5 * self.pace.floor_s)
 
     @property
     def blind_by_s(self) -> float:
-        """When a print has been without a report for too long."""
+        """Time at which a print has been without a report for too long."""
         return self.report_s + max(BLIND_S, 5 * self.pace.floor_s)
 
     def wait(self, met: Callable[[], bool], limit_s: float) -> Wait:
@@ -219,7 +219,7 @@ class SessionContext:
         return Wait(met, self.by_s(limit_s))
 
     def by_s(self, limit_s: float) -> float:
-        """When so much time is over, or what a busy host needs."""
+        """Time at which so much is over, or what a busy host needs."""
         return self.now_s + max(limit_s, 2 * self.pace.floor_s)
 
     def ask_power_off(self) -> None:

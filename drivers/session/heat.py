@@ -76,7 +76,7 @@ def show_off(context: SessionContext) -> Answer:
     """Ask until a report shows both targets 0 and what is warm was seen to cool."""
     limit_s = context.by_s(OFF_S)
     context.targets_off_s = None
-    context.watch.again()
+    context.watch.restart()
     context.link.poll_every_s = context.pace.heating_s
     context.link.poll(context.now_s)
     least_s = context.by_s(OFF_LEAST_S)
@@ -109,7 +109,7 @@ def see_targets(context: SessionContext) -> Script:
 def watch_heaters(context: SessionContext, report: Report) -> Ended | None:
     """Judge a report; what ends the print, if anything does."""
     set_c = _set_c(context)
-    finding = context.watch.look(report, set_c, context.now_s)
+    finding = context.watch.judge(report, set_c, context.now_s)
     ending = context.phase is PrintPhase.ENDING
     if context.phase not in _HEATED and not ending:
         return None
@@ -132,7 +132,7 @@ def suspect(context: SessionContext, text: str) -> None:
 
 
 def power_off_due_s(context: SessionContext) -> float:
-    """When the mains are asked for, unless the suspected heater was seen to cool before."""
+    """Time at which the mains are asked for, unless the suspected heater was seen to cool before."""
     if context.suspicion is None or context.wants_power_off or context.ended:
         return math.inf
     patience_s = 2 * context.pace.floor_s
@@ -141,7 +141,7 @@ def power_off_due_s(context: SessionContext) -> float:
 
 
 def _set_c(context: SessionContext) -> dict[HeaterName, float]:
-    """What the heaters were told."""
+    """Targets that the heaters were set to."""
     program = context.program
     if program is None or context.phase not in _HEATED:
         return dict.fromkeys(HeaterName, 0.0)

@@ -56,7 +56,7 @@ def back_mm(program: Program, done: int, stood: Point | None = None) -> float:
 
 
 def lift_mm(context: SessionContext, z_mm: float, done: int) -> float:
-    """How far the bed goes down before the head leaves its part: others may be finished, and higher."""
+    """Compute how far the bed goes down before the head leaves its part: finished ones may be higher."""
     highest_mm = 0.0 if context.program is None else context.program.highest_mm(done)
     return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.home_mm[2]) - z_mm)
 

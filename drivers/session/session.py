@@ -49,7 +49,7 @@ class Session:
 
     @property
     def deadline_s(self) -> float:
-        """When `advance` wants to be called without events."""
+        """Time at which `advance` wants to be called without events."""
         if self.context.ended:
             return math.inf
         return min(self._wait.deadline_s, self._last_moment_s(), power_off_due_s(self.context))
@@ -115,7 +115,7 @@ class Session:
             self.context.reason = text if reason is None else f"{reason}; {text}"
 
     def _last_moment_s(self) -> float:
-        """When a print that still goes on is ended."""
+        """Time at which a print that still goes on is ended."""
         context = self.context
         going_on = context.phase is not PrintPhase.ENDING and not context.ended
         return context.ends_by_s if going_on and context.ends_by_s is not None else math.inf

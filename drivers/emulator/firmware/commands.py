@@ -1,4 +1,4 @@
-"""What each command does with the machine, found by its code.
+"""Commands by their code, and what each does with the machine.
 
 Commands that take their time are generators: each value that they yield is the time at which they go on.
 While one of them runs, the firmware reads no further line; its main loop advances the planner at each step.

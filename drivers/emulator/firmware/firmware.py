@@ -113,7 +113,7 @@ class EmulatedFirmware(Listener):
         return out if self.noise is None else self.noise.carry(out)
 
     def deadline_s(self, slack_s: float = 0.0) -> float:
-        """When it has to be fed at the latest; infinite where nothing is due.
+        """Latest time at which it has to be fed; infinite where nothing is due.
 
         With a slack, the host may be told so much later that there is room for its next move, as long as the
         planner stays well filled: one wake-up for several moves, and no move any later.
@@ -153,7 +153,7 @@ class EmulatedFirmware(Listener):
         return self._running is not None or bool(self.machine.waiting)
 
     def _alarm_s(self) -> float:
-        """When something happens by itself."""
+        """Time at which something happens by itself."""
         due_s = self._schedule[0][0] if self._schedule else math.inf
         if self.phase in (Phase.RUNNING, Phase.MUTE):
             machine = self.machine

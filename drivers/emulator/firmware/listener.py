@@ -26,7 +26,7 @@ _WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
 
 
 class Phase(StrEnum):
-    """What the board's processor does."""
+    """Phase of the board's processor."""
 
     BOOTLOADER = "bootloader"  # bytes are lost
     BOOTING = "booting"  # bytes wait in the ring
@@ -36,7 +36,7 @@ class Phase(StrEnum):
 
 
 class Listener(ABC):
-    """What the board hears and says, from one reset to the next.
+    """Serial line of the board, from one reset to the next.
 
     Attributes
     ----------

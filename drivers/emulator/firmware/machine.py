@@ -209,7 +209,7 @@ class Machine:
         self.foresee(now_s)
 
     def foresee(self, now_s: float) -> None:
-        """When the nozzle as it is will trip a safety."""
+        """Foresee when the nozzle as it is will trip a safety."""
         nozzle = self.board.nozzle
         self.trip_s = math.inf
         if nozzle.dead and nozzle.target_c >= nozzle.temperature_c(now_s):

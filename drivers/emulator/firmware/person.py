@@ -1,4 +1,4 @@
-"""What somebody does at the printer's own display, where no host hears of it. Pure."""
+"""Deeds of a person at the printer's own display, of which no host hears. Pure."""
 
 from __future__ import annotations
 

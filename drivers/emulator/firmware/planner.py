@@ -1,4 +1,4 @@
-"""How long moves take: the firmware's look-ahead planner, with times computed instead of ticked.
+"""Look-ahead planner of the firmware, with times of moves computed instead of ticked.
 
 Follows ``planner.cpp`` of the 2+ firmware (Marlin 1.0): blocks are trapezoids of constant acceleration; the
 speed at a junction is bounded by the jerk of XY, Z and E; a reverse and a forward pass over the queue bound
@@ -28,7 +28,7 @@ Point = tuple[float, float, float, float]  # x, y, z, e in mm
 
 @dataclass(slots=True)
 class Limits:
-    """What ``M92 M201 M203 M204 M205`` set, as the firmware holds it after a boot."""
+    """Limits that ``M92 M201 M203 M204 M205`` set, as the firmware holds them after a boot."""
 
     feedrate_mm_s: list[float]
     acceleration_mm_s2: list[float]
@@ -110,7 +110,7 @@ class Planner:
         return len(self._blocks)
 
     def free_s(self) -> float:
-        """When there is room for one more move: minus infinity, or the end of the executing move."""
+        """Time at which there is room for one more move: minus infinity, or the end of the executing move."""
         return self._end_s if len(self._blocks) >= CAPACITY else -math.inf
 
     def advance(self, now_s: float) -> None:
@@ -133,7 +133,7 @@ class Planner:
 
     @property
     def end_s(self) -> float:
-        """When the executing move ends; there is one."""
+        """Time at which the executing move ends; there is one."""
         return self._end_s
 
     def add(self, target: Point, feedrate_mm_s: float, now_s: float) -> None:
@@ -173,7 +173,7 @@ class Planner:
         self.moves += 1
 
     def position(self, now_s: float) -> Point:
-        """Where the head and the feeder are; the queue has been advanced to now."""
+        """Compute where head and feeder are; the queue has been advanced to now."""
         if not self._blocks:
             return self._head
         block = self._blocks[0]

@@ -39,7 +39,7 @@ def unknown(line: bytes) -> bytes:
 
 
 def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
-    """What follows ``start`` at every boot; `levelled` as in `Faults`."""
+    """Format what follows ``start`` at every boot; `levelled` as in `Faults`."""
     head = (
         "echo:Marlin 1.0.0\n"
         "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0"

@@ -1,1 +1,1 @@
-"""What an emulated printer has physically: heaters, a bed, a wire and its noise."""
+"""Hardware of an emulated printer: heaters, a bed, a wire and its noise."""

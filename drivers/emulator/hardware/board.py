@@ -1,4 +1,4 @@
-"""What is there physically: heaters, head, filament and bed; a reset of the firmware moves none of it."""
+"""Heaters, head, filament and bed of a printer; a reset of the firmware moves none of it."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class EmulatedBoard:
         self.changes += 1
 
     def bed_c(self, now_s: float) -> float:
-        """What the bed's sensor reads."""
+        """Temperature that the bed's sensor reads."""
         return SHORTED_C if self.bed_shorted else self.bed.temperature_c(now_s)
 
     def set_nozzle(self, target_c: float, now_s: float) -> None:

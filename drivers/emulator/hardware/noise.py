@@ -1,4 +1,4 @@
-"""What a bad cable does to bytes, and which damage an 8-bit checksum let through."""
+"""Noise of a bad cable, and the damage that an 8-bit checksum let through."""
 
 from __future__ import annotations
 

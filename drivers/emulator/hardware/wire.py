@@ -30,7 +30,7 @@ class Wire:
         return b"".join(arrived)
 
     def due_s(self) -> float:
-        """When the next bytes come through; infinite where nothing is under way."""
+        """Time at which the next bytes come through; infinite where nothing is under way."""
         return self._under_way[0][0] if self._under_way else math.inf
 
     def cut(self) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.agent.board import Board
-from drivers.agent.print_record import Record
+from drivers.agent.recorder import Recorder
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.link.replies import Report, Trouble
@@ -31,20 +31,20 @@ class Agent:
         self.folder = folder
         self.journal = Journal(folder / JOURNAL)
         self.board = Board("sim://ultimaker2_plus", PLUS, folder, Clock(), lambda: None, lambda _: None)
-        self.record = Record("um2-01", PLUS, self.board, self.journal, Clock(), command)
+        self.recorder = Recorder("um2-01", PLUS, self.board, self.journal, Clock(), command)
 
     def report(self, nozzle_c: float, times: int = 3) -> None:
         """What an idle board says."""
         for _ in range(times):
             self.board._idle_report(Report(nozzle_c, 0.0, 21.0, 0.0), 0.0)
-            self.record.remember()
+            self.recorder.record_changes()
 
     def until(self, seen: Callable[[], bool]) -> None:
         until_s = time.monotonic() + DEADLINE_S
         while not seen():
             assert time.monotonic() < until_s
             select.select([], [], [], 0.01)
-            self.record.remember()
+            self.recorder.record_changes()
 
     def settled(self) -> Alarm:
         """Until what came of the command is known."""
@@ -54,7 +54,7 @@ class Agent:
 
     @property
     def alarm(self) -> Alarm | None:
-        return self.record.alarms.alarm
+        return self.recorder.alarms.alarm
 
     @property
     def look(self) -> str:
@@ -126,12 +126,12 @@ def test_it_is_another_finding_after_it_was_cold_or_away_or_seen_to(tmp_path: Pa
     burns(1)
     burns(2)  # it was cold in between
     agent.board.absent, agent.board.back = None, True  # it came back
-    agent.board.idle.anew()
+    agent.board.idle.reset()
     agent.report(60.0)
     agent.report(90.0)
     agent.settled()
     assert runs(mark) == 3
-    agent.record.alarms.person_looked()
+    agent.recorder.alarms.clear()
     assert agent.alarm is None
     burns(4)
 
@@ -151,9 +151,9 @@ def test_an_agent_that_died_before_the_mains_were_cut_has_it_done_by_the_next(tm
     assert recall(tmp_path / JOURNAL)[0].heat
     for _ in range(2):  # and not by the one after that
         agent = Agent(tmp_path, relay(mark))
-        agent.record.remember()
+        agent.recorder.record_changes()
         assert agent.settled().said == CUT
-        agent.record.remember()
+        agent.recorder.record_changes()
         assert runs(mark) == 1
     assert agent.look == f"{alarm.text}; {CUT}"
 
@@ -162,7 +162,7 @@ def test_an_agent_that_died_before_its_heater_was_seen_to_cool_has_it_done_too(t
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
     Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.model_dump(mode="json"))
     agent = Agent(tmp_path, relay(mark))
-    agent.record.remember()
+    agent.recorder.record_changes()
     agent.settled()
     assert runs(mark) == 1 and alarm.text in agent.look
 
@@ -210,7 +210,7 @@ def go_on(agent: Agent, rig: Rig, until: Callable[[], bool]) -> None:
             agent.until(until)
         else:
             rig.step()
-            agent.record.remember()
+            agent.recorder.record_changes()
 
 
 @pytest.mark.parametrize("command", [True, False])
@@ -241,9 +241,9 @@ def test_a_print_s_end_waits_for_what_came_of_the_command(tmp_path: Path, mark: 
     agent, rig = printing(tmp_path, relay(mark, f"read go < {tmp_path}/gate; echo no >&2; exit 1"))
     rig.firmware.break_down("nozzle_burns_after", rig.now_s)
     go_on(agent, rig, lambda: rig.session.context.ended)
-    agent.record.remember()
+    agent.recorder.record_changes()
     assert agent.board.session is not None and agent.journal.memory.print is not None
-    shot = agent.record.shot(agent.journal.memory.print, rig.session.context)
+    shot = agent.recorder.describe_print(agent.journal.memory.print, rig.session.context)
     assert shot.phase is PrintPhase.ENDING and shot.ended_s is None
     (tmp_path / "gate").write_text("go\n")
     go_on(agent, rig, lambda: agent.board.session is None)

@@ -19,7 +19,7 @@ def test_a_move_and_fed_filament_are_seen_when_they_are_said_twice():
 def test_after_a_reset_the_place_is_a_new_one():
     watch = IdleWatch()
     watch.said(HOME)
-    watch.anew()
+    watch.reset()
     assert [watch.said(AWAY), watch.said(AWAY)] == [(True, None), (True, None)]
 
 

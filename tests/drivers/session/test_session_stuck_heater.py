@@ -155,8 +155,8 @@ def test_no_rule_is_quicker_than_the_patience_of_an_accelerated_clock():
     quick, slow = Watch(4.0), Watch(480.0)
     for now_s in range(400):
         report = Report(200.0 + now_s, 0.0, 21.0, 0.0)
-        late = slow.look(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
-        at_once = quick.look(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        late = slow.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
+        at_once = quick.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
         assert late is None and (at_once is None) == (now_s < 13)
     pace = Pace(floor_s=240.0)
     rig = Rig()
@@ -179,7 +179,7 @@ def overshoot(now_s: float, peak_c: float) -> float:
 
 
 def look(watch: Watch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
-    return watch.look(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
+    return watch.judge(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
 
 
 @pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])

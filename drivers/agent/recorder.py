@@ -1,4 +1,4 @@
-"""The journal's view of the board: what is written down before the board is told to go on."""
+"""Recorder of a board in its journal: changes are written down before the board goes on."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NEEDS_ATTENTION = frozenset(
 )  # fmt: skip
 
 
-class Record:
+class Recorder:
     """Keeps board and journal in step, and the open print with both.
 
     Parameters
@@ -44,7 +44,7 @@ class Record:
     ----------
     alarms
         What was found of a heater that cannot be switched off.
-    unsaid
+    journal_error
         Why the journal is behind, where it is.
     """
 
@@ -57,7 +57,7 @@ class Record:
         clock: Clock,
         power_off_cmd: str | None,
     ) -> None:
-        self.unsaid: str | None = None
+        self.journal_error: str | None = None
         self._profile = profile
         self.alarms = Alarms(printer, power_off_cmd, journal.memory.alarm)
         self._board, self._journal, self._clock = board, journal, clock
@@ -92,8 +92,8 @@ class Record:
         self._starved_before_s = status.starved_s if status is not None else 0.0
         self._board.begin(Session(context))
 
-    def remember(self) -> None:
-        """Write down what changed, before the board is told to go on.
+    def record_changes(self) -> None:
+        """Write down what changed, before the board goes on.
 
         A full disk stops no print: it is tried again at every step, and until then no print is over.
         """
@@ -101,11 +101,11 @@ class Record:
         try:
             self._write_down()
         except JournalError as error:
-            if self.unsaid is None:
+            if self.journal_error is None:
                 log.error("%s", error)
-            self.unsaid = str(error)
+            self.journal_error = str(error)
         else:
-            self.unsaid = None
+            self.journal_error = None
         self.alarms.act()
 
     def _look_for_alarm(self) -> None:
@@ -137,10 +137,10 @@ class Record:
             self._journal.write(now_s, **state.record(), alarm=known)
         if session is None or memory.print is None:
             return
-        context, told = session.context, memory.print
+        context, saved = session.context, memory.print
         if self._held_back(context):
             return
-        changed = (context.phase, context.extruded) != (told.phase, told.extruded)
+        changed = (context.phase, context.extruded) != (saved.phase, saved.extruded)
         if not changed and context.filament is memory.filament:
             return
         attention = context.fault in _NEEDS_ATTENTION or context.wants_power_off or not context.heaters_off
@@ -148,7 +148,7 @@ class Record:
             self._board.state.attention_reason = context.reason
         if context.ended:
             self._board.state.hot = not context.heaters_off
-        shot = self.shot(told, context)
+        shot = self.describe_print(saved, context)
         self._journal.write(
             now_s,
             print=shot.model_dump(mode="json"),
@@ -165,10 +165,10 @@ class Record:
         """Whether a print has ended whose reason lacks what came of `power_off_cmd`."""
         return context.ended and self.alarms.pending
 
-    def shot(self, told: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
+    def describe_print(self, saved: PrintSnapshot, context: SessionContext) -> PrintSnapshot:
         """The open print as it is now."""
         status = self._board.status()
-        starved_s = told.starved_s if status is None else status.starved_s - self._starved_before_s
+        starved_s = saved.starved_s if status is None else status.starved_s - self._starved_before_s
         held_back = self._held_back(context)
         known: dict[str, object] = {
             "phase": PrintPhase.ENDING if held_back else context.phase,
@@ -188,7 +188,7 @@ class Record:
             if mark.layer is not None:
                 known |= {"layer": mark.layer + 1, "z_mm": mark.z_mm, "feature": mark.feature}
             known["started_s"] = context.started_s
-        return told.model_copy(update=known)
+        return saved.model_copy(update=known)
 
 
 def _joined(text: str | None, more: str) -> str:
