@@ -1,4 +1,4 @@
-"""How much a folder of slices keeps (see `slicing.plate`): what was used last stays."""
+"""Limit on the size of a folder of slices (`slicing.slice_store`): slices that were used last stay."""
 
 from __future__ import annotations
 
@@ -24,7 +24,20 @@ class CacheEntry:
 
 
 def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]:
-    """The names of those to remove so that the others hold `most_bytes` at most, the longest unused first."""
+    """Choose entries to remove, the longest unused first.
+
+    Parameters
+    ----------
+    entries
+        All entries of a cache.
+    most_bytes
+        Size that the others may have together.
+
+    Returns
+    -------
+    list of str
+        Names of the entries to remove.
+    """
     kept = sorted(entries, key=lambda entry: (entry.used_s, entry.name))
     over = sum(entry.size_bytes for entry in kept) - most_bytes
     names = []
@@ -39,7 +52,14 @@ def find_least_used(entries: Iterable[CacheEntry], most_bytes: int) -> list[str]
 def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
     """Remove the slices that were not used for longest, until the rest fits; what cannot be removed stays.
 
-    Who reads an entry that goes meanwhile slices anew. Files that are not a cache's are left alone.
+    Parameters
+    ----------
+    folder
+        The cache; files that are not a cache's are left alone.
+    most_bytes
+        Size that it may have.
+
+    Whoever reads an entry that goes meanwhile slices anew.
     """
     files: dict[str, list[Path]] = {}
     entries: dict[str, CacheEntry] = {}
@@ -61,7 +81,7 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
 
 
 def _listed(folder: Path) -> list[Path]:
-    """What is in it, the files that make an entry valid (.json) first; nothing where it cannot be read."""
+    """List a folder, the files that make an entry valid (.json) first; empty where it cannot be read."""
     try:
         return sorted(folder.iterdir(), key=lambda path: path.suffix != ".json")
     except OSError:

@@ -1,4 +1,4 @@
-"""The one place that calls CuraEngine.
+"""CuraEngine as a process with limits on time, memory and output.
 
 A run that is killed with its worker leaves its folder ``farm-engine-*`` in the temporary folder: who ends the
 worker cleans that up (the daemon gives each worker a temporary folder of its own).
@@ -42,7 +42,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True, slots=True)
 class EngineRun:
-    """What CuraEngine wrote: the G-code, and its log (both output streams)."""
+    """Output of CuraEngine: the G-code, and its log (both output streams)."""
 
     gcode: bytes
     log: str
@@ -66,8 +66,14 @@ def run_engine(
 
     Parameters
     ----------
+    engine
+        The program.
+    stl
+        Binary STL in its printing pose.
+    global_, extruder
+        Every setting of both scopes, as text.
     layers
-        How many there will be at most; the memory limit depends on it.
+        Number of layers at most; the memory limit depends on it.
     timeout_s
         Wall seconds before the run is stopped, with all of its processes.
     memory_bytes
@@ -107,7 +113,7 @@ def run_engine(
 def _call(
     command: list[str], folder: Path, memory_bytes: int, timeout_s: float, progress: Progress | None
 ) -> tuple[int, str]:
-    """Run it to its end: its exit code, and what it said."""
+    """Run it to its end; return its exit code and its log."""
     try:
         process = subprocess.Popen(
             command,
@@ -117,14 +123,14 @@ def _call(
             stderr=subprocess.STDOUT,
             bufsize=0,
             start_new_session=True,
-            preexec_fn=partial(_restrain, memory_bytes, os.getpid()),
+            preexec_fn=partial(_limit_child, memory_bytes, os.getpid()),
         )
     except OSError as error:
         raise EngineMissing(
             f"{command[0]} cannot be started: {error.strerror}; set FARM_CURA_ENGINE"
         ) from error
     try:
-        log = _listen(process, timeout_s, progress)
+        log = _read_log(process, timeout_s, progress)
     finally:
         # The leader is not reaped yet, so its group cannot be another's; whatever it started goes with it.
         os.killpg(process.pid, signal.SIGKILL)
@@ -134,8 +140,8 @@ def _call(
     return process.returncode, log
 
 
-def _listen(process: subprocess.Popen[bytes], timeout_s: float, progress: Progress | None) -> str:
-    """Take what it says until it ends; of a flood only the beginning and the end are kept."""
+def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Progress | None) -> str:
+    """Read its log until it ends; of a flood only the beginning and the end are kept."""
     assert process.stdout is not None
     pipe, ended = process.stdout.fileno(), os.pidfd_open(process.pid)
     os.set_blocking(pipe, False)
@@ -165,7 +171,7 @@ def _listen(process: subprocess.Popen[bytes], timeout_s: float, progress: Progre
 
 
 def _read(pipe: int) -> bytes:
-    """What is in a pipe, which holds 64 KiB; nothing where it is empty or closed."""
+    """Read a pipe, which holds 64 KiB; empty where nothing is in it, or it is closed."""
     try:
         return os.read(pipe, 1 << 16)
     except BlockingIOError:
@@ -173,10 +179,10 @@ def _read(pipe: int) -> bytes:
 
 
 def _failure(code: int, log: str, memory_bytes: int) -> EngineFailed:
-    """What an exit code and a log mean; a signal is a negative code."""
+    """Make an error of an exit code and a log; a signal is a negative code."""
     lines = log.splitlines()
     said = next((line.strip() for line in reversed(lines) if "ERROR" in line or "xception" in line), None)
-    said = said or (lines[-1].strip() if lines else "it said nothing")
+    said = said or (lines[-1].strip() if lines else "its log is empty")
     name = "" if code > 0 else signal.Signals(-code).name
     if "bad_alloc" in log or "memory exhausted" in log:
         return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_SMALLER}")
@@ -199,8 +205,8 @@ def _failure(code: int, log: str, memory_bytes: int) -> EngineFailed:
     return EngineFailed(f"CuraEngine failed (exit code {code}): {said}")
 
 
-def _restrain(memory_bytes: int, parent: int) -> None:
-    """In the child: last in line for the processor, bounded, and never outliving who asked."""
+def _limit_child(memory_bytes: int, parent: int) -> None:
+    """Limit the child process: lowest priority, bounded memory and output, killed with its parent."""
     os.nice(19)
     # Who asked may have a limit of its own, in which the stacks would count in full.
     data = resource.getrlimit(resource.RLIMIT_DATA)[1]
@@ -220,7 +226,7 @@ def _restrain(memory_bytes: int, parent: int) -> None:
 
 @lru_cache(maxsize=4)
 def engine_version(engine: Path) -> str:
-    """What the program calls itself, like ``Cura_SteamEngine version 4.13.0``; raises EngineMissing."""
+    """Ask for the program's version, like ``Cura_SteamEngine version 4.13.0``; raises EngineMissing."""
     try:
         shown = subprocess.run([str(engine), "help"], capture_output=True, text=True, timeout=30, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:

@@ -48,7 +48,7 @@ class GcodeRefused(SlicingError):
 
 
 class Rule(StrEnum):
-    """What a slice must keep to be printed."""
+    """Rules that a slice must keep to be printed."""
 
     NOTHING_PRINTED = "nothing printed"
     BROKEN_MESH = "broken mesh"
@@ -84,6 +84,6 @@ class SliceRejected(SlicingError):
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """``"; did you mean a, b?"`` with the known names nearest to this one, or an empty string."""
+    """Suggest known names near this one, as ``"; did you mean a, b?"``; empty where none is near."""
     close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
     return f"; did you mean {', '.join(close)}?" if close else ""

@@ -38,6 +38,13 @@ Line = tuple[str, str, bytes]
 def split(raw: bytes, number: int) -> Line:
     """Take a line apart: code, words and comment. Line numbers and checksums are checked and taken off.
 
+    Parameters
+    ----------
+    raw
+        The line as it stands in the file.
+    number
+        Its number in the file, for messages.
+
     Raises
     ------
     GcodeRefused
@@ -81,6 +88,13 @@ def plain_move(raw: bytes) -> Words | None:
 
 def words(rest: str, number: int) -> Words:
     """Read what follows a code, as letter -> number.
+
+    Parameters
+    ----------
+    rest
+        The line without its code and comment, in upper case.
+    number
+        Its number in the file, for messages.
 
     Raises
     ------

@@ -17,9 +17,19 @@ SAME_MM = 1e-6
 
 
 def add_waves(corners: Floats) -> Floats:
-    """Triangles (n, 3, 3) in mm, cut where a wave turns, and each point moved by it along x and y.
+    """Give long flat sides a wave: cut triangles where it turns, and move each point along x and y.
 
     The wave is linear between the cuts: what was flat there stays so, and a closed mesh stays closed.
+
+    Parameters
+    ----------
+    corners
+        (n, 3 corners, xyz) Triangles in mm.
+
+    Returns
+    -------
+    ndarray
+        (m, 3, 3) Triangles in mm.
     """
     for axis, step_mm in enumerate(STEPS_MM):
         first, last = corners[..., axis].min() / step_mm, corners[..., axis].max() / step_mm
@@ -33,7 +43,7 @@ def add_waves(corners: Floats) -> Floats:
 
 
 def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
-    """The same triangles, none of them on both sides of a plane.
+    """Cut triangles (n, 3, 3) at a plane, so that none lies on both of its sides.
 
     An edge is cut at the very same point for both of its triangles.
     """
@@ -50,13 +60,13 @@ def _cut(corners: Floats, axis: int, at_mm: float) -> Floats:
 
 
 def _rolled(corners: Floats, first: npt.NDArray[np.bool_]) -> tuple[Floats, Floats, Floats]:
-    """The corners (n, 3) of each triangle in their order, from the one that is marked."""
+    """Roll the corners (n, 3) of each triangle, so that the marked one comes first."""
     rows, start = np.arange(len(corners)), first.argmax(axis=1)
     return corners[rows, start], corners[rows, (start + 1) % 3], corners[rows, (start + 2) % 3]
 
 
 def _between(a: Floats, b: Floats, axis: int, at_mm: float) -> Floats:
-    """(n, 3) Where edges meet a plane; the ends may come in either order."""
+    """Find the points (n, 3) at which edges meet a plane; the ends may come in either order."""
     swap = (a[:, axis] > b[:, axis])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)
     share = (at_mm - low[:, axis]) / (high[:, axis] - low[:, axis])

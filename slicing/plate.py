@@ -1,4 +1,4 @@
-"""One plate: an STL in its printing pose becomes a G-code file that was checked, or an error that says why.
+"""Slicing of one plate: an STL in its printing pose becomes a checked G-code file, or an error.
 
 Request and result are plain data, so that this runs in worker processes.
 """
@@ -33,7 +33,7 @@ _BY_CHANCE = frozenset((Rule.NOTHING_PRINTED, Rule.LAYERS, Rule.HEIGHT, Rule.OUT
 
 @dataclass(frozen=True, slots=True)
 class PlateRequest:
-    """What to slice, and for which bed.
+    """Model to slice, its settings, and the bed that must hold it.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def check_outline(
     centre_mm: tuple[float, float],
     filament_mm2: float,
 ) -> tuple[Unprinted, ...]:
-    """Compare all layers; what is too thin to print, the largest first.
+    """Compare the printed outline of every layer with the model's section.
 
     Parameters
     ----------
@@ -87,6 +87,11 @@ def check_outline(
         The bed's centre in the printer's coordinates.
     filament_mm2
         The filament's cross-section.
+
+    Returns
+    -------
+    tuple of Unprinted
+        Walls too thin to print, the largest first.
 
     Raises
     ------
@@ -106,25 +111,10 @@ def check_outline(
         int(walls.layer.max(initial=-1)) + 1,
     )
     z_mm = lines.section_mm(count + removed)[removed:]
-    model = _grown(measure(cut(corners, z_mm), count), lines)
+    model = _expand(measure(cut(corners, z_mm), count), lines)
     printed = walls.rings(count)
     off_mm2 = printed.area_mm2 - model.area_mm2
-    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _SPECK_MM2)
-    if share < 0.5:
-        raise SliceRejected(
-            Rule.OUTLINE,
-            f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
-            "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
-        )
-    lost_mm2 = walls.lost_mm2(lines, count)
-    lacking = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
-    if len(lacking):
-        layer = int(lacking[0])
-        raise SliceRejected(
-            Rule.OUTLINE,
-            f"layer {layer} (Z {lines.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
-            "inner walls; repair the mesh, or scale it by a thousandth",
-        )
+    _check_areas(model, printed, walls, lines)
     slack_mm2 = SLACK_MM2 + (SLACK_MM + lines.slack_mm) * model.length_mm
     away_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
     reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
@@ -133,14 +123,34 @@ def check_outline(
     found = np.flatnonzero(differ)
     if not len(found):
         return ()
-    looked = _sample(found, np.abs(off_mm2[found]))
+    sampled = _sample(found, np.abs(off_mm2[found]))
     sections = _Sections(corners, lines)
-    thin = [piece for layer in looked for piece in _compare(int(layer), z_mm, walls, sections, lines)]
-    return _gathered(thin, lines, len(found) / len(looked))
+    thin = [piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, lines)]
+    return _join_pieces(thin, lines, len(found) / len(sampled))
 
 
-def _grown(model: Rings, lines: WallLayout) -> Rings:
-    """The sections after the engine's horizontal expansion, to first order."""
+def _check_areas(model: Rings, printed: Rings, walls: Walls, lines: WallLayout) -> None:
+    """Refuse a slice of which most is missing, or a layer whose inner walls lost a corner."""
+    share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _SPECK_MM2)
+    if share < 0.5:
+        raise SliceRejected(
+            Rule.OUTLINE,
+            f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
+            "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
+        )
+    lost_mm2 = walls.lost_mm2(lines, len(model.area_mm2))
+    lacking = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
+    if len(lacking):
+        layer = int(lacking[0])
+        raise SliceRejected(
+            Rule.OUTLINE,
+            f"layer {layer} (Z {lines.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
+            "inner walls; repair the mesh, or scale it by a thousandth",
+        )
+
+
+def _expand(model: Rings, lines: WallLayout) -> Rings:
+    """Grow sections by the engine's horizontal expansion, to first order."""
     offset = np.full(len(model.area_mm2), lines.offset_mm)
     offset[:1] = lines.offset_0_mm
     return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
@@ -156,14 +166,14 @@ def _sample(found: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp
 
 
 class _Sections:
-    """The model's sections as polygons."""
+    """Sections of the model as polygons."""
 
     def __init__(self, corners: Floats, lines: WallLayout) -> None:
         self._corners = corners
         self._lines = lines
 
     def at(self, z_mm: float, layer: int) -> Geometry:
-        """Where the winding number is positive: bodies that overlap are one."""
+        """Cut the model at a height where its winding number is positive, grown as in `layer`."""
         pieces = list(cut(self._corners, np.array([z_mm])))
         if not pieces:
             return shapely.Polygon()
@@ -180,7 +190,7 @@ class _Sections:
 
 
 def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
-    """How often the segments go round a point, counter-clockwise."""
+    """Count how often segments go round a point, counter-clockwise."""
     rises = (start[:, 1] <= y) & (end[:, 1] > y)
     falls = (start[:, 1] > y) & (end[:, 1] <= y)
     way = end - start
@@ -191,7 +201,7 @@ def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
 def _compare(
     layer: int, z_mm: Floats, walls: Walls, sections: _Sections, lines: WallLayout
 ) -> list[tuple[int, Geometry]]:
-    """The thin pieces that are missing in a layer, each with the layer; refuses anything else."""
+    """Find thin pieces that are missing in a layer, each with the layer; refuse anything else."""
     near = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
     printed = walls.printed(layer, shapely.union_all(near))
     tolerance_mm = TOLERANCE_MM + lines.slack_mm
@@ -223,7 +233,7 @@ def _compare(
 
 
 def _worst(shape: Geometry) -> Geometry | None:
-    """The largest piece that is more than a sliver; None where there is none worth a refusal."""
+    """Find the largest piece that is more than a sliver; None where none is worth a refusal."""
     core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
     pieces = [piece for piece in shapely.get_parts(core) if piece.area > GRAVE_MM2]
     return max(pieces, key=lambda piece: float(piece.area), default=None)
@@ -234,8 +244,10 @@ def _at(shape: Geometry) -> str:
     return f"X{middle.x:.1f} Y{middle.y:.1f} (from the bed's centre)"
 
 
-def _gathered(pieces: list[tuple[int, Geometry]], lines: WallLayout, share: float) -> tuple[Unprinted, ...]:
-    """Pieces above one another as one wall, the largest first."""
+def _join_pieces(
+    pieces: list[tuple[int, Geometry]], lines: WallLayout, share: float
+) -> tuple[Unprinted, ...]:
+    """Join pieces above one another to walls, the largest first."""
     if not pieces:
         return ()
     shapes = np.array([piece for _, piece in pieces])

@@ -1,4 +1,4 @@
-"""What CuraEngine's log and G-code say, and whether it may be printed.
+"""Rules that CuraEngine's log and G-code must keep to be printed.
 
 CuraEngine answers most bad input with exit code 0 and a file that heats and homes and prints nothing, or a
 part of the model; so every file is walked through before a printer sees it.
@@ -26,7 +26,7 @@ _WARNINGS = ("disconnected faces", "Face count")
 
 @dataclass(frozen=True, slots=True)
 class GcodeFacts:
-    """What a walk through a G-code file found; coordinates are the printer's, in mm."""
+    """Facts of a G-code file; coordinates are the printer's, in mm."""
 
     flavour: str
     sliced_s: float  # the layers, without heating, homing, start and end
@@ -82,12 +82,12 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
 
 
 def _noted(path: Toolpath, name: str) -> str:
-    """What the last comment of a name says; an empty text where there is none."""
+    """Read the last comment of a name; empty where there is none."""
     return next((n.text[len(name) :] for n in reversed(path.notes) if n.text.startswith(name)), "")
 
 
 def _heat(path: Toolpath, pushes: npt.NDArray[np.bool_], min_extrusion_c: float) -> tuple[bool, bool]:
-    """Whether filament is pushed where the nozzle was not waited for, and whether all heat is off at last."""
+    """Tell whether filament is pushed into a cold nozzle, and whether all heaters are off at the end."""
     target_c = {"M104": 0.0, "M140": 0.0}
     reached_c = 0.0
     done, cold = 0, False
@@ -133,7 +133,7 @@ def check(
     height_mm
         Of the model that was sliced.
     cut_mm
-        How much the engine took away at the bottom, where it found nothing to print.
+        Height that the engine took away at the bottom, where it found nothing to print.
     top_checked
         Whether what is missing at the top was looked at by its outline; else `TOP_MM` of it may be missing.
     layer_height_mm
@@ -162,6 +162,11 @@ def check(
             f"it is {facts.max_mm[2]:.2f} mm high, the model {height_mm:.2f} mm; repair the mesh, or turn a "
             "part that stands on a tip",
         )
+    _check_commands(facts, min_extrusion_c)
+
+
+def _check_commands(facts: GcodeFacts, min_extrusion_c: float) -> None:
+    """Check the flavour, and the order of homing, heating and extruding."""
     rules = (
         (
             Rule.FLAVOUR,
@@ -191,7 +196,15 @@ def check(
 
 
 def check_parking(facts: GcodeFacts, parked_mm: float) -> None:
-    """Raise SliceRejected unless the filament ends parked as the next print expects it."""
+    """Raise SliceRejected unless the filament ends parked as the next print expects it.
+
+    Parameters
+    ----------
+    facts
+        Facts of the file.
+    parked_mm
+        Distance by which the filament is to be drawn back.
+    """
     if abs(facts.parked_mm - parked_mm) > PARK_TOLERANCE_MM:
         raise SliceRejected(
             Rule.PARKING,
@@ -208,7 +221,7 @@ def check_bed(facts: GcodeFacts, centre_mm: tuple[float, float], bed: Bed, over_
     centre_mm
         The bed's centre in the printer's coordinates.
     over_mm
-        How much higher than the room it may be: a last layer is whole.
+        Height above the room that is allowed: a last layer is whole.
     """
     low = [facts.min_mm[i] - centre_mm[i] for i in range(2)]
     high = [facts.max_mm[i] - centre_mm[i] for i in range(2)]
@@ -230,7 +243,15 @@ _HEADER_END = "End of gcode header."
 
 
 def replace_header(gcode: bytes, log: str) -> bytes:
-    """The G-code with its true header (time, filament, bounds), which the engine knows only afterwards."""
+    """Replace the header by the true one (time, filament, bounds), which the engine knows only afterwards.
+
+    Parameters
+    ----------
+    gcode
+        CuraEngine's output, with a header of placeholders.
+    log
+        CuraEngine's log, which holds the true header; the G-code stays as it is where it does not.
+    """
     _, found, rest = log.rpartition("Gcode header after slicing:")
     header, ended, _ = rest.partition(_HEADER_END)
     placeholder, generated, body = gcode.partition(b";Generated with")
@@ -243,6 +264,6 @@ _REMOVED = re.compile(r"Removing (\d+) layers because they are empty")
 
 
 def count_removed_layers(log: str) -> int:
-    """How many layers the engine took away at the bottom, where it found nothing to print."""
+    """Count the layers that the engine took away at the bottom, where it found nothing to print."""
     found = _REMOVED.search(log)
     return int(found[1]) if found else 0

@@ -19,7 +19,7 @@ _CHUNK = 400_000
 
 @dataclass(frozen=True, slots=True)
 class Rings:
-    """What closed rings amount to at each of k heights; the solid is on the left of each.
+    """Sums over the closed rings at each of k heights; the solid is on the left of each.
 
     Attributes
     ----------
@@ -37,7 +37,15 @@ class Rings:
 
 
 def measure(segments: Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]], count: int) -> Rings:
-    """Add up directed segments (height's index, start, end) to rings at `count` heights."""
+    """Add up directed segments to rings.
+
+    Parameters
+    ----------
+    segments
+        Chunks as `cut` yields them: (m,) index of the height, (m, 2) start and end in mm.
+    count
+        Number of heights, k.
+    """
     area, length, moment = np.zeros(count), np.zeros(count), np.zeros((count, 2))
     for index, start, end in segments:
         cross = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
@@ -49,7 +57,7 @@ def measure(segments: Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]], cou
 
 
 def cut(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]]:
-    """The directed segments in which planes cut a mesh.
+    """Cut a mesh by horizontal planes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""When each feature of a layer begins: CuraEngine says only when a layer ends."""
+"""Times at which the features of a layer begin: CuraEngine only writes when a layer ends."""
 
 from __future__ import annotations
 
@@ -11,9 +11,16 @@ _TIME = "TIME_ELAPSED:"
 
 
 def add_times(gcode: bytes, path: Toolpath) -> bytes:
-    """The G-code with a ``;TIME_ELAPSED:`` before each ``;TYPE:`` in a layer too.
+    """Write a ``;TIME_ELAPSED:`` before each ``;TYPE:`` of a layer, too.
 
     Between the ends of two layers, time is shared out as the moves would take it at their feedrates.
+
+    Parameters
+    ----------
+    gcode
+        CuraEngine's output.
+    path
+        The same file, read.
     """
     ends = [(note.move, float(note.text[len(_TIME) :])) for note in path.notes if note.text.startswith(_TIME)]
     first = next((note.move for note in path.notes if note.text.startswith("LAYER:")), None)
@@ -32,7 +39,7 @@ def add_times(gcode: bytes, path: Toolpath) -> bytes:
 
 
 def _seconds(path: Toolpath) -> Floats:
-    """(n,) What each move takes at its feedrate, without acceleration."""
+    """Compute the seconds (n,) of each move at its feedrate, without acceleration."""
     way_mm = np.linalg.norm(path.after[:, :3] - path.before[:, :3], axis=1)
     way_mm = np.where(way_mm > 0, way_mm, np.abs(path.pushed_mm))
     return way_mm * 60.0 / np.maximum(path.feed_mm_min, 1.0)

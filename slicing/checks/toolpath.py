@@ -46,7 +46,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Toolpath:
-    """The moves (G0, G1) of a file and what stands between them, as the firmware would take them.
+    """Moves (G0, G1) of a file and the lines between them, as the firmware would take them.
 
     Attributes
     ----------
@@ -76,11 +76,11 @@ class Toolpath:
 
     @property
     def moved(self) -> npt.NDArray[np.bool_]:
-        """(n,) Whether the head moves."""
+        """(n,) True where the head moves."""
         return np.asarray((self.after[:, :3] != self.before[:, :3]).any(axis=1))
 
     def is_feature(self, name: str) -> npt.NDArray[np.bool_]:
-        """(n,) Whether a move belongs to a feature, by Cura's name for it."""
+        """Mark the moves (n,) of a feature, by Cura's name for it."""
         code = self.features.index(name) if name in self.features else len(self.features)
         return np.asarray(self.feature == code)
 
@@ -142,7 +142,7 @@ def read_toolpath(gcode: bytes) -> Toolpath:
 
 
 def _columns(text: bytes, moves: int) -> dict[int, Floats]:
-    """(n,) For each letter: the number that a move names, NaN where it names none."""
+    """Read the number (n,) that each move names, for each letter; NaN where it names none."""
     raw = np.frombuffer(text, np.uint8)
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
     numbers = _numbers(text)
@@ -214,7 +214,7 @@ def _filled(column: Floats, first: float) -> Floats:
 
 
 def _stepped(steps: list[tuple[int, int]], first: int, moves: int) -> npt.NDArray[np.int64]:
-    """(n,) A value that holds from a move on until the next step."""
+    """Spread values (n,) that hold from a move on until the next step."""
     starts = [0, *(move for move, _ in steps), moves]
     return np.repeat(np.array([first, *(value for _, value in steps)], np.int64), np.diff(starts))
 

@@ -1,4 +1,4 @@
-"""The outer wall as it is printed: rings, lines that are walls by themselves, and what they enclose."""
+"""Outer wall as it is printed: rings, lines that are walls by themselves, and the area within."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _FOLLOWING = {
 
 @dataclass(frozen=True, slots=True)
 class WallLayout:
-    """How the outer wall lies in the model, in mm."""
+    """Position of the outer wall in the model, in mm."""
 
     layer_height_0_mm: float
     layer_height_mm: float
@@ -46,20 +46,21 @@ class WallLayout:
     inner_walls: int = 0  # how many whole rings lie within the outer one; 0 where that is not known
 
     def reach_mm(self, layer: npt.NDArray[np.int32]) -> Floats:
-        """(n,) From a ring's middle to the model's outline."""
+        """Compute the distance (n,) from a ring's middle to the model's outline, for layers (n,)."""
         return np.where(layer == 0, self.factor_0, 1.0) * self.width_mm / 2 + self.inset_mm
 
     def section_mm(self, count: int) -> Floats:
-        """(n,) Where the engine cuts the model: through the middle of each layer."""
+        """Compute the heights (count,) at which the engine cuts the model: the middle of each layer."""
         above = self.layer_height_0_mm + self.layer_height_mm * (np.arange(1, count) - 0.5)
         return np.concatenate(([self.layer_height_0_mm / 2], above))[:count]
 
     def top_mm(self, layer: int) -> float:
+        """Compute the height of a layer's top."""
         return self.layer_height_0_mm + layer * self.layer_height_mm
 
 
 def wall_layout(settings: EngineSettings) -> WallLayout | None:
-    """What the settings say of the outer wall; None where they do not follow the model's outline."""
+    """Read the outer wall's layout from settings; None where it does not follow the model's outline."""
     scopes = (settings.extruder, settings.global_)
 
     def number(key: str) -> float:
@@ -87,7 +88,7 @@ def wall_layout(settings: EngineSettings) -> WallLayout | None:
 
 @dataclass(frozen=True, slots=True)
 class Walls:
-    """The printed lines of the outer wall: (n,) one for each move, in mm from the bed's centre."""
+    """Printed lines of the outer wall: (n,) one for each move, in mm from the bed's centre."""
 
     start: Floats  # (n, 2)
     end: Floats  # (n, 2)
@@ -103,7 +104,7 @@ class Walls:
     def of(
         cls, path: Toolpath, lines: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
     ) -> Walls:
-        """Pick the walls out of a toolpath; centre and filament section as `check_outline` takes them."""
+        """Pick the walls out of a toolpath, with the parameters of `check_outline`."""
         pushed_mm = path.pushed_mm
         way_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
         prints = (pushed_mm > 0) & (way_mm > 0) & (path.layer >= 0)
@@ -135,7 +136,7 @@ class Walls:
         return cls(start, end, layer, run, closed, 2 * half, reach_mm, others, inner)
 
     def rings(self, count: int) -> Rings:
-        """What is inside of the outer edge of the outer wall, to first order, at each layer."""
+        """Sum up the area within the outer edge of the outer wall, to first order, for `count` layers."""
         ring = self.closed
         inside = measure(iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count)
         # An engine may go round the other way; all rings of a layer then do.
@@ -150,7 +151,7 @@ class Walls:
         return Rings(area, inside.length_mm, moment)
 
     def lost_mm2(self, lines: WallLayout, count: int) -> Floats:
-        """(count,) How much less the inner walls enclose than they must within the outer one, added up.
+        """Compute the area (count,) that the inner walls of each layer enclose less than they must.
 
         What is d further in than a ring encloses less by d times the ring's length at most. 0 where an inner
         wall is no whole ring.
@@ -168,7 +169,7 @@ class Walls:
         return np.where(broken, 0.0, must_mm2 - np.abs(inner.area_mm2))
 
     def _corners_mm2(self) -> Floats:
-        """(n,) What the band outside of a ring has more at the corner after a move than along the moves."""
+        """Compute the area (n,) of the band outside of a ring at the corner after each move."""
         if not len(self.run):
             return np.empty(0)
         following = np.arange(1, len(self.run) + 1)
@@ -182,7 +183,7 @@ class Walls:
         return np.where(self.closed, self.half_mm**2 * half_turn, 0.0)
 
     def printed(self, layer: int, model: Geometry) -> Geometry:
-        """The area inside of the outer edge of the outer wall.
+        """Draw the area within the outer edge of the outer wall in one layer.
 
         A ring is the edge of an area, or by itself a wall of one line: that has the model on neither side.
         """
@@ -202,7 +203,7 @@ class Walls:
         return shapely.union_all([inside.buffer(reach_mm, join_style="mitre"), strokes])
 
     def _alone(self, ring: npt.NDArray[np.intp], model: Geometry) -> bool:
-        """Whether there is nothing of the model beside a line."""
+        """Tell whether there is nothing of the model beside a line."""
         way = self.end[ring] - self.start[ring]
         aside = np.column_stack((-way[:, 1], way[:, 0])) / np.hypot(*way.T)[:, None]
         aside *= (self.width_mm[ring] / 2 + TOLERANCE_MM)[:, None]
@@ -211,7 +212,7 @@ class Walls:
         return float(np.mean(beside[0] | beside[1])) < 0.5
 
     def filling(self, layer: int, bounds: tuple[float, float, float, float]) -> Geometry:
-        """The area of the other lines of the part that come near a rectangle."""
+        """Draw the other lines of the part in a layer that come near a rectangle (x0, y0, x1, y1)."""
         rows = self.others[self.others[:, 4] == layer]
         low, high = (
             np.minimum(rows[:, :2], rows[:, 2:4]) - _NEAR_MM,
@@ -225,7 +226,7 @@ class Walls:
 def _runs(
     start: Floats, end: Floats, layer: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Which moves make one unbroken line, and which lines are rings.
+    """Join moves to unbroken lines, and tell which of them are rings.
 
     Where two walls overlap, an engine leaves out the flow of a move or two: a line that does not close is
     joined over such gaps to those that follow, if it closes then.

@@ -17,10 +17,10 @@ class Stopwatch(Protocol):
     """Follows the moves as the printer would make them, and tells the time that they take."""
 
     def move(self, x: float, y: float, z: float, e: float, speed_mm_s: float) -> None:
-        """Go there, in mm; `e` counts all filament fed so far."""
+        """Go to x, y, z at a speed; `e` counts all filament fed so far. All in mm."""
 
     def wait(self, seconds: float) -> None:
-        """Stand still."""
+        """Wait where the head is."""
 
     def seconds(self, finish: bool = False) -> float:
         """Time that all ended moves took, in s; with `finish`, until everything has ended."""
@@ -35,16 +35,19 @@ class Writer:
         self._stopwatch = stopwatch
         self._tail: list[Step | bytes | float | None] = []
         self._fed_mm = self._base_mm = 0.0
-        self._said = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
+        self._written = ["", "", "", "", "0.00000"]  # F, X, Y, Z, E as last written
         self._marked_s = 0.0
 
     def move(self, step: Step) -> None:
+        """Record a move."""
         self._tail.append(step)
 
     def line(self, line: bytes) -> None:
+        """Record a line that is written as it is, without its newline."""
         self._tail.append(line)
 
     def dwell(self, seconds: float) -> None:
+        """Record a pause."""
         self._tail.append(seconds)
 
     def layer(self, z_mm: float | None = None) -> None:
@@ -85,12 +88,12 @@ class Writer:
 
     def _write(self, step: Step) -> None:
         x, y, z, fed_mm, speed_mm_s = step
-        said = self._said
+        written = self._written
         self._fed_mm += fed_mm
         if self._fed_mm - self._base_mm > RESET_E_MM:
             self.text += b"G92 E0\n"
-            self._base_mm += float(said[4])
-            said[4] = "0.00000"
+            self._base_mm += float(written[4])
+            written[4] = "0.00000"
         words = (
             f"{speed_mm_s * 60:.0f}",
             f"{x:.3f}",
@@ -98,10 +101,12 @@ class Writer:
             f"{z:.3f}",
             f"{self._fed_mm - self._base_mm:.5f}",
         )
-        new = [letter + word for letter, word, old in zip("FXYZE", words, said, strict=True) if word != old]
-        if not new or (len(new) == 1 and words[0] != said[0]):
+        new = [
+            letter + word for letter, word, old in zip("FXYZE", words, written, strict=True) if word != old
+        ]
+        if not new or (len(new) == 1 and words[0] != written[0]):
             return  # nothing moves
-        self._said = list(words)
+        self._written = list(words)
         self.text += f"{'G1' if fed_mm else 'G0'} {' '.join(new)}\n".encode()
         self._stopwatch.move(x, y, z, self._fed_mm, speed_mm_s)
         if self._stopwatch.seconds() - self._marked_s > MARK_S:

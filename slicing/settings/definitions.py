@@ -1,4 +1,4 @@
-"""What Cura's definition files say of each setting: its type, default, formulas, limits and scope."""
+"""Settings in Cura's definition files: type, default, formulas, limits and scope of each."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slicing.settings.formula import Formula
 
 
 class SettingType(StrEnum):
-    """The types of Cura's settings."""
+    """Types of Cura's settings."""
 
     BOOL = "bool"
     INT = "int"
@@ -37,7 +37,7 @@ _EXTRUDER_NUMBERS = ("0", "-1")  # the only extruder, or "none in particular"
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What a definition says of one setting. Limits, scope and whether it counts may be formulas."""
+    """One setting of a definition. Limits, scope and `enabled` may be formulas."""
 
     key: str
     type: SettingType
@@ -53,7 +53,7 @@ class Setting:
 
 
 def merge(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
-    """The settings of a definition that inherits.
+    """Merge the settings of a definition that inherits.
 
     Parameters
     ----------
@@ -107,7 +107,14 @@ def _limit(raw: Any) -> Any:
 
 
 def parse_value(setting: Setting, raw: Any) -> Any:
-    """A value as a profile or a person writes it, in the setting's own type.
+    """Read a value as a profile or a person writes it, in the setting's own type.
+
+    Parameters
+    ----------
+    setting
+        The setting whose type counts.
+    raw
+        The value as written.
 
     Raises
     ------
@@ -146,13 +153,13 @@ def parse_value(setting: Setting, raw: Any) -> Any:
 
 
 def _shown(text: str) -> str:
-    """What a person wrote, in one short line."""
+    """Shorten a person's text to one line."""
     line = "".join(letter if letter.isprintable() else " " for letter in text)
     return line if len(line) <= _MOST_SHOWN else f"{line[:_MOST_SHOWN]}..."
 
 
 def parse_literal(text: str) -> Any:
-    """A value of another type than the setting's: Cura reads a literal, and tells the engine what it read."""
+    """Read a value of another type than the setting's as Cura does: as a literal, else as text."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, MemoryError, RecursionError):
@@ -173,7 +180,7 @@ _ALLOWED: Mapping[SettingType, str] = {
 
 
 def fits_type(setting: Setting, value: Any) -> bool:
-    """Whether a value that was worked out is one that the engine reads as this type."""
+    """Tell whether the engine reads a computed value as this setting's type."""
     match setting.type:
         case SettingType.BOOL:
             return isinstance(value, bool | int)
@@ -191,7 +198,7 @@ def fits_type(setting: Setting, value: Any) -> bool:
 
 
 def _is_list(kind: SettingType, value: Any) -> bool:
-    """Whether it is a list, or the text of one; of whole numbers where the type says so."""
+    """Tell whether a value is a list or the text of one; of whole numbers where the type says so."""
     try:
         items = ast.literal_eval(value) if isinstance(value, str) else value
     except (ValueError, SyntaxError, MemoryError, RecursionError):

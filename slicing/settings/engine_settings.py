@@ -1,4 +1,4 @@
-"""What CuraEngine is told: every value of both stacks as text, and the numbers that others need of them."""
+"""CuraEngine's input: every value of both stacks as text, and the numbers that others need of them."""
 
 from __future__ import annotations
 
@@ -64,12 +64,20 @@ class EngineSettings:
 
     @property
     def filament_mm2(self) -> float:
-        """The filament's cross-section in mm2."""
+        """Cross-section of the filament."""
         return math.pi * self.filament_diameter_mm**2 / 4
 
 
 def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
-    """Factors (XY, Z) by which a part is printed larger: Cura's; where it has none, a material kind's."""
+    """Find the factors (XY, Z) by which a part is printed larger, because it shrinks.
+
+    Parameters
+    ----------
+    resolver
+        Cura's settings; their own factors win.
+    kind
+        Kind of material, like PLA; empty for none of the farm's factors.
+    """
     known = resolver.keys(Scope.GLOBAL)
     both, xy, z = (
         float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in SHRINKAGE
@@ -81,21 +89,25 @@ def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
 def build_engine_settings(
     printer: PrinterModel, resolver: Resolver, density_g_cm3: float, scale: tuple[float, float]
 ) -> EngineSettings:
-    """Every value of both stacks as text, with start and end code, and the numbers that others need.
+    """Write every value of both stacks as text, with start and end code.
+
+    Parameters
+    ----------
+    printer
+        The printer model, for its start and end code.
+    resolver
+        All settings.
+    density_g_cm3
+        Of the material.
+    scale
+        Factors (XY, Z) by which parts are printed larger.
 
     Raises
     ------
     BadSetting
         Where a raft is asked for.
     """
-    global_ = {key: _text(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
-    extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
-    # The engine reads it in both places, and prints no support where either says no.
-    extruder["support_enable"] = global_["support_enable"]
-    # The mesh is scaled before it is placed, so that the checks see what is printed.
-    told = dict.fromkeys(SHRINKAGE, "100.0")
-    global_ |= {key: told[key] for key in told.keys() & global_.keys()}
-    extruder |= {key: told[key] for key in told.keys() & extruder.keys()}
+    global_, extruder = _scope_texts(resolver)
 
     def number(key: str) -> float:
         return float(resolver.value(Scope.EXTRUDER, key))
@@ -148,6 +160,19 @@ def build_engine_settings(
     )
 
 
+def _scope_texts(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
+    """Write the settings of the global scope and of the extruder's as text."""
+    global_ = {key: _text(resolver.value(Scope.GLOBAL, key)) for key in resolver.keys(Scope.GLOBAL)}
+    extruder = {key: _text(resolver.value(Scope.EXTRUDER, key)) for key in resolver.keys(Scope.EXTRUDER)}
+    # The engine reads it in both places, and prints no support where either says no.
+    extruder["support_enable"] = global_["support_enable"]
+    # The mesh is scaled before it is placed, so that the checks see what is printed.
+    unscaled = dict.fromkeys(SHRINKAGE, "100.0")
+    global_ |= {key: unscaled[key] for key in unscaled.keys() & global_.keys()}
+    extruder |= {key: unscaled[key] for key in unscaled.keys() & extruder.keys()}
+    return global_, extruder
+
+
 def _brim_mm(adhesion: str, number: Any) -> float:
     line_mm = number("skirt_brim_line_width") * number("initial_layer_line_width_factor") / 100
     match adhesion:
@@ -159,5 +184,5 @@ def _brim_mm(adhesion: str, number: Any) -> float:
 
 
 def _text(value: Any) -> str:
-    """As CuraEngine reads it: Python's own words for numbers, booleans and lists."""
+    """Write a value as CuraEngine reads it: Python's own words for numbers, booleans and lists."""
     return "" if value is None else str(value)

@@ -24,14 +24,27 @@ _SLACK_UM = 1  # for rounding
 
 @dataclass(frozen=True, slots=True)
 class LayerHeights:
-    """The height of the first layer and of every other one, in mm, whole micrometres both."""
+    """Heights of the first layer and of every other one, in mm, whole micrometres both."""
 
     first_mm: float
     other_mm: float
 
 
 def printed_mm(height_mm: float, heights: LayerHeights) -> float:
-    """The top of the last layer that CuraEngine prints of a part with a flat top; 0 where there is none."""
+    """Compute the top of the last layer that CuraEngine prints of a part with a flat top.
+
+    Parameters
+    ----------
+    height_mm
+        Height of the part.
+    heights
+        Heights of its layers.
+
+    Returns
+    -------
+    float
+        Height in mm; 0 where no layer is printed.
+    """
     first, other = _um(heights.first_mm), _um(heights.other_mm)
     height = 1000 * height_mm
     if height <= first / 2:
@@ -41,7 +54,7 @@ def printed_mm(height_mm: float, heights: LayerHeights) -> float:
 
 
 def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float) -> LayerHeights:
-    """The heights nearest to the wanted ones with which a part is printed to its height.
+    """Find the layer heights nearest to the wanted ones with which a part is printed to its height.
 
     Parameters
     ----------
@@ -79,7 +92,7 @@ def fit_heights(height_mm: float, wanted: LayerHeights, *, most_first_mm: float)
 
 
 def _um(mm: float) -> int:
-    """As CuraEngine rounds it: half a micrometre up."""
+    """Round to whole micrometres as CuraEngine does: half a micrometre up."""
     return _floor(1000 * mm + 0.5)
 
 

@@ -1,4 +1,4 @@
-"""What a person must not set, and which values are refused: for the printer's sake, or as Cura defines it."""
+"""Limits on settings: keys that a person must not set, and ranges of the printer and of Cura."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ _RESERVED_STARTS: Mapping[str, str] = {
 
 
 def reserved_reason(key: str) -> str | None:
-    """Why a person must not set a key; None where one may."""
+    """Give the reason why a person must not set a key; None where one may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
     starts = (why for start, why in _RESERVED_STARTS.items() if key.startswith(start))
@@ -105,7 +105,17 @@ class Violation:
 def violations(
     resolver: Resolver, printer: PrinterModel, chosen: Collection[str] = ()
 ) -> Iterator[Violation]:
-    """What is wrong in either stack: first of the keys that a person has chosen, then of all that count."""
+    """Find values beyond their limits in both stacks.
+
+    Parameters
+    ----------
+    resolver
+        All settings.
+    printer
+        The printer model, for its limits.
+    chosen
+        Keys that a person has set: they come first, and count even where Cura disables them.
+    """
     for scope in Scope:
         for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
             for found in _violations(resolver, printer, scope, key):

@@ -1,4 +1,4 @@
-"""What a material file says: Cura's names for what it calls otherwise, and the printer's own section."""
+"""Material files: Cura's names for their settings, and the sections for one printer and nozzle."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _WORDS = {"yes": "True", "no": "False"}  # where the setting is one of Cura's
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What a material file says to one printer with one nozzle."""
+    """Values of a material file for one printer with one nozzle."""
 
     values: dict[str, str]
     density_g_cm3: float
@@ -103,12 +103,12 @@ def read_material(root: ET.Element, name: str, product: str, hotend: str) -> Mat
 
 
 def material_kind(root: ET.Element) -> str:
-    """What a material is, like PLA: all colours and brands of it share their qualities."""
+    """Read the kind of a material, like PLA: all colours and brands of it share their qualities."""
     return root.findtext("m:metadata/m:name/m:material", default="", namespaces=_SPACE)
 
 
 def _printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterator[ET.Element]:
-    """The sections of this printer, then of this nozzle in it: the later one wins."""
+    """Yield the sections of this printer, then of this nozzle in it: the later one wins."""
     for machine in settings.findall("m:machine", _SPACE):
         products = {i.get("product") for i in machine.findall("m:machine_identifier", _SPACE)}
         if product in products:

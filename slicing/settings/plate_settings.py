@@ -1,4 +1,4 @@
-"""From a printer model, a quality, a material and a person's overrides to what CuraEngine is told."""
+"""CuraEngine's settings for a printer model, a quality, a material and a person's overrides."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FIXED: Mapping[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class SettingsRequest:
-    """How to print, in the user's words.
+    """Choice of printer model, quality, material, nozzle and overrides.
 
     `supported`: print supports also where the quality has none, as Cura's own have; `overrides` win over it.
     """
@@ -46,16 +46,16 @@ class SettingsRequest:
 
 @dataclass(frozen=True, slots=True)
 class PartSettings:
-    """What is chosen for one part; None: as the quality has it. A user's own settings win over it.
+    """Settings of one part; None is the quality's own. A user's own settings win over them.
 
     Parameters
     ----------
     height_mm
-        How high the print is to be.
+        Height of the print.
     brim_width_mm
         Its brim, 0 for none; never wider than the quality's, for which the part room is computed.
     layer_0_expansion_mm
-        How much wider the first layer is on each side than those above; negative against an elephant's foot.
+        Width by which the first layer exceeds those above on each side; negative against an elephant's foot.
     """
 
     height_mm: float | None = None
@@ -70,6 +70,15 @@ def resolve_settings(
     request: SettingsRequest, resources: Resources, part: PartSettings = ANY_PART
 ) -> EngineSettings:
     """Resolve a request against Cura's files, for any part or for one; the last ones are kept in memory.
+
+    Parameters
+    ----------
+    request
+        Printer model, quality, material, nozzle and overrides.
+    resources
+        Cura's files.
+    part
+        Settings of one part.
 
     Raises
     ------
@@ -94,7 +103,7 @@ def resolve_settings(
 
 
 def _has_own_heights(request: SettingsRequest) -> bool:
-    """Whether the user says how high layers are, or which of them are printed."""
+    """Tell whether the user has set how high layers are, or which of them are printed."""
     return not request.overrides.keys().isdisjoint(
         ("layer_height", "adaptive_layer_height_enabled", "slicing_tolerance")
     )
@@ -146,7 +155,7 @@ def _resolve(
 
 
 def _is_cura_value(found: Violation, resources: Resources, words: _RequestKey) -> bool:
-    """Whether Cura's own profiles go beyond the limits of its definitions here: it prints all the same."""
+    """Tell whether Cura's own profiles go beyond its limits here: it prints all the same."""
     bare = replace(words, overrides=())
     stacks = find_stacks(resources, words.printer.name, words.nozzle_mm, words.material, words.quality)
     return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
@@ -168,7 +177,7 @@ def _refusal(found: Violation, words: _RequestKey) -> str:
 def _resolver(
     stacks: Stacks, words: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
-    """The stacks under a user's layer: a person's settings, ours for streaming, the part's, the quality's."""
+    """Put a user's layer on the stacks: overrides, values for streaming, the part's, the quality's."""
     user: dict[str, Any] = dict(SUPPORTED) if words.supported else {}
     quality = FARM_QUALITIES.get(words.quality)
     if quality is not None:

@@ -1,4 +1,4 @@
-"""The qualities: Cura's own by their names, and the two of this project, each a base with changes."""
+"""Qualities: Cura's own by their names, and the two of this project, each a base with changes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BRIMMED = {
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """A quality of ours: one of Cura's, and what is set on top of it (below the user's own settings)."""
+    """Quality of the farm: one of Cura's, and values on top of it (below the user's own settings)."""
 
     bases: tuple[str, ...]  # the first that there is for the nozzle and the material
     changes: Mapping[str, Any]

@@ -27,7 +27,7 @@ Layer = Mapping[str, Any]
 
 
 class Scope(StrEnum):
-    """Which stack is asked."""
+    """Stack of profiles that is asked."""
 
     GLOBAL = "global"
     EXTRUDER = "extruder"
@@ -43,7 +43,7 @@ class Place(IntEnum):
 
 
 class Resolver:
-    """The value of every setting, for one combination of profiles.
+    """Values of all settings, for one combination of profiles.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Resolver:
         }
 
     def setting(self, key: str) -> Setting:
-        """What the definitions say of a key. Raises BadSetting with the nearest keys where there is none."""
+        """Find a key's definition. Raises BadSetting with the nearest keys where there is none."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         found = machine.get(key) or extruder.get(key)
         if found is None:
@@ -86,14 +86,21 @@ class Resolver:
         return found
 
     def keys(self, scope: Scope) -> list[str]:
-        """The keys that the engine wants in a scope: all of the machine's, or what an extruder may set."""
+        """List the keys that the engine needs: all of the machine's, or those that an extruder may set."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         if scope is Scope.GLOBAL:
             return list(machine)
         return [key for key in {**machine, **extruder} if self.is_per_extruder(key)]
 
     def value(self, scope: Scope, key: str) -> Any:
-        """The value of a setting as one of the stacks has it.
+        """Compute the value of a setting in one of the stacks.
+
+        Parameters
+        ----------
+        scope
+            The stack that is asked.
+        key
+            Cura's name of the setting.
 
         Raises
         ------
@@ -107,7 +114,7 @@ class Resolver:
         setting = self._definitions[Scope.GLOBAL].get(key)
         if setting is None:
             raise KeyError(key)
-        if setting.resolve and key not in self._resolving and not self._is_the_users(key):
+        if setting.resolve and key not in self._resolving and not self._is_user_set(key):
             outer = self._resolving
             self._resolving = outer | {key}
             try:
@@ -119,12 +126,12 @@ class Resolver:
         return self._own(Scope.GLOBAL, key)
 
     def bounds(self, scope: Scope, key: str) -> tuple[float | None, float | None]:
-        """The least and the greatest value of a key as its definition has them; None: no limit."""
+        """Compute the least and the greatest value of a key by its definition; None: no limit."""
         setting = self.setting(key)
         return self._bound(scope, key, setting.minimum), self._bound(scope, key, setting.maximum)
 
     def is_enabled(self, key: str) -> bool:
-        """Whether a setting counts, as the others are: Cura hides it where not."""
+        """Tell whether a setting counts, as the others are: Cura hides it where not."""
         raw = self.setting(key).enabled
         try:
             return bool(self._evaluate(Scope.EXTRUDER, key, raw) if isinstance(raw, Formula) else raw)
@@ -132,7 +139,7 @@ class Resolver:
             return True
 
     def is_per_extruder(self, key: str) -> bool:
-        """Whether the extruder has a value of its own."""
+        """Tell whether the extruder has a value of its own."""
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         setting = extruder.get(key) or machine.get(key)
         if setting is None:
@@ -145,16 +152,16 @@ class Resolver:
         return None if bound is None else float(bound)
 
     def _is_limited(self, setting: Setting) -> bool:
-        """Whether the global stack asks an extruder: the text "-1" is none, the number is the default one."""
+        """Tell whether the global stack asks an extruder: the text "-1" is none, the number the first."""
         if setting.limit_to_extruder is None:
             return False
         return bool(self._evaluate(Scope.GLOBAL, setting.key, setting.limit_to_extruder) != "-1")
 
-    def _is_the_users(self, key: str) -> bool:
+    def _is_user_set(self, key: str) -> bool:
         return any(key in layer for place, layer in self._layers[Scope.GLOBAL] if place is Place.USER)
 
     def _raw(self, scope: Scope, key: str) -> Any:
-        """The first value or formula on the way down a stack."""
+        """Find the first value or formula on the way down a stack."""
         for place, layer in self._layers[scope]:
             if key in layer and place >= self._from:
                 return layer[key]
@@ -166,7 +173,7 @@ class Resolver:
         raise KeyError(key)
 
     def _below(self, place: int, scope: Scope, key: str) -> Any:
-        """A value without the profiles above a place."""
+        """Compute a value without the profiles above a place."""
         outer, self._from = self._from, place
         try:
             return self.value(scope, key)
@@ -174,7 +181,7 @@ class Resolver:
             self._from = outer
 
     def _own(self, scope: Scope, key: str) -> Any:
-        """A stack's own value, its formula worked out in that stack."""
+        """Compute a stack's own value, its formula in that stack."""
         raw = self._raw(scope, key)
         if not isinstance(raw, Formula):
             return raw

@@ -1,4 +1,4 @@
-"""Where CuraEngine and Cura's files are, and reading those files; `definitions` knows what they mean."""
+"""Places of CuraEngine and of Cura's files, and their parsed contents (see `definitions`)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CHECKOUT = Path(__file__).resolve().parents[2]
 
 
 def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
-    """CuraEngine: `FARM_CURA_ENGINE`, else the one on PATH. Raises EngineMissing."""
+    """Find CuraEngine: `FARM_CURA_ENGINE`, else the one on PATH. Raises EngineMissing."""
     named = environ.get("FARM_CURA_ENGINE")
     found = shutil.which(named or "CuraEngine", path=environ.get("PATH"))
     if found is None:
@@ -33,7 +33,7 @@ def find_engine(environ: Mapping[str, str] = os.environ) -> Path:
 
 
 def find_resources(environ: Mapping[str, str] = os.environ) -> Resources:
-    """Cura's files: `FARM_CURA_RESOURCES`, else `.cura/resources` of the checkout, else Debian's place.
+    """Find Cura's files: `FARM_CURA_RESOURCES`, else `.cura/resources` of the checkout, else Debian's place.
 
     Raises
     ------
@@ -84,19 +84,19 @@ class Resources:
     root: Path
 
     def machine(self, model: str) -> Machine:
-        """A printer model by Cura's definition id. Raises BadSetting where there is none."""
+        """Read a printer model by Cura's definition id. Raises BadSetting where there is none."""
         return _machine(self.root, model)
 
     def profiles(self, kind: str, definition: str) -> tuple[Profile, ...]:
-        """The profiles of a kind (``quality``, ``variants``) that a definition has, by file name."""
+        """Read the profiles of a kind (``quality``, ``variants``) that a definition has, by file name."""
         return _profiles(self.root, kind, definition)
 
     def material(self, name: str) -> ET.Element:
-        """A material's parsed XML. Raises BadSetting where there is none."""
+        """Read a material's XML. Raises BadSetting where there is none."""
         return _material(self.root, name)
 
     def material_kind(self, name: str) -> str | None:
-        """What a material is, like PLA; None where there is no such material."""
+        """Read the kind of a material, like PLA; None where there is no such material."""
         try:
             return material_kind(self.material(name))
         except BadSetting:
@@ -114,7 +114,7 @@ def _read_json(path: Path) -> dict[str, Any]:
 
 
 def _chain(root: Path, folders: tuple[str, ...], name: str) -> list[dict[str, Any]]:
-    """The definition files from the root of the inheritance down to `name`."""
+    """Read the definition files from the root of the inheritance down to `name`."""
     chain: list[dict[str, Any]] = []
     current: str | None = name
     while current is not None:

@@ -1,4 +1,4 @@
-"""How much larger a part is printed because it shrinks when it cools.
+"""Shrinkage of materials: factors by which parts are printed larger.
 
 Material files of Cura 4.13 and 5.0 say 100 % or nothing. PLA, Tough PLA and PETG are Cura 5.0's own figures,
 from its profiles for the Ultimaker S3 and S5. The others are [assumed]: typical shrinkage of printed parts,
@@ -31,5 +31,5 @@ _BY_KIND: Mapping[str, tuple[float, float]] = {
 
 
 def shrinkage_factors(kind: str) -> tuple[float, float]:
-    """Factors (XY, Z) by which parts of a kind of material are printed larger; 1 where it is not known."""
+    """Find the factors (XY, Z) by which parts of a kind of material are printed larger; 1 where unknown."""
     return _BY_KIND.get(kind, NONE)

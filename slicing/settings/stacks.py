@@ -1,4 +1,4 @@
-"""Which of Cura's profiles apply to a printer, nozzle, material and quality (Cura 4.13, ``MaterialNode``)."""
+"""Cura's profiles for a printer, nozzle, material and quality (Cura 4.13, ``MaterialNode``)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,18 @@ class Stacks:
 def find_stacks(
     resources: Resources, printer_model: str, nozzle_mm: float, material: str, quality: str
 ) -> Stacks:
-    """The profiles for a request.
+    """Find the profiles for a request.
+
+    Parameters
+    ----------
+    resources
+        Cura's files.
+    printer_model
+        Id of Cura's definition.
+    nozzle_mm
+        Diameter of the nozzle.
+    material, quality
+        Names of Cura's files, or a quality of the farm.
 
     Raises
     ------
@@ -71,7 +82,7 @@ def _written(machine: Machine, key: str, text: str) -> object:
 
 
 def _variant(machine: Machine, hotend: str, resources: Resources) -> Mapping[str, str]:
-    """The nozzle's values; a printer without profiles for nozzles has the one of its definition."""
+    """Find the nozzle's values; a printer without profiles for nozzles has the one of its definition."""
     if machine.has_variants:
         profiles = resources.profiles("variants", machine.model)
         have = {p.metadata["name"]: p.values for p in profiles if p.metadata.get("hardware_type") == "nozzle"}
@@ -100,7 +111,7 @@ def _material(machine: Machine, hotend: str, name: str, resources: Resources) ->
 def _qualities(
     machine: Machine, hotend: str, material: str, kind: str, quality: str, resources: Resources
 ) -> tuple[Profile, Profile]:
-    """The global profile and the extruder's; a brand's material without its own takes those of its kind."""
+    """Find the global profile and the extruder's; a brand's material may take those of its kind."""
     profiles = resources.profiles("quality", machine.quality_definition)
     shared = {p.metadata["quality_type"]: p for p in profiles if p.metadata.get("global_quality") == "True"}
     own = shared
@@ -123,5 +134,5 @@ def _qualities(
 
 
 def _is_kind(material: str | None, kind: str, resources: Resources) -> bool:
-    """Whether a quality's material is of a kind, like PLA."""
+    """Tell whether a quality's material is of a kind, like PLA."""
     return material is not None and resources.material_kind(material) == kind

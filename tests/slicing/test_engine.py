@@ -69,7 +69,7 @@ def test_nothing_written_is_an_empty_file(run):
     ("body", "error", "says"),
     [
         ("echo '[ERROR] no such luck' >&2; exit 3", EngineFailed, r"exit code 3\): \[ERROR\] no such luck"),
-        ("exit 3", EngineFailed, "said nothing"),
+        ("exit 3", EngineFailed, "log is empty"),
         ("kill -SEGV $$", EngineCrashed, r"crashed \(SIGSEGV\).*repair the mesh"),
         ("kill -ABRT $$", EngineCrashed, "SIGABRT"),
         ("kill -KILL $$", EngineOutOfMemory, "runs out of memory"),
