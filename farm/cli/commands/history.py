@@ -69,8 +69,8 @@ def report(
     ] = None,
 ) -> None:
     """Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts."""
-    from farm.views.part_pictures import draw_part
     from farm.views.report import render_page
+    from farm.views.report.part_pictures import draw_part
 
     client = Client(places.socket)
     view = client.job(job).job

@@ -12,8 +12,8 @@ from farm.model import Verdict
 from farm.state import events as ev
 from farm.views.history import list_history
 from farm.views.jobs import describe_job
-from farm.views.part_pictures import draw_part
 from farm.views.report import COLOURS, draw_gantt, list_bars, render_page
+from farm.views.report.part_pictures import draw_part
 from make_books import run
 from make_stl import stl_bytes
 

@@ -1,0 +1,8 @@
+"""Report of a job as one HTML page."""
+
+from __future__ import annotations
+
+from farm.views.report.gantt import COLOURS, list_bars
+from farm.views.report.page import draw_gantt, render_page
+
+__all__ = ["COLOURS", "draw_gantt", "list_bars", "render_page"]

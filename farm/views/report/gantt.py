@@ -1,0 +1,165 @@
+"""Gantt of the fleet for one job: a row for each printer, a bar for each print. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from farm import api
+from farm.model import PrintState, Verdict
+
+_WIDTH, _ROW, _LEFT, _TOP = 1000, 22, 110, 24  # px
+_TICKS = 8  # marks of time, about
+_STEPS_S = (600, 1800, 3600, 7200, 14400, 28800, 86400, 172800, 604800)
+_OTHER_JOB = "another job"
+
+COLOURS = {
+    "good": "#2e7d4f",
+    "printed": "#4a86c5",
+    "bad": "#d9822b",
+    "failed": "#b3261e",
+    "cancelled": "#8a8a8a",
+    "printing": "#b9d4ee",
+    _OTHER_JOB: "#dddddd",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """A print in the Gantt.
+
+    Attributes
+    ----------
+    kind
+        A key of `COLOURS`.
+    text
+        Shown when a mouse is over it.
+    """
+
+    printer: str
+    start: datetime
+    end: datetime
+    kind: str
+    label: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A mark of time, at x px."""
+
+    x: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A bar as it is drawn; lengths in px."""
+
+    bar: Bar
+    x: float
+    width: float
+    fill: str
+    ink: str
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A printer's row, at y px."""
+
+    printer: str
+    y: int
+    boxes: tuple[Box, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Gantt:
+    """Layout of a Gantt; lengths in px.
+
+    Attributes
+    ----------
+    key
+        Each kind of bar in it, with its colour.
+    """
+
+    height: int
+    marks: tuple[Mark, ...]
+    rows: tuple[Row, ...]
+    key: tuple[tuple[str, str], ...]
+    width: int = _WIDTH
+    top: int = _TOP
+    bar_height: int = _ROW - 5
+
+
+def outcome_of(state: PrintState, verdict: Verdict | None) -> str:
+    """Name what became of a print, as a key of `COLOURS`."""
+    if state is PrintState.DONE:
+        return str(verdict) if verdict else "printed"
+    return str(state) if state.ended else "printing"
+
+
+def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime) -> list[Bar]:
+    """List every print of a job, and those of other jobs on the fleet in that time."""
+    own = []
+    for attempt in job.prints:
+        if attempt.started is None:
+            continue
+        end = datetime.fromisoformat(attempt.ended) if attempt.ended else now
+        kind = outcome_of(attempt.state, attempt.verdict)
+        why = attempt.reason or attempt.why
+        text = f"{attempt.part} on {attempt.printer}: {kind}" + (f", {why}" if why else "")
+        number = attempt.part.rpartition("/")[2].removeprefix("p")
+        start = datetime.fromisoformat(attempt.started)
+        own.append(Bar(attempt.printer, start, max(start, end), kind, number, text))
+    if not own:
+        return []
+    first, last = min(bar.start for bar in own), max(bar.end for bar in own)
+    return own + [
+        Bar(row.printer, start, end, _OTHER_JOB, "", f"{row.part} of another job")
+        for row in others
+        if row.job != job.id and row.started and row.ended
+        for start, end in [(datetime.fromisoformat(row.started), datetime.fromisoformat(row.ended))]
+        if end > first and start < last
+    ]
+
+
+def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
+    """Lay out bars over the time of the job's own ones; None where there are none."""
+    if not bars:
+        return None
+    own = [bar for bar in bars if bar.kind != _OTHER_JOB]
+    first, last = min(bar.start for bar in own), max(bar.end for bar in own)
+    span_s = max(1.0, (last - first).total_seconds())
+
+    def x(at: datetime) -> float:
+        share = (at - first).total_seconds() / span_s
+        return _LEFT + (_WIDTH - _LEFT - 10) * min(1.0, max(0.0, share))
+
+    def lay_out_bar(bar: Bar) -> Box:
+        ink = "#333" if bar.kind in ("printing", _OTHER_JOB) else "#fff"
+        return Box(bar, x(bar.start), max(1.5, x(bar.end) - x(bar.start)), COLOURS[bar.kind], ink)
+
+    rows = tuple(
+        Row(printer, _TOP + _ROW * number, tuple(lay_out_bar(bar) for bar in bars if bar.printer == printer))
+        for number, printer in enumerate(sorted({bar.printer for bar in bars}))
+    )
+    used = {bar.kind for bar in bars}
+    return Gantt(
+        height=_TOP + _ROW * len(rows) + 4,
+        marks=tuple(Mark(x(at), f"{at:%a %H:%M}") for at in _list_marks(first, last, span_s)),
+        rows=rows,
+        key=tuple((kind, colour) for kind, colour in COLOURS.items() if kind in used),
+    )
+
+
+def _list_marks(first: datetime, last: datetime, span_s: float) -> list[datetime]:
+    """List round times between two moments."""
+    step_s = next((step for step in _STEPS_S if span_s / step <= _TICKS), _STEPS_S[-1])
+    midnight = first.replace(hour=0, minute=0, second=0, microsecond=0)
+    mark = midnight + timedelta(seconds=step_s * -(-(first - midnight).total_seconds() // step_s))
+    marks = []
+    while mark <= last:
+        marks.append(mark)
+        mark += timedelta(seconds=step_s)
+    return marks

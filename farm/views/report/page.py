@@ -1,0 +1,120 @@
+"""Report of a job as one HTML page: figures, the Gantt of the fleet, failures and their reasons, parts.
+
+The page is one file: its pictures are in it, and it loads nothing. The templates escape all text.
+"""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from farm import api
+from farm.model import PrintState
+from farm.text import span
+from farm.views.report.gantt import Bar, lay_out_gantt, list_bars, outcome_of
+
+
+@dataclass(frozen=True, slots=True)
+class _Figure:
+    """A part on the page; `picture` as a data URL."""
+
+    part: api.PartView
+    plate: api.PlateStatus
+    outcome: str
+    times: str
+    picture: str | None
+
+
+@cache
+def _templates() -> Environment:
+    return Environment(loader=PackageLoader("farm.views.report"), autoescape=True, undefined=StrictUndefined)
+
+
+def draw_gantt(bars: Sequence[Bar]) -> str:
+    """Draw bars as SVG with a key of colours."""
+    return _templates().get_template("gantt.html").render(gantt=lay_out_gantt(bars))
+
+
+def render_page(
+    job: api.JobView,
+    others: Sequence[api.HistoryRow],
+    now: datetime,
+    facts: Sequence[tuple[str, str]],
+    pictures: Mapping[str, bytes],
+    assembly: bytes | None,
+) -> str:
+    """Render the page.
+
+    Parameters
+    ----------
+    job, others
+        The job, and the prints of all jobs.
+    now
+        The farm's time: prints that have not ended are drawn up to it.
+    facts
+        Figures of the job, each with a name, as a person reads them.
+    pictures
+        PNG of each part, by its id; a part without one is only named.
+    assembly
+        PNG of all parts, pulled apart.
+    """
+    template = _templates().get_template("report.html")
+    page = template.render(
+        title=f"Job {job.id}: {job.name}, {job.state}",
+        job=job,
+        facts=facts,
+        gantt=lay_out_gantt(list_bars(job, others, now)),
+        failures=_list_failures(job),
+        figures=[_describe_part(part, job, pictures.get(part.id)) for part in job.parts],
+        assembly=None if assembly is None else _data_url(assembly),
+    )
+    return page + "\n"
+
+
+def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
+    """List part, printer, end, outcome and reason of every print that is of no use, by their ends."""
+    failures = [
+        (attempt.ended or "", attempt, outcome)
+        for attempt in job.prints
+        if (outcome := outcome_of(attempt.state, attempt.verdict)) in ("failed", "bad", "cancelled")
+    ]
+    return [
+        (
+            attempt.part,
+            attempt.printer,
+            datetime.fromisoformat(ended).strftime("%a %H:%M") if ended else "",
+            outcome,
+            attempt.reason or attempt.why or attempt.fault or "",
+        )
+        for ended, attempt, outcome in sorted(failures, key=lambda failure: failure[0])
+    ]
+
+
+def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) -> _Figure:
+    plate = next(plate for plate in job.plates if plate.id == part.plate)
+    prints = part.own_prints
+    outcome = outcome_of(prints[-1].state, prints[-1].verdict) if prints else "waits"
+    return _Figure(
+        part=part,
+        plate=plate,
+        outcome=f"{outcome}, {len(prints)} prints" if len(prints) > 1 else outcome,
+        times=_compare_times(prints[-1] if prints else None, plate.estimated_s),
+        picture=_data_url(picture) if picture else None,
+    )
+
+
+def _compare_times(last: api.PrintView | None, expected_s: float) -> str:
+    """Write how long a part printed, and how long it was expected to."""
+    if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
+        return f"expected {span(expected_s)}"
+    reached = datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)
+    return f"{span(reached.total_seconds())}, expected {span(expected_s)}"
+
+
+def _data_url(png: bytes) -> str:
+    return f"data:image/png;base64,{b64encode(png).decode()}"
