@@ -1,4 +1,4 @@
-"""The books: every job, part, plate, print and printer. Pure.
+"""Books: every job, part, plate, print and printer. Pure.
 
 Nothing is changed in place: `put` gives new books, so the store can tell what to write by identity.
 """
@@ -41,12 +41,12 @@ class Books:
 
     @classmethod
     def of(cls, entities: Iterable[Entity]) -> Books:
-        """The books with these entries."""
+        """Make books of these entries."""
         return put(cls(), *entities)
 
     @property
     def outage(self) -> Outage | None:
-        """The one that no person has confirmed."""
+        """Return the outage that no person has confirmed."""
         return next((o for o in self.outages.values() if o.confirmed_s is None), None)
 
     def job(self, number: int) -> Job:
@@ -63,74 +63,74 @@ class Books:
             raise NoSuchThing(f"there is no printer {name}; the fleet has {known}") from None
 
     def prints_of(self, plate: Plate) -> Iterator[Print]:
-        """The attempts at a plate, oldest first."""
+        """Yield the prints of a plate, oldest first."""
         return (self.prints[name] for name in plate.prints)
 
     def prints_of_job(self, job: Job) -> list[Print]:
-        """The attempts at a job's plates, each once: plates cut of one another share those before the cut."""
+        """List the prints of a job's plates, each once: plates that replace one share its prints."""
         return list({p.id: p for plate in self.plates_of(job) for p in self.prints_of(plate)}.values())
 
     def plate_state(self, plate: Plate) -> PlateState:
-        """Where a plate is."""
+        """Derive the state of a plate."""
         return derive_plate_state(plate, list(self.prints_of(plate)))
 
     def plates_of(self, job: Job) -> Iterator[Plate]:
         return (self.plates[name] for name in job.plates)
 
     def open_prints(self, job: int | None = None) -> Iterator[Print]:
-        """Prints that have not ended, of one job or of all."""
+        """Yield the prints that have not ended, of one job or of all."""
         return (p for p in self._open.values() if job in (None, p.job))
 
     def open_print_on(self, printer: str) -> Print | None:
         return next((p for p in self._open.values() if p.printer == printer), None)
 
     def print_to_judge(self, printer: str) -> Print | None:
-        """The last print that was done on a printer, where nobody has said yet how it is."""
+        """Return the print that was done last on a printer, where nobody has judged it yet."""
         last = self._last.get(printer)
         return last if last is not None and last.verdict is None and last.state is PrintState.DONE else None
 
     def unjudged_restored_prints(self, printer: str) -> Iterator[Print]:
-        """Prints that were done after the books were copied, of which nobody knows what a person said."""
+        """Yield the prints that were done after the books were copied, whose verdicts are not known."""
         done = (p for p in self.prints.values() if p.printer == printer and p.state is PrintState.DONE)
         return (p for p in done if p.restored and p.verdict is None)
 
     @property
     def next_number(self) -> int:
-        """Of the next print."""
+        """Return the number of the next print."""
         return len(self.prints) + 1
 
     def last_print_on(self, printer: str) -> Print | None:
-        """The print that began on a printer, and ended there last."""
+        """Return the print that ended last on a printer."""
         return self._last.get(printer)
 
     def waiting_plates(self) -> Iterator[Plate]:
-        """Plates of printing jobs to be printed that are not being printed, in order of submission."""
+        """Yield the plates of printing jobs that wait, in order of submission."""
         printing = (job for job in self.jobs.values() if job.state is JobState.PRINTING)
         for job in sorted(printing, key=lambda j: j.id):
             yield from (p for p in self.plates_of(job) if self.plate_state(p) is PlateState.WAITING)
 
     def queue(self) -> list[Job]:
-        """The jobs that are being planned, and those that are to be, by priority and order of submission."""
+        """List the jobs that are being planned, then those that wait for it, by priority and submission."""
         jobs = (j for j in self.jobs.values() if j.state in (JobState.QUEUED, JobState.PLANNING))
         return sorted(jobs, key=lambda j: (j.state is not JobState.PLANNING, -j.options.priority, j.id))
 
 
 def edited(entity: E, **changes: object) -> E:
-    """The entity with some fields replaced; itself where nothing changes."""
+    """Return the entity with some fields replaced; itself where nothing changes."""
     if all(getattr(entity, name) == value for name, value in changes.items()):
         return entity
     return entity.model_copy(update=changes)
 
 
 def put(books: Books, *entities: Entity) -> Books:
-    """The books with these entities in place of those of the same id."""
+    """Return the books with these entities in place of those of the same id."""
     changed: dict[str, dict[object, Entity]] = {}
 
     def page(kind: str) -> dict[object, Entity]:
         return changed.setdefault(kind, dict(getattr(books, kind)))
 
     for entity in entities:
-        kind, key = _place(entity)
+        kind, key = _locate(entity)
         if changed.get(kind, getattr(books, kind)).get(key) is entity:
             continue
         page(kind)[key] = entity
@@ -144,18 +144,18 @@ def put(books: Books, *entities: Entity) -> Books:
 
 
 def _ended_last(attempt: Print, before: Entity | None) -> bool:
-    """Whether a print that has ended is its printer's last; one that never began is none."""
+    """Tell whether an ended print is its printer's last; one that never began is not."""
     if attempt.started_s is None and attempt.state is PrintState.CANCELLED:
         return False
-    return not isinstance(before, Print) or _order(attempt) >= _order(before)
+    return not isinstance(before, Print) or _order_key(attempt) >= _order_key(before)
 
 
-def _order(attempt: Print) -> tuple[int, float]:
-    """Of two prints on one printer, the later one's is larger; those of older farms have no number."""
+def _order_key(attempt: Print) -> tuple[int, float]:
+    """Return a key that is larger for the later of two prints; those of older farms have no number."""
     return attempt.number, attempt.ended_s or 0.0
 
 
-def _place(entity: Entity) -> tuple[str, object]:
+def _locate(entity: Entity) -> tuple[str, object]:
     match entity:
         case Job():
             return "jobs", entity.id
@@ -173,7 +173,7 @@ def _place(entity: Entity) -> tuple[str, object]:
 
 
 def changed(before: Books, after: Books) -> Iterable[Entity]:
-    """The entities of `after` that `before` has not, or has otherwise."""
+    """Yield the entities of `after` that `before` does not have, or has with other fields."""
     for kind in ("jobs", "parts", "plates", "prints", "printers", "outages"):
         old, new = getattr(before, kind), getattr(after, kind)
         if new is not old:

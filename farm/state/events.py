@@ -1,4 +1,4 @@
-"""What can happen (past tense) and what is then to be done (imperative)."""
+"""Events (past tense) and the instructions that follow from them (imperative)."""
 
 from __future__ import annotations
 
@@ -94,13 +94,13 @@ class PlateAssigned(Event):
 
 
 class PlatesHeld(Event):
-    """Why each waiting plate waits; None where it no longer does."""
+    """The reasons why plates wait have changed; None where a plate no longer waits."""
 
     holds: dict[str, Hold | None]
 
 
 class PlateReplaced(Event):
-    """What waits is made otherwise: sliced for another kind of printer, or its part cut for several.
+    """A waiting plate was sliced for another kind of printer, or its part was cut for several.
 
     `parts` are those of the new plates; a part that was only sliced again keeps its name. The new plates go
     on with the old one's prints, and so with its attempts.
@@ -132,7 +132,7 @@ class PauseRequested(Event):
 
 
 class PrintWithdrawn(Event):
-    """A printer cannot begin what it was given: when its agent has heard of that, it goes elsewhere."""
+    """A print that its printer cannot begin was taken back; its plate goes elsewhere once the agent knows."""
 
     print_id: str
     reason: str
@@ -199,7 +199,7 @@ class MaintenanceStarted(Event):
 
 
 class MaintenanceEnded(Event):
-    """It can be used again; what had to be looked at has been looked at."""
+    """A person put a printer back into use, and looked at what had to be looked at."""
 
     printer: str
     by: str
@@ -258,7 +258,7 @@ class ReelLoaded(Event):
 
 
 class BedReported(Event):
-    """An emulator's word on its bed and filament, taken where the books do not know."""
+    """An emulator reported its bed and filament; it counts where the books do not know."""
 
     printer: str
     bed: Bed
@@ -363,7 +363,7 @@ class StopPlanning(Instruction):
 
 
 class NameFiles(Instruction):
-    """Show a planned job's files under names that a person can read."""
+    """Link a planned job's files under readable names."""
 
     job: int
 

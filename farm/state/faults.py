@@ -1,4 +1,7 @@
-"""What the names of faults mean to the books. The drivers' own names are `drivers.errors.Fault`. Pure."""
+"""Faults as the books see them: losses, and failures that are not charged. Pure.
+
+The names that drivers report are `drivers.errors.Fault`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from drivers.errors import Fault
 
 
 class OwnFault(StrEnum):
-    """Why a print failed, where no agent's word says it."""
+    """Fault of a print that the farm finds itself."""
 
     BY_A_PERSON = "by_a_person"  # a person saw it go wrong (`farm fail`)
     PRINT_LOST = "print_lost"  # its agent knows nothing of it any more
@@ -25,8 +28,8 @@ LOSSES: frozenset[str] = frozenset(
         OwnFault.PRINT_LOST,
     }
 )
-"""A board, or the way to it, was gone; the others are a printer's own."""
+"""Faults of a board, or of the way to it, that was gone."""
 BY_PEOPLE: frozenset[str] = frozenset({OwnFault.BY_A_PERSON, Fault.ESTOP})
-"""A person ended the print."""
+"""Faults where a person ended the print."""
 UNCHARGED: frozenset[str] = BY_PEOPLE | {Fault.HOURS_ENDED, OwnFault.REFUSED}
-"""No attempt of a plate: nothing went wrong with it."""
+"""Faults that are not charged to a plate's attempts: nothing went wrong with it."""

@@ -1,4 +1,4 @@
-"""Several printers lost at once are one event: the power, a hub, or the host. Pure."""
+"""Outages: several printers lost at once by one cause, the power, a hub, or the host. Pure."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from farm.model import Printer
 
 WINDOW_S = 10.0
-"""Printers that are lost no further apart than this were lost by one cause."""
+"""Seconds between two losses that have one cause."""
 _LEAST_WALL_S = 1.0
 
 
 def window_s(scale: float) -> float:
-    """Farm seconds of the window, on a clock of so many of them in a wall second.
+    """Return the window in farm seconds, on a clock of `scale` of them in a wall second.
 
     The host tells of several losses one after the other: no shorter than that takes it.
     """
@@ -20,7 +20,7 @@ def window_s(scale: float) -> float:
 
 
 def lost_together(name: str, printers: Iterable[Printer], window_s: float = WINDOW_S) -> tuple[str, ...]:
-    """The printers that were lost with this one, each within the window of another of them.
+    """Find the printers that were lost with this one, each within the window of another of them.
 
     Parameters
     ----------

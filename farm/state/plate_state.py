@@ -13,7 +13,7 @@ from drivers.errors import Fault
 from farm.model import JobState, Plate, Print, PrintState, Verdict
 
 ATTEMPTS = 3
-"""How often a plate may fail before a person has to ask for it again."""
+"""Failures of a plate after which a person has to ask for it again."""
 
 
 class PlateState(StrEnum):

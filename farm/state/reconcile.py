@@ -1,4 +1,4 @@
-"""Bringing the books in line with what an agent says. Pure."""
+"""Reconciliation of the books with what an agent reports. Pure."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ CLOCKS_APART_S = 60.0
 
 
 def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
-    """What has happened to an open print, by its agent's word.
+    """Derive what has happened to an open print from its agent's snapshot.
 
     Parameters
     ----------
     attempt
         An open print of the books, on the printer of the snapshot.
     snapshot
-        The agent's latest word. An agent that has just been started has read its journal before it speaks.
+        The agent's latest. An agent that has just been started has read its journal before it reports.
     now_s
         Farm time, for what has no time of its own.
     """
@@ -31,7 +31,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
         begun = attempt.state is not PrintState.ASSIGNED
         reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
         # What it was told may be on its way: it is done with the print when it has heard of the end too.
-        if not begun and not (_over(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
+        if not begun and not (_is_gone(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
             if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
                 yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
             return
@@ -76,7 +76,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
 def refused_print_end(
     attempt: Print, printer: Printer, reason: str, late: bool, now_s: float
 ) -> ev.PrintEnded:
-    """The end of a print that its agent did not start: never begun where it came too `late`, else failed."""
+    """Return the end of a print that its agent did not start: failed, or never begun where it came `late`."""
     return ev.PrintEnded(
         at_s=now_s,
         print_id=attempt.id,
@@ -91,22 +91,31 @@ def refused_print_end(
     )
 
 
-def _over(snapshot: AgentSnapshot) -> bool:
-    """Whether there is no agent any more that could begin anything."""
+def _is_gone(snapshot: AgentSnapshot) -> bool:
+    """Tell whether there is no agent any more that could begin anything."""
     return snapshot.link is Link.ABSENT and snapshot.agent_pid is None
 
 
 def pending_instructions(
     attempt: Print, snapshot: AgentSnapshot, ends_by_s: float | None = None
 ) -> Iterator[ev.AnyInstruction]:
-    """What the agent of an open print has to be told (again): every message is idempotent by print id.
+    """Derive what the agent of an open print has to be told (again).
 
-    `ends_by_s` is when the print has to be ended; None where it takes what it takes.
+    Every message is idempotent by print id.
+
+    Parameters
+    ----------
+    attempt
+        An open print of the books.
+    snapshot
+        Its agent's latest.
+    ends_by_s
+        Farm time at which the print has to be ended; None where it may take as long as it takes.
     """
     said = snapshot.print if snapshot.print is not None and snapshot.print.print_id == attempt.id else None
     if snapshot.link is Link.STARTING:
         return  # nobody hears it
-    if said is not None and not said.state.ended and not _same(said.ends_by_s, ends_by_s):
+    if said is not None and not said.state.ended and not _is_same_moment(said.ends_by_s, ends_by_s):
         yield ev.SendEndBy(print_id=attempt.id, printer=attempt.printer, ends_by_s=ends_by_s)
     if attempt.cancel_reason is not None:
         if said is None or not said.state.ended:
@@ -120,15 +129,15 @@ def pending_instructions(
         yield ev.SendStart(print_id=attempt.id, printer=attempt.printer)
 
 
-def _same(one_s: float | None, other_s: float | None) -> bool:
-    """Whether two moments are one, as far as clocks of two hosts can tell."""
+def _is_same_moment(one_s: float | None, other_s: float | None) -> bool:
+    """Tell whether two moments are the same, as far as clocks of two hosts can tell."""
     if one_s is None or other_s is None:
         return one_s is other_s
     return abs(one_s - other_s) <= CLOCKS_APART_S
 
 
 def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
-    """What an idle printer's snapshot says of its bed and filament.
+    """Derive bed and filament of an idle printer from its snapshot.
 
     An agent that saw something happen which it did not cause (a reset, a lost port, a heater that somebody
     switched on) says so until a person has cleared the bed. An emulator, and nothing else, is asked where the
@@ -145,7 +154,7 @@ def observe_idle_printer(printer: Printer, snapshot: AgentSnapshot, now_s: float
 
 
 def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
-    """What is news of a heater that cannot be switched off, whatever the printer is doing."""
+    """Derive a new alarm of a heater that cannot be switched off, whatever the printer is doing."""
     if snapshot.alarm is not None and snapshot.alarm != printer.alarm:
         yield ev.PrinterAlarmed(at_s=now_s, printer=printer.name, reason=snapshot.alarm)
 
@@ -153,7 +162,7 @@ def detect_alarm(printer: Printer, snapshot: AgentSnapshot, now_s: float) -> Ite
 def handle_unknown_print(
     printer: Printer, known: Print | None, snapshot: AgentSnapshot, now_s: float
 ) -> Iterator[ev.AnyEvent | ev.AnyInstruction]:
-    """What to do about a print that an agent has and the books do not have open.
+    """Derive what to do about a print that an agent has and the books do not have open.
 
     Parameters
     ----------

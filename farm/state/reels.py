@@ -1,4 +1,4 @@
-"""What is on a printer's reel: said by a person, and less by every print. Pure."""
+"""Filament on a printer's reel: loaded by a person, used by every print. Pure."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from farm.model import Plate, Printer, PrintState, Reel
 
 
 def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | None) -> float:
-    """What a print that has ended took off its reel: all of it where nobody knows how far it came.
+    """Compute the grams that an ended print used: all of its plate's where its progress is not known.
 
     Parameters
     ----------
     share
-        Of its layers' time, how much was printed; None where it is not known.
+        Printed share of its layers' time, 0 to 1; None where it is not known.
     """
     if state is PrintState.DONE:
         return plate.grams
@@ -24,21 +24,21 @@ def used_grams(plate: Plate, state: PrintState, extruded: bool, share: float | N
 
 
 def subtract_grams(reel: Reel | None, grams: float) -> Reel | None:
-    """The reel after a print."""
+    """Return the reel with so much less on it, and never less than nothing."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"grams": max(0.0, reel.grams - grams)})
 
 
 def mark_uncertain(reel: Reel | None) -> Reel | None:
-    """The reel where prints may have taken of it that nobody knows of."""
+    """Return the reel where prints may have used some of it that are not known."""
     if reel is None or reel.grams is None:
         return reel
     return reel.model_copy(update={"doubted": True})
 
 
 def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSection:
-    """A printer of `fleet.yaml` with what a person has put on it since."""
+    """Return a printer of `fleet.yaml` with the reel that a person has loaded since."""
     if reel is None:
         return section
     has = {"material": reel.material, "colour": reel.colour, "nozzle_mm": reel.nozzle_mm}
@@ -46,7 +46,7 @@ def section_with_reel(section: PrinterSection, reel: Reel | None) -> PrinterSect
 
 
 def fleet_with_reels(fleet: Fleet, printers: Mapping[str, Printer]) -> Fleet:
-    """The fleet as it is now."""
+    """Return the fleet with the reels that are loaded now."""
     sections = tuple(
         section_with_reel(section, entry.reel if (entry := printers.get(section.name)) is not None else None)
         for section in fleet.printers

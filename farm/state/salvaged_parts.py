@@ -1,4 +1,4 @@
-"""Parts that are whole though their print failed: its agent died just before it noted the end. Pure."""
+"""Parts that are whole although their print failed: its agent died before it noted the end. Pure."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _WANTED = (PlateState.WAITING, PlateState.PRINTING, PlateState.OUT_OF_ATTEMPTS)
 
 
 def part_name(books: Books, attempt: Print) -> str:
-    """The part that a print makes."""
+    """Return the part that a print makes."""
     return books.plates[attempt.plate].parts[0]
 
 
 def failed_print_on(books: Books, printer: str) -> Print | None:
-    """The print that failed or was cancelled and left its part on a bed; None where nothing lies there."""
+    """Return the failed or cancelled print whose part lies on a bed; None where nothing lies there."""
     last = books.last_print_on(printer)
     if last is None or books.open_print_on(printer) is not None or books.printer(printer).bed is Bed.CLEAR:
         return None
@@ -28,7 +28,7 @@ def failed_print_on(books: Books, printer: str) -> Print | None:
 
 
 def possibly_whole_print(books: Books, printer: str) -> Print | None:
-    """The failed print on a bed that lasted as long as its plate takes, and whose part is still wanted.
+    """Return the failed print on a bed that took as long as its plate does, if its part is still wanted.
 
     How far an agent was when it died is not known; when the next one had ended the heat is.
     """
@@ -46,12 +46,12 @@ def possibly_whole_print(books: Books, printer: str) -> Print | None:
 
 
 def reprinting_printers(books: Books, attempt: Print) -> list[str]:
-    """The printers that make a print's part again."""
+    """Return the printers that print a print's part again."""
     return sorted(other.printer for other in _reprints(books, attempt) if other.cancel_reason is None)
 
 
 def attempted_plates(books: Books, attempt: Print) -> Iterator[Plate]:
-    """The plates of its job that a print is an attempt at; several where its part was cut again."""
+    """Yield the plates that a print is an attempt at; several where its part was cut again."""
     return (p for p in books.plates_of(books.jobs[attempt.job]) if attempt.id in p.prints)
 
 

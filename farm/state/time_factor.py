@@ -1,31 +1,31 @@
-"""How much slower than the slicer says a printer prints, learned from the prints that it ended. Pure."""
+"""Time factor of a printer: its layers' time over the slicer's, learned from its prints. Pure."""
 
 from __future__ import annotations
 
 LEAST, MOST = 0.8, 1.25
-"""What a printer that works can differ; beyond it something else is wrong."""
+"""Limits of the factor of a printer that works; beyond them something else is wrong."""
 SHORTEST_S = 600.0
-"""Shorter prints say more of the heat-up than of the layers."""
+"""Least duration of a print to learn from: shorter ones say more of the heat-up than of the layers."""
 MOST_STARVED = 0.01
-"""A simulated printer that waited for its host for a larger share did not print at its own speed."""
+"""Largest share of a print in which a simulated printer may have waited for its host."""
 _WILD = 2.0
 _STEP = 0.1
 _WEIGHT = 0.25
 
 
 def update_time_factor(factor: float, expected_s: float, reached_s: float, starved_s: float = 0.0) -> float:
-    """A printer's factor after one more print: an exponentially weighted mean of bounded steps.
+    """Update a printer's factor by one more print: an exponentially weighted mean of bounded steps.
 
     Parameters
     ----------
     factor
-        What was learned so far; 1 at first.
+        As learned so far; 1 at first.
     expected_s
-        What the slicer says that the layers take, without any factor.
+        Seconds that the layers take by the slicer, without any factor.
     reached_s
-        What they took, without heat-up, start and end code.
+        Seconds that they took, without heat-up, start and end code.
     starved_s
-        How long of that a simulated printer waited for its host.
+        Seconds of that in which a simulated printer waited for its host.
 
     Returns
     -------

@@ -15,7 +15,7 @@ from farm.state.transitions import apply
 def import_agent_journal(
     books: Books, snapshot: AgentSnapshot, prints: Sequence[AgentPrint], now_s: float
 ) -> Iterator[ev.AnyEvent]:
-    """What has happened on a printer since its books were copied.
+    """Derive what has happened on a printer since its books were copied.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def import_agent_journal(
     """
     name, unknown = snapshot.printer, 0
 
-    def happened(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
+    def applied(events: Iterable[ev.AnyEvent]) -> Iterator[ev.AnyEvent]:
         nonlocal books
         for event in events:
             books, _ = apply(event, books)
@@ -37,27 +37,27 @@ def import_agent_journal(
 
     left = books.open_print_on(name)
     if left is not None and left.id not in {said.print_id for said in prints}:
-        yield from happened(reconcile(left, snapshot.model_copy(update={"print": None}), now_s))
+        yield from applied(reconcile(left, snapshot.model_copy(update={"print": None}), now_s))
     for said in prints:
         attempt = books.prints.get(said.print_id)
         if attempt is None or attempt.printer != name:
             free = attempt is None and books.open_print_on(name) is None
-            plate = plate_of(books, name, said) if free else None
+            plate = find_plate(books, name, said) if free else None
             if plate is None:
                 unknown += said.state is PrintState.DONE or not said.state.ended
                 continue
             found = ev.PrintFound(
                 at_s=said.started_s or now_s, plate=plate.id, printer=name, print_id=said.print_id
             )
-            yield from happened([found])
+            yield from applied([found])
             attempt = books.prints[said.print_id]
         if not attempt.state.ended:
-            yield from happened(reconcile(attempt, snapshot.model_copy(update={"print": said}), now_s))
+            yield from applied(reconcile(attempt, snapshot.model_copy(update={"print": said}), now_s))
     yield ev.AgentJournalImported(at_s=now_s, printer=name, unknown=unknown)
 
 
-def plate_of(books: Books, printer: str, said: AgentPrint) -> Plate | None:
-    """The plate of a print that the books do not know: one of its very file that is not printed.
+def find_plate(books: Books, printer: str, said: AgentPrint) -> Plate | None:
+    """Find the plate of a print that the books do not know: one of its very file that is not printed.
 
     Plates of one file are alike: one that waits is taken first, or one that was planned for this printer. A
     print that began before a job was planned is none of its.
@@ -79,6 +79,6 @@ def _waits(books: Books, plate: Plate) -> bool:
 
 
 def _waited(books: Books, plate: Plate) -> bool:
-    """Whether a plate may have waited since: no agent has said yet that what the books have open still is."""
+    """Tell whether a plate may wait again: no agent has confirmed yet that its open prints still are."""
     still = [attempt.restored for attempt in books.prints_of(plate) if not attempt.state.ended]
     return books.plate_state(plate) is PlateState.PRINTING and all(still)

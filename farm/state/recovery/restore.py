@@ -15,18 +15,18 @@ HOLD = Hold(
 
 
 def restore_books(event: ev.BooksRestored, books: Books) -> Books:
-    """No bed is known to be clear, and no job goes on before a person has looked what is printed of it.
+    """Mark every bed as not clear, and hold every job until a person has looked what is printed of it.
 
     What the agents print, or have printed since, is taken over by their word (`journal_import`).
     """
-    printers = [_unsure(printer, event, books) for printer in books.printers.values()]
+    printers = [_restored_printer(printer, event, books) for printer in books.printers.values()]
     prints = [edited(attempt, restored=True) for attempt in books.open_prints()]
-    jobs = [_frozen(job) for job in books.jobs.values() if not job.state.ended]
+    jobs = [_held_job(job) for job in books.jobs.values() if not job.state.ended]
     return put(books, *printers, *prints, *jobs)
 
 
-def _unsure(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
-    """A printer of which nobody knows what it did since."""
+def _restored_printer(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
+    """Return a printer of which nobody knows what it did since the copy."""
     since_s = event.copied_s
     if printer.unreported_since_s is not None:
         since_s = min(since_s, printer.unreported_since_s)
@@ -43,8 +43,8 @@ def _unsure(printer: Printer, event: ev.BooksRestored, books: Books) -> Printer:
     )
 
 
-def _frozen(job: Job) -> Job:
-    """A job that goes on when a person has approved it; it may have been planned, and approved, since."""
+def _held_job(job: Job) -> Job:
+    """Return a job that goes on when a person has approved it; it may have been approved since the copy."""
     if job.state in (JobState.QUEUED, JobState.PLANNING):
         return edited(job, options=job.options.model_copy(update={"hold": True}), restored=True)
     return edited(job, state=JobState.HELD, hold=HOLD, restored=True)
@@ -66,7 +66,7 @@ def book_found_print(event: ev.PrintFound, books: Books) -> Books:
 
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:
-    """An agent has said all; a person looks where that is of no plate in the books."""
+    """Book that an agent has reported all; a person looks at prints that fit no plate."""
     printer = edited(books.printer(event.printer), unreported_since_s=None)
     if event.unknown:
         prints = "a print" if event.unknown == 1 else f"{event.unknown} prints"

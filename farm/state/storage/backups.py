@@ -1,4 +1,4 @@
-"""The nightly copies of the books, and their way back where the books are damaged."""
+"""Nightly copies of the books, and their restoration where the books are damaged."""
 
 from __future__ import annotations
 
@@ -86,30 +86,30 @@ class Nightly:
 
 
 def copies(state: StateFolder) -> list[Path]:
-    """The newest first; files that a person put there have names of another form."""
+    """List the copies, the newest first; files that a person put there have names of another form."""
     return sorted(state.backups.glob(_NAMES), reverse=True)
 
 
 def made_s(copy: Path) -> float:
-    """When a copy was made, in farm time."""
+    """Return when a copy was made, in farm time."""
     return datetime.strptime(copy.stem, _STAMP).replace(tzinfo=UTC).timestamp()
 
 
 def next_s(now_s: float, zone: tzinfo) -> float:
-    """When the next copy is due."""
+    """Return when the next copy is due."""
     now = datetime.fromtimestamp(now_s, zone)
     due = now.replace(hour=_HOUR, minute=0, second=0, microsecond=0, fold=0)
     return (due if due.timestamp() > now_s else due + timedelta(days=1)).timestamp()
 
 
 def is_due(state: StateFolder, now_s: float) -> bool:
-    """Whether there is no copy of the last day: a farm may be off every night."""
+    """Tell whether there is no copy of the last day: a farm may be off every night."""
     newest = next(iter(copies(state)), None)
     return newest is None or made_s(newest) < now_s - 86400.0
 
 
 def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
-    """The books; where they are damaged, the newest copy that is whole. Damaged ones are kept, renamed.
+    """Open the books; where they are damaged, the newest whole copy of them. Damaged ones are renamed.
 
     With them comes when they were copied, where they are a copy that has not been restored yet: put there
     now, by a daemon that died over it, or by a person.

@@ -9,13 +9,13 @@ from pathlib import Path
 
 
 def sha256_of(path: Path) -> str:
-    """The SHA-256 of a file's bytes, in hex."""
+    """Compute the SHA-256 of a file's bytes, in hex."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def name_files(folder: Path, store: Path, names: Mapping[str, str]) -> None:
-    """Let a folder have these links into the store, name -> stored name, and none besides."""
+    """Give a folder these links into the store (name -> stored name), and no others."""
     folder.mkdir(parents=True, exist_ok=True)
     way = Path(os.path.relpath(store, folder))
     for link in folder.iterdir():

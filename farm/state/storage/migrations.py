@@ -1,4 +1,4 @@
-"""The form of the books on disk, and how older ones are brought to it, as SQL. Pure.
+"""Form of the books on disk, and migrations of older forms to it, as SQL. Pure.
 
 A row's `crc` is that of its body's bytes: `crc32` is a function that the store gives SQLite.
 """
@@ -18,9 +18,9 @@ TABLES: dict[type[Entity], str] = {
 }
 _COPIED = "copied (at_s REAL NOT NULL)"
 COPIED = f"CREATE TABLE IF NOT EXISTS {_COPIED}"
-"""When these books were copied, as long as nobody has restored them."""
+"""Table with the time at which these books were copied, until they are restored."""
 CHANGED = "SELECT id FROM {} WHERE crc IS NOT crc32(CAST(body AS BLOB)) LIMIT 1"
-"""A row of a table that is not as it was written."""
+"""Query for a row of a table that is not as it was written."""
 
 _EMPTY = (
     *(f"CREATE TABLE {t} (id TEXT PRIMARY KEY, body TEXT NOT NULL, crc INTEGER)" for t in TABLES.values()),
@@ -28,8 +28,8 @@ _EMPTY = (
     " (seq INTEGER PRIMARY KEY, at_s REAL NOT NULL, kind TEXT NOT NULL, body TEXT NOT NULL)",
 )
 WRITTEN = frozenset((*_EMPTY, f"CREATE TABLE {_COPIED}"))
-"""What SQLite says of the tables: a letter of it may be wrong, and it goes on with another table."""
-_LYING = """
+"""Tables as SQLite lists them: with one letter of that damaged, it would go on with another table."""
+_LAST_ON_BED = """
     SELECT json_extract(p.body, '$.id') AS id, json_extract(p.body, '$.job') AS job
     FROM print AS p JOIN printer ON printer.id = json_extract(p.body, '$.printer')
     WHERE json_extract(printer.body, '$.bed') <> 'clear' AND json_extract(p.body, '$.ended_s') = (
@@ -39,14 +39,14 @@ _LYING = """
 """
 _FROM_1 = (  # a verdict was the part's, and of no use; it is the print's, and asked for by its bed
     "UPDATE part SET body = json_remove(body, '$.verdict')",
-    f"CREATE TEMP TABLE lying AS {_LYING}",
+    f"CREATE TEMP TABLE lying AS {_LAST_ON_BED}",
     "UPDATE print SET body = json_set(body, '$.verdict', 'good')"
     " WHERE json_extract(body, '$.state') = 'done' AND id NOT IN (SELECT id FROM lying)",
     "UPDATE job SET body = json_set(body, '$.state', 'done')"
     " WHERE json_extract(body, '$.state') = 'printed' AND CAST(id AS INTEGER) NOT IN (SELECT job FROM lying)",
     "DROP TABLE lying",
 )
-"""What was taken off its bed before anybody was asked is good; what lies there may still be judged."""
+"""Parts that had left their beds before anybody was asked count as good; the others can be judged."""
 _FROM_2 = tuple(
     statement
     for table in TABLES.values()
@@ -56,4 +56,4 @@ _FROM_2 = tuple(
     )
 )
 STEPS = {0: _EMPTY, 1: (*_FROM_1, *_FROM_2), 2: _FROM_2, FORM: ()}
-"""From each form to today's; 0 is that of an empty file."""
+"""Statements that lead from each form to the present one; 0 is that of an empty file."""

@@ -1,4 +1,4 @@
-"""The books on disk: SQLite in WAL mode, one transaction an event. The only import of sqlite3."""
+"""Books on disk: SQLite in WAL mode, one transaction an event. The only import of sqlite3."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class StoreError(FarmError):
 
 
 class DamagedBooks(StoreError):
-    """What is on the disk are no books any more."""
+    """The books on the disk are damaged."""
 
 
 _COUNT = "-count"  # after the books' name: how many events they had when the last one was committed
@@ -36,7 +36,7 @@ _STORY = """
     SELECT at_s, kind, json_extract(body, '$.state') FROM event
     WHERE json_extract(body, ?) = ? OR json_extract(body, ?) = ? ORDER BY seq DESC LIMIT 8
 """
-"""The last events about an entity; a job's first event has it whole."""
+"""Query for the last events about an entity; a job's first event has it whole."""
 _OUTER = frozenset(
     (
         *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_NOMEM),
@@ -126,7 +126,7 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
 
 
 class Store:
-    """Where the books are kept. Every method may raise StoreError.
+    """Database of the books. Every method may raise StoreError.
 
     Each entity is a row of its kind's table, with its fields as JSON: the books are read whole at start and
     live in memory, so that nothing but the daemon's own model needs to know them.
@@ -194,12 +194,12 @@ class Store:
                 raise DamagedBooks(f"the books {self._path} are damaged: {table} {bad[0]} was changed")
 
     def _committed(self) -> int:
-        """How many events these books have."""
+        """Return how many events these books have."""
         (number,) = self._db.execute("SELECT coalesce(max(seq), 0) FROM event").fetchone()
         return int(number)
 
     def _counted(self) -> int:
-        """How many events were committed; 0 where nobody knows."""
+        """Return how many events were committed; 0 where nobody knows."""
         with suppress(OSError, ValueError):
             return int(self._path.with_name(self._path.name + _COUNT).read_bytes())
         return 0
@@ -218,7 +218,7 @@ class Store:
 
     @property
     def copied_s(self) -> float | None:
-        """Until when these books know all; None where they are neither a copy nor have lost their end.
+        """Return until when these books are complete; None where they are no copy and lost nothing.
 
         Once a `BooksRestored` is committed they are neither.
         """
@@ -228,7 +228,7 @@ class Store:
         return None if at_s is None else float(at_s)
 
     def load(self) -> Books:
-        """The books as last committed."""
+        """Load the books as last committed."""
         return _load(self._db)
 
     def commit(self, event: Event, before: Books, after: Books) -> None:
@@ -260,7 +260,7 @@ class Store:
             self._lost = False
 
     def events(self) -> list[tuple[float, str, str]]:
-        """The event log: farm time, name, JSON."""
+        """Return the event log: farm time, kind and JSON of each."""
         return self._db.execute("SELECT at_s, kind, body FROM event ORDER BY seq").fetchall()
 
     def tell_story(self, error: InvalidTransition) -> InvalidTransition:
