@@ -81,7 +81,7 @@ class FleetSection(_Section):
     @model_validator(mode="after")
     def _somebody_comes(self) -> Self:
         if self.first_layers_attended and not self.attended:
-            raise Misplaced("needs `attended`: when is somebody there?", "fleet", "first_layers_attended")
+            raise Misplaced("needs `attended` hours under `fleet`", "fleet", "first_layers_attended")
         return self
 
     @field_validator("timezone")
@@ -90,7 +90,7 @@ class FleetSection(_Section):
         try:
             ZoneInfo(value)
         except (ZoneInfoNotFoundError, ValueError, OSError) as error:  # a folder of zones, like Europe
-            raise ValueError(f"{value!r} is no time zone; use a name like Europe/Berlin") from error
+            raise ValueError(f"{value!r} is not a time zone; use a name like Europe/Berlin") from error
         return value
 
 
@@ -126,7 +126,7 @@ class PrinterSection(_Section):
             return value
         if value.startswith("socket://"):
             raise ValueError("socket:// has no DTR, so a board could not be stopped: use rfc2217://HOST:PORT")
-        raise ValueError(f"{value!r} is no port: use a device path, rfc2217://HOST:PORT or sim://MODEL")
+        raise ValueError(f"{value!r} is not a port: use a device path, rfc2217://HOST:PORT or sim://MODEL")
 
     @field_validator("power_off_cmd")
     @classmethod
@@ -134,9 +134,9 @@ class PrinterSection(_Section):
         try:
             words = value is None or shlex.split(value)
         except ValueError as error:
-            raise ValueError(f"{value!r} is no command: {error}") from error
+            raise ValueError(f"{value!r} is not a command: {error}") from error
         if not words:
-            raise ValueError("is empty: leave it out where there is no relay")
+            raise ValueError("is empty: leave it out if there is no relay")
         return value
 
     @model_validator(mode="after")
@@ -163,7 +163,7 @@ class Fleet(_Section):
                 raise Misplaced(twice, *place, "name")
             names.add(printer.name)
             if not printer.unattended and not self.fleet.attended:
-                nobody = f"{printer.name} has `unattended: false`: say `attended` hours under `fleet`"
+                nobody = f"{printer.name} has `unattended: false`: this needs `attended` hours under `fleet`"
                 raise Misplaced(nobody, *place, "unattended")
             if printer.simulated:
                 continue
@@ -233,12 +233,12 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise FleetFileError(
-            f"{path}: there is no such file; write one with the printers that `farm discover` lists, or name "
+            f"{path}: no such file; write one with the printers that `farm discover` lists, or give "
             "yours with --fleet"
         ) from error
     except (OSError, UnicodeDecodeError) as error:
         why = (error.strerror if isinstance(error, OSError) else None) or error
-        raise FleetFileError(f"{path}: cannot be read ({why}); name another file with --fleet") from error
+        raise FleetFileError(f"{path}: cannot be read ({why}); give another file with --fleet") from error
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
         raw = yaml.load(text, Loader=_Loader)  # a SafeLoader
@@ -249,9 +249,9 @@ def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None
         what = " ".join(str(getattr(error, "problem", None) or error).split())
         raise FleetFileError(f"{where}: not YAML: {what}") from error
     except RecursionError as error:
-        raise FleetFileError(f"{path}: is nested too deeply; see the example in the README") from error
+        raise FleetFileError(f"{path}: nested too deeply; see the example in the README") from error
     if twice is not None:
-        raise FleetFileError(_mistake(path, node, twice, "is written twice"))
+        raise FleetFileError(_mistake(path, node, twice, "appears twice"))
     if not isinstance(raw, dict) or not isinstance(raw.get("printers"), list):
         raise FleetFileError(f"{path}: needs a list `printers`; see the example in the README")
     defaults = raw.pop("defaults", None) or {}

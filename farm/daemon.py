@@ -198,8 +198,8 @@ def run(fleet: Fleet, places: Places) -> None:
             asyncio.run(Daemon(fleet, places).run())
     except OSError as error:
         raise FarmError(
-            f"the state folder {places.state.root} cannot be used ({error}): has its disk room, and may it "
-            "be written?"
+            f"the state folder {places.state.root} cannot be used ({error}): check its disk space and its "
+            "permissions"
         ) from error
 
 
@@ -211,7 +211,7 @@ def _only_one(state: StateFolder) -> Iterator[None]:
     except BlockingIOError:
         lock.seek(0)
         raise Refused(
-            f"another daemon (pid {lock.read().strip()}) has the state folder {state.root}"
+            f"another daemon (pid {lock.read().strip()}) uses the state folder {state.root}"
         ) from None
     with lock:
         lock.truncate(0)
@@ -235,7 +235,7 @@ def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
         write_anchor(state.clock, *saved)
     if saved[0] != scale:
         raise Refused(
-            f"the state folder {state.root} lives on a clock of time_scale {saved[0]:g}, not {scale:g}: "
-            "set it back, or name another folder with --state"
+            f"the state folder {state.root} was used with time_scale {saved[0]:g}, not {scale:g}: "
+            "set it back, or give another folder with --state"
         )
     return Clock(*saved)

@@ -27,8 +27,8 @@ _LIMITS = {
     "greater_than_equal": "at least {ge:g}",
     "less_than": "less than {lt:g}",
     "less_than_equal": "at most {le:g}",
-    "string_too_short": "{min_length} characters long at least",
-    "string_too_long": "{max_length} characters long at most",
+    "string_too_short": "at least {min_length} characters long",
+    "string_too_long": "at most {max_length} characters long",
 }
 
 
@@ -46,7 +46,7 @@ def in_words(error: ErrorDetails, pattern_hint: str | None = None) -> str:
     if kind == "missing":
         return "is missing" if isinstance(error["loc"][-1], str) else "is one value short"
     if kind == "string_pattern_mismatch":
-        return f"must be {pattern_hint or 'written otherwise'}, not {str(error['input'])!r}"
+        return f"must be {pattern_hint or 'written differently'}, not {str(error['input'])!r}"
     if kind == "invalid_key":
         return "a key must be text"
     if kind in _LIMITS:

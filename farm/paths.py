@@ -76,7 +76,9 @@ class StateFolder:
             for folder in (self.files, self.work, self.slices, self.root / "agents"):
                 folder.mkdir(mode=0o700, exist_ok=True)
         except OSError as error:
-            raise FarmError(f"the state folder {self.root} cannot be used ({error}); name another") from error
+            raise FarmError(
+                f"the state folder {self.root} cannot be used ({error}); give another with --state"
+            ) from error
 
 
 @dataclass(frozen=True, slots=True)

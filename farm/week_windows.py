@@ -8,7 +8,7 @@ from datetime import time
 
 DAYS = ("mon", "tue", "wed", "thu", "fri", "sat", "sun")
 _WINDOW = re.compile(r"(?:([a-z,-]+)\s+)?(\d{1,2}):(\d{2})\s*-\s*(\d{1,2}):(\d{2})")
-_EXAMPLE = "write it like 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-06:00'"
+_EXAMPLE = "write it as 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-06:00'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +30,7 @@ def parse_window(text: str) -> Window:
     """
     found = _WINDOW.fullmatch(text.strip().lower())
     if found is None:
-        raise ValueError(f"{text!r} is no time of the week; {_EXAMPLE}")
+        raise ValueError(f"{text!r} is not a time of the week; {_EXAMPLE}")
     days, *numbers = found.groups()
     hour, minute, end_hour, end_minute = map(int, numbers)
     if (end_hour, end_minute) == (24, 0):
@@ -49,7 +49,7 @@ def _days(words: str | None, text: str) -> frozenset[int]:
     for word in words.split(","):
         first, _, last = word.partition("-")
         if first not in DAYS or (last or first) not in DAYS:
-            raise ValueError(f"{text!r}: {word!r} is no day; use {', '.join(DAYS)}")
+            raise ValueError(f"{text!r}: {word!r} is not a day; use {', '.join(DAYS)}")
         begin, end = DAYS.index(first), DAYS.index(last or first)
         days |= {(begin + step) % 7 for step in range((end - begin) % 7 + 1)}
     return frozenset(days)

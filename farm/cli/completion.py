@@ -67,4 +67,6 @@ def _targets(names: Names, context: typer.Context) -> Offers:
 
 
 printers, jobs, parts, targets = map(_offering, (_printers, _jobs, _parts, _targets))
-beds = _offering(lambda names, context: [*_printers(names, context), ("all", "every bed that is not clear")])
+beds = _offering(
+    lambda names, context: [*_printers(names, context), ("all", "all beds that wait to be cleared")]
+)

@@ -138,7 +138,7 @@ class Workers:
                 ) from None
             except EOFError:
                 if self._closed:
-                    raise FarmError(f"{limit.what} was given up: the daemon ends") from None
+                    raise FarmError(f"{limit.what} was stopped: the daemon is shutting down") from None
                 ended = worker.wait()
                 log.warning("worker %d ended by itself (%s)", worker.pid, ended)
                 continue

@@ -80,7 +80,7 @@ class JobAdmission:
                 continue
             decision: Begin | Hold | None = _own_hold(job, situation)
             if decision is None and own in fronts:
-                text = f"job {fronts[own].id} is in front of it"
+                text = f"job {fronts[own].id} goes first"
                 decision = Hold(code=HoldCode.NOT_FRONT, text=text)
             if decision is None:
                 fronts[own] = job

@@ -38,7 +38,7 @@ class JobCommands:
         """
         start_and_deadline_s(options, self._controller.rules, self._controller.clock.now())
         if self._controller.stopping:
-            raise Refused("the farm is going down: submit again when it is up")
+            raise Refused("the farm is shutting down: submit again after `farm up`")
 
     def submit(
         self,
@@ -79,7 +79,7 @@ class JobCommands:
         job = self._controller.books.job(number)
         if job.state.ended:
             again = f"; `farm reprint {number} PART` prints a part again" if job.parts else ""
-            raise Refused(f"job {number} has ended already: it is {job.state}{again}")
+            raise Refused(f"job {number} has already ended: it is {job.state}{again}")
         self._controller.handle(ev.JobCancelled(at_s=self._controller.clock.now(), job=number, by=by))
 
     def pause(self, number: int, wanted: bool, by: str) -> None:
@@ -87,10 +87,10 @@ class JobCommands:
         books = self._controller.books
         job = books.job(number)
         if job.state.ended:
-            raise Refused(f"job {number} has ended already: it is {job.state}")
+            raise Refused(f"job {number} has already ended: it is {job.state}")
         parts = not wanted and any(plate.paused for plate in books.plates_of(job))
         if job.paused is wanted and not parts:
-            raise Refused(f"job {number} is {'paused already' if wanted else 'not paused'}")
+            raise Refused(f"job {number} is {'already paused' if wanted else 'not paused'}")
         if not wanted:
             paused = (p.printer for p in books.open_prints(number) if p.pause_requested)
             self._printers.refuse_unattended(sorted(paused))
@@ -117,12 +117,14 @@ class JobCommands:
         for plate in list(self._controller.books.plates_of(job)):
             path = state.files / plate.gcode
             if not path.is_file() or await asyncio.to_thread(sha256_of, path) != plate.sha256:
-                raise Refused(f"plate {plate.id} is not what was planned: {path}; submit the model again")
+                raise Refused(
+                    f"plate {plate.id} has changed since it was planned: {path}; submit the model again"
+                )
         self._held(number)  # it may have been cancelled meanwhile
         self._controller.handle(ev.JobApproved(at_s=self._controller.clock.now(), job=number, by=by))
 
     def _held(self, number: int) -> Job:
         job = self._controller.books.job(number)
         if job.state is not JobState.HELD:
-            raise Refused(f"job {number} waits for no approval: it is {job.state}")
+            raise Refused(f"job {number} is not waiting for approval: it is {job.state}")
         return job

@@ -71,7 +71,7 @@ class Notifier:
             half.write_text(json.dumps({"since_s": self._since_s, "told": self._told}))
             half.replace(self._file)
         except OSError as error:
-            log.warning("%s: cannot be written (%s): what was told may be told again", self._file, error)
+            log.warning("%s: cannot be written (%s): some notices may be sent twice", self._file, error)
 
     def _send(self) -> None:
         while True:

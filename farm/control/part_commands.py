@@ -11,13 +11,13 @@ from farm.state.plate_state import PlateState, stopped_print
 from farm.text import part_number
 
 _PRINTED = {
-    PlateState.PRINTED: "is printed already",
-    PlateState.GOOD: "is printed already",
-    PlateState.CANCELLED: "is cancelled already",
+    PlateState.PRINTED: "is already printed",
+    PlateState.GOOD: "is already printed",
+    PlateState.CANCELLED: "is already cancelled",
 }
 _COMING = {
     PlateState.PRINTING: "is being printed: `farm fail {printer}` ends that print and prints it again",
-    PlateState.WAITING: "waits to be printed already",
+    PlateState.WAITING: "already waits to be printed",
 }
 
 
@@ -64,12 +64,12 @@ class PartCommands:
             return printer
         name, standing = plate.parts[0], self._controller.books.plate_state(plate)
         if standing is not PlateState.WAITING:
-            why = _PRINTED.get(standing, f"failed too often: `farm reprint {job} {part}`")
+            why = _PRINTED.get(standing, f"failed too often: print it again with `farm reprint {job} {part}`")
             raise Refused(f"part {name} {why}")
         if plate.paused is wanted:
             if not wanted and self._controller.books.job(job).paused:
-                raise Refused(f"job {job} is paused: `farm resume {job}` lets its parts go on")
-            raise Refused(f"part {name} is {'paused already' if wanted else 'not paused'}")
+                raise Refused(f"job {job} is paused: `farm resume {job}` resumes its parts")
+            raise Refused(f"part {name} is {'already paused' if wanted else 'not paused'}")
         at_s = self._controller.clock.now()
         self._controller.handle(ev.PlatePaused(at_s=at_s, plate=plate.id, wanted=wanted, by=by))
         return ""
@@ -85,7 +85,7 @@ class PartCommands:
             if whole.job == job and part_number(whole.id) == part_number(part):
                 names = books.plates[whole.plate].replaced_by
                 pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
-                raise Refused(f"part {whole.id} failed and was cut again: name its pieces {pieces}")
+                raise Refused(f"part {whole.id} failed and was cut into smaller parts: give {pieces}")
         known = " ".join(name.rpartition("/")[2] for name in entry.parts) or "none yet"
         raise NoSuchThing(f"job {job} has no part {part}; its parts are {known}")
 

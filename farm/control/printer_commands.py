@@ -27,7 +27,7 @@ class PrinterCommands:
         """End what is printed there, because it goes wrong, and print its parts again."""
         attempt = self.open_print(printer, f"; of what is printed, `farm cleared {printer} --bad`")
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
-            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
+            raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         self._controller.handle(
             ev.PrintFailRequested(at_s=self._controller.clock.now(), print_id=attempt.id, why=why, by=by)
         )
@@ -36,7 +36,7 @@ class PrinterCommands:
         """Have what is printed there wait, or go on; while it heats it is told when it prints."""
         attempt = self.open_print(printer)
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
-            raise Refused(f"{printer}: its print is ending; take it off, then `farm cleared {printer}`")
+            raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         if not wanted and not attempt.pause_requested and attempt.state is not PrintState.PAUSED:
             raise Refused(f"{printer} is not paused")
         if not wanted:
@@ -67,7 +67,7 @@ class PrinterCommands:
             raise Refused(f"{printer} is printing: its bed cannot be clear")
         judged = books.print_to_judge(printer)
         if request.bad and judged is None:
-            raise Refused(f"nothing that was printed on {printer} waits for a verdict: leave --bad out")
+            raise Refused(f"no part printed on {printer} waits for a verdict: leave out --bad")
         whole = None if request.good is None else self._failed_print_of(printer, request.good)
         self._controller.handle(
             ev.BedCleared(
@@ -94,12 +94,12 @@ class PrinterCommands:
         attempt = judged or failed
         if attempt is None:
             raise Refused(
-                f"no part is known to lie on {printer}: `farm history {printer}` has what it printed"
+                f"no part is recorded on {printer}: `farm history --printer {printer}` lists its prints"
             )
         name = part_name(books, attempt)
         job = part.rpartition("/")[0]
         if part_number(part) != part_number(name) or job not in ("", str(attempt.job)):
-            raise Refused(f"what lies on {printer} is part {name}, not {part}")
+            raise Refused(f"the part on {printer} is {name}, not {part}")
         return failed if judged is None else None
 
     async def load_reel(self, printer: str, request: api.LoadRequest, by: str) -> Reel:
@@ -127,7 +127,7 @@ class PrinterCommands:
 
     def _refuse_printing(self, printer: str) -> None:
         if self._controller.books.open_print_on(printer) is not None:
-            raise Refused(f"{printer} is printing: say what is on its reel when it has ended")
+            raise Refused(f"{printer} is printing: use `farm load` after the print has ended")
 
     def begin_maintenance(self, printer: str, why: str, by: str) -> None:
         """Take a printer out of use; what it prints goes on to its end."""
@@ -147,7 +147,7 @@ class PrinterCommands:
         """Book that what took several printers at once has been seen to. Returns the printers."""
         outage = self._controller.books.outage
         if outage is None:
-            raise Refused("no printers were lost at once: name what to resume (a printer, a job, a part)")
+            raise Refused("there is no outage: give a printer, a job or a part to resume")
         self._controller.handle(ev.OutageConfirmed(at_s=self._controller.clock.now(), by=by))
         return " ".join(outage.printers)
 

@@ -183,9 +183,7 @@ def check_clock(facts: Facts) -> Iterator[Finding]:
         return
     scale, zone = facts.fleet.fleet.time_scale, facts.fleet.fleet.timezone
     if clock.anchor is not None and clock.anchor[0] != scale:
-        text = (
-            f"the state folder lives on a clock of time_scale {clock.anchor[0]:g}, fleet.yaml says {scale:g}"
-        )
+        text = f"the state folder was used with time_scale {clock.anchor[0]:g}, fleet.yaml says {scale:g}"
         yield problem("clock", text, "set it back in fleet.yaml, or name another folder with --state")
     elif clock.anchor is not None and clock.anchor[1] > clock.now_s:
         text = "the farm's clock was started later than it is now: the host's clock was set back"

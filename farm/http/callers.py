@@ -100,7 +100,7 @@ def operator(request: Request) -> str:
     if group is None or (person is not None and person.uid in (0, os.getuid())):
         return anybody(request)
     if person is None or not person.belongs_to(group):
-        raise Refused(f"{anybody(request)} is no operator: only members of the group {group} may do this")
+        raise Refused(f"{anybody(request)} is not an operator: only members of the group {group} may do this")
     return person.name
 
 

@@ -54,7 +54,7 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
     @router.post("/printers/{name}/replace")
     async def replace_agent(name: str, by: ByOperator) -> None:
         if services.controller.books.open_print_on(name) is not None:
-            raise Refused(f"{name} prints: its agent can be replaced when that has ended")
+            raise Refused(f"{name} is printing: replace its agent after the print has ended")
         await services.replace_agent(name)
 
     @router.post("/outage/confirm")

@@ -146,7 +146,7 @@ class JobPlanner:
                 if isinstance(result, FarmError):
                     return
                 result = FarmError(
-                    f"its plan is not taken: {type(error).__name__}: {error}; see the daemon's log"
+                    f"its plan was refused: {type(error).__name__}: {error}; see the daemon's log"
                 )
 
     async def _plan(self, job: Job, task: DecomposeTask) -> Plan:

@@ -111,7 +111,9 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
     if not idle:
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
         if not obstacles:
-            return Hold(code=HoldCode.PRINTER_BUSY, text="every matching printer has a plate waiting")
+            return Hold(
+                code=HoldCode.PRINTER_BUSY, text="every matching printer is reserved for another plate"
+            )
         # What ends by itself is waited for; a person is asked only where nothing does.
         busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
         full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
@@ -124,7 +126,7 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
     least = request.least_parts
     if least > given:
         if least <= ceiling:
-            text = f"it needs {least} printers in one round, {given} of {ceiling} are idle and clear"
+            text = f"it needs {least} printers at the same time, {given} of {ceiling} are idle and clear"
             return Hold(code=HoldCode.TOO_FEW_PRINTERS, text=text)
         return Begin(tuple(p.name for p in idle[:given]), rounds=-(-least // given))
     # The roomiest first: a person who gives two printers gives the best two.

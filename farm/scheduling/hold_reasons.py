@@ -42,7 +42,7 @@ class HoldReasons:
     def no_place(self) -> Hold:
         return Hold(
             code=HoldCode.ALL_ITS_PRINTERS_BUSY,
-            text="its job prints on as many printers as it was given (--printers)",
+            text="its job already uses as many printers as it may (--printers)",
         )
 
     def find(self, plate: WaitingPlate) -> Hold:
@@ -84,11 +84,13 @@ class HoldReasons:
         if start.at_s != self._situation.now_s:
             return start.reason
         if name in self._kept and not takes_spare(plate, self._situation.fleet):
-            return Hold(code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept for a plate that fails (--spares)")
+            return Hold(
+                code=HoldCode.KEPT_AS_SPARE, text=f"{name} is kept in reserve for a failed part (--spares)"
+            )
         if self._full is not None:
             return Hold(
                 code=HoldCode.HEATING_LIMIT,
-                text=f"{self._full} printers heat already: more at once are too much (max_heating)",
+                text=f"{self._full} printers are heating up, the most at a time (max_heating)",
             )
         return None
 

@@ -79,7 +79,7 @@ class FleetPrinter:
         if self.attention_reason is not None:
             return Hold(
                 code=HoldCode.NEEDS_A_LOOK,
-                text=f"{self.name} needs a look ({self.attention_reason}), then `farm cleared {self.name}`",
+                text=f"inspect {self.name} ({self.attention_reason}), then `farm cleared {self.name}`",
             )
         if self.link is not Link.READY:
             return Hold(code=HoldCode.PRINTER_ABSENT, text=f"{self.name} does not answer ({self.link})")
@@ -91,14 +91,14 @@ class FleetPrinter:
         if self.filament is FilamentState.UNKNOWN:
             return Hold(
                 code=HoldCode.FILAMENT_UNKNOWN,
-                text=f"where the filament of {self.name} is is not known: "
-                f"`farm cleared {self.name} --filament parked` (or at_nozzle) says it",
+                text=f"the position of the filament in {self.name} is unknown: "
+                f"`farm cleared {self.name} --filament parked` (or at_nozzle) sets it",
             )
         if self.reel_doubted:
             return Hold(
                 code=HoldCode.REEL_DOUBTED,
-                text=f"how much is on the reel of {self.name} is not known since the books were restored: "
-                f"weigh it, then `farm load {self.name} --grams G`",
+                text=f"the filament left on {self.name} is unknown since the database was restored: "
+                f"weigh its reel, then `farm load {self.name} --grams G`",
             )
         return None
 

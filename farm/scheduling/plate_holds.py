@@ -50,12 +50,12 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     """Find why a plate may start on no printer; `unreported` printers may have printed it already."""
     state = books.plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
-        text = f"plate {plate.id} failed too often: `farm reprint {job.id} {plate.parts[0]}`"
+        text = f"plate {plate.id} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
         return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
     if state is not PlateState.WAITING:
         return None
     if books.outage is not None:
-        text = f"{' '.join(books.outage.printers)} were lost at once: look, then `farm resume`"
+        text = f"{' '.join(books.outage.printers)} were lost at the same time: inspect them, then `farm resume`"
         return Hold(code=HoldCode.OUTAGE, text=text)
     if unreported:
         text = (
@@ -74,6 +74,6 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     last = books.prints[plate.prints[-1]] if plate.prints else None
     lost_s = last.ended_s if last is not None and last.fault in LOSSES else None
     if last is not None and lost_s is not None and abs(now_s - lost_s) <= books.outage_window_s:
-        text = f"{last.printer} was lost just now: others may be lost with it"
+        text = f"{last.printer} was lost just now: waiting in case others are lost too"
         return Hold(code=HoldCode.JUST_LOST, text=text)
     return None

@@ -86,7 +86,7 @@ class StartRules:
             if moved.at_s is None:
                 return moved
             at_s = moved.at_s
-        text = f"it takes {span(plate.expected_s)}: longer than the hours of fleet.yaml ever let it print"
+        text = f"it takes {span(plate.expected_s)}: longer than the hours in fleet.yaml ever allow"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
     def _after_quiet_hours(self, plate: WaitingPlate, at_s: float) -> Start | None:
@@ -106,15 +106,15 @@ class StartRules:
         needed_s = self._needed_attendance_s(plate, printer)
         if needed_s is None:
             return None
-        asks = "first layers are printed only while somebody is there"
+        asks = "first layers are printed only in attended hours"
         if not printer.unattended:
-            asks = f"{printer.name} prints only while somebody is there ({printer.why_attended})"
+            asks = f"{printer.name} prints only in attended hours ({printer.why_attended})"
         span = self.attended.span(at_s)
         if span is not None and at_s + needed_s <= span[1]:
             return None
         then = self.attended.following(at_s)
         if then is None:
-            text = f"{asks}, and fleet.yaml names no such hours (`attended`)"
+            text = f"{asks}, and fleet.yaml has none (`attended`)"
             return Start(None, Hold(code=HoldCode.UNATTENDED, text=text))
         text = f"{asks}: from {self.format_moment(then[0])}"
         return Start(then[0], Hold(code=HoldCode.UNATTENDED, text=text))
@@ -149,7 +149,7 @@ class StartRules:
             return None
         then = self.attended.following(now_s)
         again = "" if then is None else f": from {self.format_moment(then[0])}"
-        return f"{printer.name} prints only while somebody is there ({printer.why_attended}){again}"
+        return f"{printer.name} prints only in attended hours ({printer.why_attended}){again}"
 
     def evening_s(self, now_s: float) -> float | None:
         """Return when the night begins: at the end of the attended hours, less the time for first layers.
@@ -162,7 +162,7 @@ class StartRules:
             Where nobody said when somebody is there.
         """
         if not self.attended.windows:
-            raise ValueError("--overnight needs to know when somebody is there: `attended` in fleet.yaml")
+            raise ValueError("--overnight needs `attended` hours in fleet.yaml")
         span = self.attended.span(now_s)
         if span is None:
             return None

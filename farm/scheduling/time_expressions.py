@@ -31,12 +31,12 @@ def moment_s(text: str, now_s: float, zone: tzinfo) -> float:
         else:
             day, hour, minute = found.groups()
             if day is not None and day not in DAYS:
-                raise ValueError(f"{day!r} is no day")
+                raise ValueError(f"{day!r} is not a day of the week")
             at_s = _next(now, day, int(hour), int(minute)).timestamp()
     except ValueError as error:
         example = "write it like 22:00, fri 22:00 or 2026-11-21T22:00"
         why = f" ({error})" if found is not None else ""
-        raise ValueError(f"{text!r} is no time{why}; {example}") from error
+        raise ValueError(f"{text!r} is not a time{why}; {example}") from error
     if at_s <= now_s:
         raise ValueError(f"{text!r} has passed: it is {now:%a %Y-%m-%d %H:%M}")
     if at_s > now_s + _FARTHEST_S:

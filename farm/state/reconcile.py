@@ -37,7 +37,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
             return
         unknown = "its agent has no record of this print"
         if attempt.restored:
-            unknown += " any more, and the books are a copy: look what became of it"
+            unknown += " any more, and the database is a backup: check what became of it"
         yield ev.PrintEnded(
             at_s=now_s,
             print_id=attempt.id,
@@ -82,7 +82,7 @@ def refused_print_end(
         print_id=attempt.id,
         state=PrintState.CANCELLED if late else PrintState.FAILED,
         fault=None if late else OwnFault.REFUSED,
-        reason=f"never begun: {reason}" if late else f"its agent would not start it: {reason}",
+        reason=f"not started: {reason}" if late else f"its agent refused to start it: {reason}",
         started_s=None,
         ended_s=now_s,
         extruded=False,
@@ -175,14 +175,14 @@ def handle_unknown_print(
         return
     name = printer.name
     if known is not None and said.extruded and not known.extruded and printer.bed is Bed.CLEAR:
-        reason = "it began a print that the farm had taken back: look whether its bed is clear"
+        reason = "it started a print that the farm had withdrawn: check whether its bed is clear"
         yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
     if known is not None and not said.state.ended:
-        reason = "the farm has booked this print as ended"
+        reason = "the farm has recorded this print as ended"
         yield ev.SendCancel(print_id=said.print_id, printer=name, reason=reason)
         return
     if known is None and printer.bed is not Bed.UNKNOWN:
-        reason = "it made a print that the books do not know: look whether its bed is clear"
+        reason = "it made a print that is not in the database: check whether its bed is clear"
         yield ev.BedBecameUnknown(at_s=now_s, printer=name, reason=reason)
     if said.state.ended:
         yield ev.SendForget(print_id=said.print_id, printer=name)

@@ -71,11 +71,11 @@ def book_part_whole(books: Books, print_id: str, by: str, at_s: float) -> Result
         fault=None,
         reason=None,
         verdict=Verdict.GOOD,
-        verdict_why=f"found whole by {by}, where it had failed: {was}",
+        verdict_why=f"confirmed good by {by}, though its print failed: {was}",
         grams=plate.grams,
     )
     reel = subtract_grams(printer.reel, plate.grams - attempt.grams)
     not_begun = [p for p in _reprints(books, attempt) if p.state is PrintState.ASSIGNED]
-    stopped = [request_cancel(p, f"{part_name(books, attempt)} was found whole") for p in not_begun]
+    stopped = [request_cancel(p, f"{part_name(books, attempt)} was confirmed good") for p in not_begun]
     books = put(books, whole, edited(printer, reel=reel), *(p for p, _ in stopped))
     return update_job_state(books, attempt.job, at_s), tuple(stop for _, stop in stopped)

@@ -33,12 +33,12 @@ def list_deadlines(
     hours_s = math.inf if said.ends_by_s is None else said.ends_by_s
     if attempt.state is PrintState.PAUSED and attempt.pause_requested and said.pause_ends_s is not None:
         by = words(min(said.pause_ends_s, hours_s))  # nothing while it parks, or goes on already
-        text = f"resume {name} by {by}, or its print is ended: `farm resume {name}`"
+        text = f"resume {name} by {by}, or its print will be ended: `farm resume {name}`"
         found.append(api.Todo(code="resume", printers=[name], text=text))
     if now_s + remaining_s > hours_s:
-        what = f"{name} needs until {words(now_s + remaining_s)}, and its print is ended at {words(hours_s)}"
+        what = f"{name} needs until {words(now_s + remaining_s)}, but its print ends at {words(hours_s)}"
         text = (
-            f"{what}, before nobody is there: if somebody stays, write longer `attended` hours into "
+            f"{what}, when the attended hours end: if somebody stays, extend `attended` in "
             "fleet.yaml and restart the daemon"
         )
         found.append(api.Todo(code="hours", printers=[name], text=text, brief=what))

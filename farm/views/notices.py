@@ -81,7 +81,7 @@ def _parts(books: Books) -> Iterator[Notice]:
 
 def _losses(books: Books) -> Iterator[Notice]:
     for outage in books.outages.values():
-        text = f"{' '.join(outage.printers)} were lost at once; nothing starts before `farm resume`"
+        text = f"{' '.join(outage.printers)} were lost at the same time; nothing starts before `farm resume`"
         yield Notice(f"outage {outage.id}", outage.at_s, text)
     with_a_print = {(p.printer, p.ended_s) for p in books.prints.values() if p.state is PrintState.FAILED}
     for printer in books.printers.values():
@@ -95,14 +95,14 @@ def _losses(books: Books) -> Iterator[Notice]:
         yield Notice(
             f"lost {name} {disconnected_at_s:.0f}",
             disconnected_at_s,
-            f"{name} is lost: its board or the way to it is gone",
+            f"{name} is lost: the connection to its board is gone",
         )
 
 
 def _restored(books: Books) -> Iterator[Notice]:
     moments = [p.restored_s for p in books.printers.values() if p.restored_s is not None]
     if moments:
-        text = "the books were damaged and are a copy now: every bed has to be cleared, and every job waits"
+        text = "the database was damaged and restored from a backup: clear every bed, then approve every job"
         yield Notice(f"restored {max(moments):.0f}", max(moments), text)
 
 
@@ -110,7 +110,7 @@ def _nothing_left(books: Books) -> Iterator[Notice]:
     jobs = [job for job in books.jobs.values() if not job.options.dry_run]
     ended_s = max((job.ended_s for job in jobs if job.ended_s is not None), default=None)
     if ended_s is not None and not any(job.state in _LEFT_TO_DO for job in jobs):
-        yield Notice(f"nothing left {ended_s:.0f}", ended_s, "nothing is left to do")
+        yield Notice(f"nothing left {ended_s:.0f}", ended_s, "all jobs have ended")
 
 
 def _in_outage(books: Books, printer: str, at_s: float) -> bool:

@@ -16,8 +16,8 @@ def list_requests(books: Books) -> list[api.Todo]:
     if restored:
         jobs = f"job{'s' * (len(restored) > 1)} {' '.join(map(str, restored))}"
         text = (
-            f"the books are a copy: look what of {jobs} is printed that they do not know, "
-            "`farm cancel JOB/PART` that, then `farm approve JOB`"
+            f"the database was restored from a backup: check which parts of {jobs} were printed since, "
+            "`farm cancel JOB/PART` those, then `farm approve JOB`"
         )
         found.append(api.Todo(code="restored", printers=[], text=text))
     for job in books.jobs.values():
@@ -37,7 +37,7 @@ def list_requests(books: Books) -> list[api.Todo]:
     doubtful = [name for name, printer in books.printers.items() if printer.reel and printer.reel.doubted]
     if doubtful:
         names = " ".join(doubtful)
-        text = f"weigh the reels of {names} (the books are a copy), then `farm load PRINTER --grams G`"
+        text = f"weigh the reels of {names} (the database was restored), then `farm load PRINTER --grams G`"
         found.append(api.Todo(code="reel", printers=doubtful, text=text, brief=f"weigh {names}"))
     return found
 
@@ -51,10 +51,12 @@ def _stopped(books: Books) -> list[api.Todo]:
     found = []
     for job, names in parts.items():
         what = f"{count(len(names), 'part')} of job {job}"
-        words = f"`farm resume {job}` prints them again, `farm cancel JOB/PART` gives one up"
+        words = f"print them again with `farm resume {job}`, or give one up with `farm cancel JOB/PART`"
         if len(names) == 1:
             what = f"part {names[0]}"
-            words = f"`farm resume {names[0]}` prints it again, `farm cancel {names[0]}` gives it up"
+            words = (
+                f"print it again with `farm resume {names[0]}`, or give it up with `farm cancel {names[0]}`"
+            )
         text = f"{what} stopped by `farm estop`: {words}"
         found.append(api.Todo(code="stopped", printers=[], text=text, brief=what))
     return found

@@ -18,7 +18,9 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
     outage = context.books.outage
     if outage is not None:
         names = " ".join(outage.printers)
-        text = f"{names} were lost at once (power, a hub, the host?): look at them, then `farm resume`"
+        text = (
+            f"{names} were lost at the same time (power, USB hub or host?): inspect them, then `farm resume`"
+        )
         text += "".join(_ask_whole(context, name) for name in outage.printers)
         looks.append(api.Todo(code="outage", printers=list(outage.printers), text=text))
     for section in context.fleet.printers:
@@ -38,10 +40,10 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
             continue  # told once, for all of them
         why = entry.attention_reason or (snapshot.reason if snapshot.link is Link.FAULT else None)
         if section.enabled and away:
-            also = f"; and look at it: {entry.attention_reason}" if entry.attention_reason else ""
+            also = f"; and inspect it: {entry.attention_reason}" if entry.attention_reason else ""
             if entry.unreported_since_s is not None:
-                also += "; the books are a copy: what it printed since is not known"
-            what = f"{section.name}: {snapshot.reason or 'no answer from it'}"
+                also += "; what it printed since the backup of the database is unknown"
+            what = f"{section.name}: {snapshot.reason or 'no answer'}"
             text = f"connect {what}{also}"
             absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
         elif snapshot.outdated and entry.attention_reason is None:
@@ -50,7 +52,7 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         elif why:
             ask = _ask_whole(context, section.name)
             what = f"{section.name} {why}{_when(context, entry)}{ask}"
-            text = f"look at {section.name}: {why}; then `farm cleared {section.name}`{ask}"
+            text = f"inspect {section.name}: {why}; then `farm cleared {section.name}`{ask}"
             looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
         elif attempt is not None:
             left_s, zone = context.remaining_s(attempt), context.fleet.zone
@@ -72,7 +74,7 @@ def _ask_whole(context: ViewContext, printer: str) -> str:
     if attempt is None:
         return ""
     part = part_name(context.books, attempt)
-    return f"; if part {part} is whole and good: `farm cleared {printer} --good {part}`"
+    return f"; if part {part} is good all the same: `farm cleared {printer} --good {part}`"
 
 
 def _heat(snapshot: AgentSnapshot) -> str:
@@ -93,9 +95,7 @@ def _troubles(context: ViewContext) -> list[str]:
     found = [context.warning] if context.warning else []
     for number, progress in context.progress.items():
         if progress.step is PlanStep.NO_ROOM:
-            found.append(
-                f"make room on the disk of {context.state.root}: job {number} cannot be planned before"
-            )
+            found.append(f"free space on the disk of {context.state.root}: job {number} waits for it")
     return found
 
 

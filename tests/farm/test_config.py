@@ -63,10 +63,13 @@ def test_the_repositorys_own_fleet_is_good():
     ("text", "said"),
     [
         ("printers: [", "not YAML"),
-        (GOOD.replace("name: lab", "quiet: at night"), "fleet.yaml:2: fleet.quiet: 'at night' is no time"),
-        (GOOD.replace("name: lab", "attended: mo 8:00-9:00"), "'mo' is no day; use mon"),
-        (GOOD.replace("name: lab", "first_layers_attended: true"), "when is somebody there?"),
-        (GOOD.replace("colour: red", "unattended: false"), "a has `unattended: false`: say `attended` hours"),
+        (GOOD.replace("name: lab", "quiet: at night"), "fleet.yaml:2: fleet.quiet: 'at night' is not a time"),
+        (GOOD.replace("name: lab", "attended: mo 8:00-9:00"), "'mo' is not a day; use mon"),
+        (GOOD.replace("name: lab", "first_layers_attended: true"), "needs `attended` hours under `fleet`"),
+        (
+            GOOD.replace("colour: red", "unattended: false"),
+            "a has `unattended: false`: this needs `attended` hours",
+        ),
         (
             GOOD.replace("colour: blue", "price_per_kg: -1"),
             "fleet.yaml:6: printers.1.price_per_kg: must be at least 0",
@@ -77,7 +80,7 @@ def test_the_repositorys_own_fleet_is_good():
         ),
         (
             GOOD.replace("name: lab", "currency: pounds sterling"),
-            "fleet.yaml:2: fleet.currency: must be 8 characters long at most",
+            "fleet.yaml:2: fleet.currency: must be at most 8 characters long",
         ),
         ("- a", "needs a list `printers`"),
         (GOOD.replace("colour: blue", "colur: blue"), "fleet.yaml:6: printers.1.colur: unknown key"),
@@ -103,10 +106,13 @@ def test_the_repositorys_own_fleet_is_good():
         (GOOD.replace("name: lab", "time_scale: 5000"), "fleet.time_scale: must be at most 1000"),
         (GOOD.replace("name: lab", "approve: maybe"), "fleet.approve: must be true or false"),
         (GOOD.replace("name: lab", "name: 7"), "fleet.name: must be text; put it in quotes"),
-        (GOOD.replace("name: lab", "quiet: 22:00"), "fleet.quiet: '1320' is no time of the week; write it"),
+        (
+            GOOD.replace("name: lab", "quiet: 22:00"),
+            "fleet.quiet: '1320' is not a time of the week; write it",
+        ),
         (GOOD.replace("name: lab", "operators: Lab Staff"), "must be a group of this host, like farm-staff"),
         (GOOD.replace("name: lab", "notify: json://h"), "fleet.notify: must be a list"),
-        (GOOD.replace("name: lab", "name: lab, name: b"), "fleet.yaml:2: fleet.name: is written twice"),
+        (GOOD.replace("name: lab", "name: lab, name: b"), "fleet.yaml:2: fleet.name: appears twice"),
         (GOOD.replace("name: b, ", ""), "fleet.yaml:6: printers.1.name: is missing"),
         (
             GOOD.replace("colour: blue", "host: a b"),
@@ -122,10 +128,10 @@ def test_the_repositorys_own_fleet_is_good():
         (GOOD.replace("name: lab", "name: 2026-02-30"), "fleet.yaml:2: not YAML: day is out of range"),
         (GOOD.replace("colour: blue", "nozzle_mm: " + "9" * 5000), "fleet.yaml:6: not YAML: Exceeds"),
         (GOOD.replace("name: lab", "approve: !!bool perhaps"), "fleet.yaml:2: not YAML: 'perhaps'"),
-        (GOOD.replace("name: lab", "name: " + "[" * 2000 + "]" * 2000), "fleet.yaml: is nested too deeply"),
+        (GOOD.replace("name: lab", "name: " + "[" * 2000 + "]" * 2000), "fleet.yaml: nested too deeply"),
         (GOOD.replace("fleet: {name: lab", "fleet: &here {name: *here"), "fleet.name: must be text"),
         (GOOD.replace("name: lab", "name: a\0b"), "fleet.yaml: not YAML: unacceptable character"),
-        (GOOD.replace("Europe/Zurich", "Europe"), "fleet.timezone: 'Europe' is no time zone"),
+        (GOOD.replace("Europe/Zurich", "Europe"), "fleet.timezone: 'Europe' is not a time zone"),
         (GOOD.replace("colour: blue", "volume_mm: [.inf, 1, 1]"), "volume_mm.0: must be a number"),
         (GOOD.replace("colour: blue", "power_off_cmd: relay 'one"), '6: printers.1.power_off_cmd: "relay'),
         (GOOD.replace("colour: blue", "power_off_cmd: ''"), "printers.1.power_off_cmd: is empty"),
@@ -186,7 +192,7 @@ def test_simulated_printers_may_share_an_address(tmp_path):
 
 
 def test_a_file_that_is_not_there_or_cannot_be_read_is_named(tmp_path):
-    with pytest.raises(FleetFileError, match=r"no\.yaml: there is no such file; write one .*`farm discover`"):
+    with pytest.raises(FleetFileError, match=r"no\.yaml: no such file; write one .*`farm discover`"):
         load_fleet(tmp_path / "no.yaml", MODELS)
     with pytest.raises(FleetFileError, match=r"cannot be read \(Is a directory\)"):
         load_fleet(tmp_path, MODELS)

@@ -113,21 +113,21 @@ class Client:
         target = quote(path) + (f"?{urlencode(params)}" if params else "")
         content = upload if body is None else body.model_dump_json().encode()
         headers = {} if body is None else {"Content-Type": "application/json"}
-        patience_s = answer_s or self._answer_s
+        answer_s = answer_s or self._answer_s
         try:
-            with closing(DaemonConnection(self._socket, CONNECT_S, patience_s)) as way:
+            with closing(DaemonConnection(self._socket, CONNECT_S, answer_s)) as way:
                 with suppress(BrokenPipeError):  # it may answer before it has read all: it is going down
                     way.request(method, target, content, headers)
                 answer = way.getresponse()
                 text = answer.read()
         except TimeoutError as error:
             raise DaemonUnreachable(
-                f"the daemon has not answered for {patience_s:g} s, and may hang; what was asked may still "
-                "be done: look at `farm status`; `farm estop` does without it"
+                f"the daemon has not answered for {answer_s:g} s and may hang; the command may still "
+                "take effect: check `farm status`; `farm estop` works without the daemon"
             ) from error
         except PermissionError as error:
             raise DaemonUnreachable(
-                f"{self._socket} is closed to you: the farm's owner and the members of its group may use it"
+                f"{self._socket} cannot be used by you: only by the farm's owner and the members of its group"
             ) from error
         except (OSError, HTTPException) as error:
             why = (error.strerror if isinstance(error, OSError) else None) or error
@@ -152,6 +152,6 @@ def _read(view: type[View], answer: object) -> View:
         return view.model_validate(answer)
     except ValidationError as error:
         raise FarmError(
-            f"the daemon is of another version than this command ({first_of(error.errors())}): restart it; a "
-            "SIGTERM ends the daemon and no print, and `farm up` starts it"
+            f"the daemon has another version than this command ({first_of(error.errors())}): restart it; a "
+            "SIGTERM ends the daemon but no print, and `farm up` starts it again"
         ) from error

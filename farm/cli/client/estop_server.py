@@ -28,7 +28,7 @@ _PAUSE_S = 1.0  # without accepting, where no descriptor is left
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 _FULL = {
     "over": True,
-    "error": "too many stops are asked for at once: try again, or switch printers off by hand",
+    "error": "too many emergency stops at the same time: try again, or switch the printers off by hand",
 }
 
 

@@ -70,8 +70,8 @@ def way(places: Places) -> Path | None:
         return None
     if _owner(path) is None:
         raise FarmError(
-            f"the farm at {places.socket} is another user's and has no estop.sock: its owner can stop its "
-            "printers; else switch them off by hand"
+            f"the farm at {places.socket} belongs to another user and has no estop.sock: its owner can stop "
+            "its printers, or switch them off by hand"
         )
     return path
 
@@ -91,7 +91,7 @@ def press(path: Path, printers: list[str], say: Say) -> None:
     FarmError
         Nobody answers there, or what `stop` raised at the other end.
     """
-    trouble = f"{path}: cannot be asked ({{}}); switch the printers off by hand"
+    trouble = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
     try:
         with socket.socket(socket.AF_UNIX) as talk:
             talk.settimeout(_PATIENCE_S)
@@ -106,10 +106,10 @@ def press(path: Path, printers: list[str], say: Say) -> None:
                         return
                     say(heard)
     except PermissionError as error:
-        raise FarmError(trouble.format("only the members of its group may")) from error
+        raise FarmError(trouble.format("only members of its group may use it")) from error
     except (OSError, ValueError) as error:  # what is no text is no line of ours either
         raise FarmError(trouble.format(error)) from error
-    raise FarmError(trouble.format("it ended before it had said what came of it"))
+    raise FarmError(trouble.format("it ended before it reported the result"))
 
 
 def answer(asked: TextIO, said: TextIO, stop: Callable[[list[str], Say], None]) -> None:
@@ -125,7 +125,7 @@ def answer(asked: TextIO, said: TextIO, stop: Callable[[list[str], Say], None]) 
     try:
         pressed = Pressed.model_validate_json(asked.readline(_LONGEST))
     except ValueError:
-        tell(Over(over=True, error="what was asked cannot be read", code=ErrorCode.REFUSED))
+        tell(Over(over=True, error="the request cannot be read", code=ErrorCode.REFUSED))
         return
     over = Over(over=True)
     try:

@@ -151,10 +151,12 @@ def _empty_for_parts(out: Path) -> None:
             ours |= {str(part.get("file")) for part in json.loads(report.read_text())["parts"]}
         others = sorted(path.name for path in out.iterdir() if path.name not in ours)
         if others:
-            raise Refused(f"{out}: holds other things ({others[0]}...); name an empty folder with --out")
+            raise Refused(f"{out}: contains other files ({others[0]}...); give an empty folder with --out")
         for name in ours:
             (out / name).unlink(missing_ok=True)
     except (ValueError, KeyError, TypeError) as error:
-        raise Refused(f"{report}: is not ours; name an empty folder with --out") from error
+        raise Refused(
+            f"{report}: was not written by `farm decompose`; give an empty folder with --out"
+        ) from error
     except OSError as error:
         raise FarmError(f"{out}: cannot be written ({error.strerror}); name another folder") from error

@@ -36,7 +36,7 @@ def slice_part(task: SliceTask, progress: Callable[[float], None] | None = None)
     if placement is None:
         size = " x ".join(f"{side:.1f}" for side in extents)
         raise FarmError(
-            f"part {task.part} ({size} mm) has no place on the bed of its printer", ErrorCode.NO_FIT
+            f"part {task.part} ({size} mm) does not fit on the bed of its printer", ErrorCode.NO_FIT
         )
     placed = task.out.with_suffix(".placed.stl")
     mesh.apply_transform(_transform(mesh, placement, scale))

@@ -59,7 +59,7 @@ class ReplanCoordinator:
         return {
             name: Hold(
                 code=HoldCode.CUT_AGAIN,
-                text=f"it failed, and is being cut for {join_names(replan.printers)}: that is sooner",
+                text=f"it failed and is being cut for {join_names(replan.printers)}, to finish sooner",
             )
             for name, replan in self._running.items()
             if replan.cut

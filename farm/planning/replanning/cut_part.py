@@ -42,7 +42,7 @@ def cut_part(task: ReplanTask) -> Pieces:
     try:
         found = decompose_auto(whole, rooms, options, cost)
         if len(found.parts) < 2:
-            raise FarmError(f"part {task.part.id} is printed sooner in one piece", ErrorCode.NO_FIT)
+            raise FarmError(f"part {task.part.id} finishes sooner in one piece", ErrorCode.NO_FIT)
         written = write_decomposition(_rename_pieces(found, task.part), task.folder)
     except NoFit as error:
         raise FarmError(str(error), ErrorCode.NO_FIT) from error

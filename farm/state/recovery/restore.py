@@ -9,8 +9,8 @@ from farm.state.reels import mark_uncertain
 
 HOLD = Hold(
     code=HoldCode.APPROVAL,
-    text="the books were restored from a copy: look what of it is printed that they do not know, "
-    "`farm cancel` those parts, then `farm approve` lets the rest be printed",
+    text="the database was restored from a backup: `farm cancel` the parts that were printed since, "
+    "then `farm approve` to print the rest",
 )
 
 
@@ -74,8 +74,8 @@ def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books
             printer,
             bed=Bed.UNKNOWN,
             filament=FilamentState.UNKNOWN,
-            attention_reason=f"it made {prints} after the books were copied that no plate waits for: "
-            "see what it was",
+            attention_reason=f"it made {prints} after the backup of the database for which no plate waits: "
+            "check what it is",
             attention_since_s=event.at_s,
         )
     return put(books, printer)

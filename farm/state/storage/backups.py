@@ -33,7 +33,7 @@ def back_up(state: StateFolder, now_s: float) -> Path:
     try:
         state.backups.mkdir(mode=0o700, exist_ok=True)
     except OSError as error:
-        raise StoreError(f"no copy of the books can be kept: {error}") from error
+        raise StoreError(f"the database cannot be backed up: {error}") from error
     target = state.backups / f"{datetime.fromtimestamp(now_s, UTC).strftime(_STAMP)}.db"
     copy_books(state.books, target, now_s)
     for old in copies(state)[KEPT:]:
@@ -75,11 +75,13 @@ class Nightly:
         try:
             if not only_if_due or is_due(self._state, now_s):
                 copy = await asyncio.to_thread(back_up, self._state, now_s)
-                log.info("the books are copied to %s", copy)
+                log.info("the database is backed up to %s", copy)
             self._tell(None)
         except Exception as error:  # a copy is for the worst case: what goes wrong with it must end nothing
-            log.exception("the nightly copy of the books")
-            self._tell(f"the nightly copy of the books failed ({error}): look at {self._state.backups}")
+            log.exception("the nightly backup of the database")
+            self._tell(
+                f"the nightly backup of the database failed ({error}): check the folder {self._state.backups}"
+            )
         finally:
             least_s = self._clock.now() + _LEAST_S * self._clock.scale
             self._at(max(next_s(now_s, self._zone), least_s), "copy the books", self.turn)
@@ -121,10 +123,10 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
     """
     try:
         if copies(state) and not (state.books.is_file() and state.books.stat().st_size):
-            raise DamagedBooks(f"the books {state.books} are gone")
+            raise DamagedBooks(f"the database {state.books} is missing")
         store = Store(state.books)
         if store.copied_s is not None:
-            log.error("the books %s do not know what was after %.0f s", state.books, store.copied_s)
+            log.error("the database %s has nothing from after %.0f s", state.books, store.copied_s)
         return store, store.copied_s
     except DamagedBooks as error:
         damage = error
@@ -141,9 +143,9 @@ def open_books(state: StateFolder, now_s: float) -> tuple[Store, float | None]:
             if path.exists():
                 path.rename(aside.with_name(aside.name + suffix))
         copy_books(copy, state.books, made_s(copy))
-        log.error("the books were restored from %s; the damaged ones are %s", copy, aside)
+        log.error("the database was restored from %s; the damaged one is %s", copy, aside)
         return Store(state.books), made_s(copy)
     raise FarmError(
-        f"{damage}, and {state.backups} has no copy of them that is whole: move {state.books} away, and the "
-        "farm begins with empty books"
+        f"{damage}, and {state.backups} has no intact backup of it: move {state.books} away, and the "
+        "farm starts with an empty database"
     )

@@ -68,7 +68,7 @@ def copy_books(source: Path, target: Path, at_s: float) -> None:
         half.replace(target)
     except (sqlite3.Error, OSError) as error:
         half.unlink(missing_ok=True)
-        raise StoreError(f"the books {source} cannot be copied to {target}: {error}") from error
+        raise StoreError(f"the database {source} cannot be copied to {target}: {error}") from error
 
 
 def read_books(path: Path) -> tuple[Books, int]:
@@ -91,14 +91,14 @@ def read_books(path: Path) -> tuple[Books, int]:
             db.create_function("crc32", 1, zlib.crc32, deterministic=True)
             (found,) = db.execute("PRAGMA integrity_check(1)").fetchone()
             if found != "ok":
-                raise DamagedBooks(f"the books {path} are damaged: {' '.join(found.split())}")
+                raise DamagedBooks(f"the database {path} is damaged: {' '.join(found.split())}")
             (form,) = db.execute("PRAGMA user_version").fetchone()
             if form not in STEPS:
                 raise StoreError(f"the books {path} are of a newer farm ({form})")
             for table in TABLES.values() if form == FORM else ():
                 bad = db.execute(CHANGED.format(table)).fetchone()
                 if bad is not None:
-                    raise DamagedBooks(f"the books {path} are damaged: {table} {bad[0]} was changed")
+                    raise DamagedBooks(f"the database {path} is damaged: {table} {bad[0]} was changed")
             return _load(db), form
     except sqlite3.Error as error:
         raise StoreError(f"the books {path} cannot be read: {error}") from error
@@ -112,15 +112,15 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
     try:
         rows = db.execute(f"SELECT id, body FROM {TABLES[kind]}").fetchall()
     except sqlite3.Error as error:
-        raise StoreError(f"the books cannot be read: {error}") from error
+        raise StoreError(f"the database cannot be read: {error}") from error
     entities = []
     for key, body in rows:
         try:
             entities.append(kind.model_validate_json(body))
         except ValidationError as error:
             raise StoreError(
-                f"the books cannot be read: {TABLES[kind]} {key}, {first_of(error.errors())}; "
-                "were they written by another version of farm?"
+                f"the database cannot be read: {TABLES[kind]} {key}, {first_of(error.errors())}; "
+                "was it written by another version of farm?"
             ) from error
     return entities
 
@@ -140,7 +140,7 @@ class Store:
             self._db = sqlite3.connect(path, isolation_level=None)
             self._db.create_function("crc32", 1, zlib.crc32, deterministic=True)
         except sqlite3.Error as error:
-            raise StoreError(f"the books {path} cannot be opened: {error}") from error
+            raise StoreError(f"the database {path} cannot be opened: {error}") from error
         try:
             self._open(new)
         except BaseException:
@@ -154,7 +154,7 @@ class Store:
             self._db.execute("PRAGMA synchronous = FULL")
             (found,) = self._db.execute("PRAGMA integrity_check(1)").fetchone()
             if found != "ok":
-                raise DamagedBooks(f"the books {path} are damaged: {' '.join(found.split())}")
+                raise DamagedBooks(f"the database {path} is damaged: {' '.join(found.split())}")
             self._create()
             self._compare()
             if new:  # a person moved the old ones away
@@ -162,19 +162,19 @@ class Store:
             self._lost = self._committed() < self._counted()
         except (sqlite3.Error, UnicodeDecodeError) as error:  # its very complaint may not be text
             outer = getattr(error, "sqlite_errorcode", 0) & 0xFF in _OUTER
-            said = f"the books {path} cannot be opened: {error}"
+            said = f"the database {path} cannot be opened: {error}"
             if outer:
-                raise StoreError(f"{said}; has their disk room, and may it be written?") from error
+                raise StoreError(f"{said}; check its disk space and its permissions") from error
             raise DamagedBooks(said) from error
         except OSError as error:
-            raise StoreError(f"the books {path} cannot be opened: {error}") from error
+            raise StoreError(f"the database {path} cannot be opened: {error}") from error
 
     def _create(self) -> None:
         """Empty books, or those of an older farm in today's form."""
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
         if version not in STEPS:
             raise StoreError(
-                f"the books {self._path} are of a newer farm ({version}): upgrade, or use another --state"
+                f"the database {self._path} is from a newer farm ({version}): upgrade this one, or give another folder with --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
         for statement in STEPS[version]:
@@ -187,11 +187,11 @@ class Store:
         """Raise where a row is not as it was written: SQLite checks pages, not what is in them."""
         tables = self._db.execute("SELECT sql FROM sqlite_master WHERE type = 'table'")
         if {sql for (sql,) in tables} != WRITTEN:
-            raise DamagedBooks(f"the books {self._path} are damaged: they have other tables")
+            raise DamagedBooks(f"the database {self._path} is damaged: it has other tables")
         for table in TABLES.values():
             bad = self._db.execute(CHANGED.format(table)).fetchone()
             if bad is not None:
-                raise DamagedBooks(f"the books {self._path} are damaged: {table} {bad[0]} was changed")
+                raise DamagedBooks(f"the database {self._path} is damaged: {table} {bad[0]} was changed")
 
     def _committed(self) -> int:
         """Return how many events these books have."""
@@ -254,7 +254,7 @@ class Store:
                 raise
             self._db.execute("COMMIT")
         except sqlite3.Error as error:
-            raise StoreError(f"the books cannot be written: {error}; nothing was started") from error
+            raise StoreError(f"the database cannot be written: {error}; nothing was started") from error
         self._note(number or 0)
         if isinstance(event, BooksRestored):
             self._lost = False

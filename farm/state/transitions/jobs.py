@@ -55,7 +55,7 @@ def _(event: ev.JobPlanned, books: Books) -> Result:
 
 
 def _approval_hold(job: int) -> Hold:
-    text = f"its plan is frozen until `farm approve {job}` releases it"
+    text = f"held until `farm approve {job}`"
     return Hold(code=HoldCode.APPROVAL, text=text)
 
 

@@ -98,7 +98,7 @@ def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
 def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) -> _Figure:
     plate = next(plate for plate in job.plates if plate.id == part.plate)
     prints = part.own_prints
-    outcome = outcome_of(prints[-1].state, prints[-1].verdict) if prints else "waits"
+    outcome = outcome_of(prints[-1].state, prints[-1].verdict) if prints else "waiting"
     return _Figure(
         part=part,
         plate=plate,

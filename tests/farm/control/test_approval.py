@@ -85,7 +85,7 @@ def test_what_changes_while_files_and_reels_are_looked_at_is_not_passed_over(far
     with monkeypatch.context() as patch:
         patch.setattr(job_commands, "sha256_of", lambda path: (cancel(), sha256_of(path))[1])
         patch.setattr(job_commands, "asyncio", NoThreads)
-        with pytest.raises(Refused, match="waits for no approval: it is cancelled"):
+        with pytest.raises(Refused, match="is not waiting for approval: it is cancelled"):
             asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     other = submit(farm, "s", hold=True)
     farm.controller.on_plan(other, plan_for(other, state))
@@ -116,11 +116,11 @@ def test_a_held_plan_prints_only_when_that_very_plan_is_approved(farm, state):
     job = farm.controller.books.job(number)
     assert (job.state, job.hold.code) == (JobState.HELD, HoldCode.APPROVAL)
     assert starts(farm) == []
-    with pytest.raises(Refused, match="look at it again"):
+    with pytest.raises(Refused, match="check it again"):
         asyncio.run(farm.jobs.approve(number, "0" * 12, state, "ann"))
     asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
     assert starts(farm) == ["a", "b"]
-    with pytest.raises(Refused, match="waits for no approval"):
+    with pytest.raises(Refused, match="is not waiting for approval"):
         asyncio.run(farm.jobs.approve(number, job.plan, state, "ann"))
 
 
@@ -128,7 +128,7 @@ def test_a_plan_whose_files_changed_is_not_released(farm, state):
     number = submit(farm, hold=True)
     farm.controller.on_plan(number, plan_for(number, state))
     (state.files / "g.gcode").write_bytes(b"G28 ; and more\n")
-    with pytest.raises(Refused, match="is not what was planned"):
+    with pytest.raises(Refused, match="has changed since it was planned"):
         plan = farm.controller.books.job(number).plan
         asyncio.run(farm.jobs.approve(number, plan, state, "ann"))
     assert starts(farm) == []

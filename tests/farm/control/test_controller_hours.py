@@ -113,7 +113,7 @@ def test_what_cannot_end_in_its_hours_is_said_before_it_is_ended(farm):
     farm.controller.clock.now_s = STOP - 20.0
     (item,) = asked(farm)
     assert item.code == "hours" and item.printers == ["a"]
-    assert "is ended at Fri 17:45" in item.text and "attended" in item.text
+    assert "ends at Fri 17:45" in item.text and "attended" in item.text
     word(farm, PrintState.ENDING)
     assert asked(farm) == []
 
@@ -123,10 +123,10 @@ def test_a_pause_is_resumed_while_somebody_is_there_and_not_afterwards(farm):
     farm.printers.pause("a", True, "ann")
     word(farm, PrintState.PAUSED, pause_ends_s=STOP + 3600.0)
     assert [item.text for item in asked(farm)] == [
-        "resume a by Fri 17:45, or its print is ended: `farm resume a`"
+        "resume a by Fri 17:45, or its print will be ended: `farm resume a`"
     ]
     farm.controller.clock.now_s = at("2026-11-20 19:00")
-    with pytest.raises(Refused, match=r"only while somebody is there .*: from Mon 08:00"):
+    with pytest.raises(Refused, match=r"only in attended hours .*: from Mon 08:00"):
         farm.printers.pause("a", False, "ann")
     farm.controller.clock.now_s = STOP - 60.0
     farm.printers.pause("a", False, "ann")
@@ -138,7 +138,7 @@ def test_a_job_is_resumed_only_where_its_printers_may_print_on(farm):
     farm.jobs.pause(1, True, "ann")
     word(farm, PrintState.PAUSED)
     farm.controller.clock.now_s = at("2026-11-20 19:00")
-    with pytest.raises(Refused, match=r"^a prints only while somebody is there .*: from Mon 08:00$"):
+    with pytest.raises(Refused, match=r"^a prints only in attended hours .*: from Mon 08:00$"):
         farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.jobs[1].paused
     word(farm, PrintState.FAILED, fault="hours_ended", reason="nobody was to be there", ended_s=STOP)

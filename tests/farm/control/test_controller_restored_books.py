@@ -116,7 +116,9 @@ def approved(farm):
 def test_what_was_printed_after_the_copy_is_taken_over_and_judged_by_whoever_clears_the_bed(tmp_path):
     farm = copied(tmp_path, 3)
     items = {item.code: item.text for item in list_tasks(farm.view_context(StateFolder(tmp_path)))}
-    assert items["restored"].startswith("the books are a copy: look what of job 1 is printed")
+    assert items["restored"].startswith(
+        "the database was restored from a backup: check which parts of job 1 were printed"
+    )
     assert "`farm approve 1`" in items["approve"]
     farm.report("a", said("x"), said("y", PLANNED_S + 300.0))
     farm.report("b", said("z", state=PrintState.PRINTING, ended_s=None))
@@ -170,7 +172,7 @@ def test_what_no_plate_waits_for_is_held_for_a_person(stranger, tmp_path):
     state = StateFolder(tmp_path)
     (look,) = (item for item in list_tasks(farm.view_context(state)) if item.code == "look")
     assert look.printers == ["a"]
-    assert "it made a print after the books were copied that no plate waits for" in look.text
+    assert "it made a print after the backup of the database for which no plate waits" in look.text
     farm.controller.on_snapshot(AgentSnapshot(printer="a", link=Link.READY, print=stranger))
     assert look in list_tasks(farm.view_context(state))
     assert not farm.controller.books.prints

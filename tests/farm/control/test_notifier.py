@@ -56,7 +56,7 @@ def test_people_are_told_once_and_no_restart_tells_it_again(server, tmp_path, ca
     assert said["title"] == "lab"
     assert said["message"].splitlines() == [
         "job 1 (bracket.stl) is printed: 1 part in 3 min",
-        "nothing is left to do",
+        "all jobs have ended",
     ]
     notifier.tell(printed(), 510.0)
     again = Notifier(urls, "lab", file, 520.0)

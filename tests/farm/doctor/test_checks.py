@@ -90,7 +90,7 @@ CASES = {
         {"files": FileFacts(3, (), ("job 1: g",))},
         "problem",
         "files",
-        "job 1: g is not what was planned",
+        "job 1: g has changed since it was planned",
     ),
     "dead agent": ({"agents": (AgentFacts("a", False),)}, "problem", "agents", "a: its agent does not live"),
     "silent agent": ({"agents": (AgentFacts("a", True),)}, "problem", "agents", "does not answer"),

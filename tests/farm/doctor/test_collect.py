@@ -40,7 +40,9 @@ def test_files_that_are_missing_or_changed_are_named(places):
     kept = next(path for path in sorted(places.state.files.iterdir()) if _is_needed(facts, path.name))
     kept.chmod(0o600)
     kept.write_bytes(b"other")
-    assert any(one.text.endswith(f"{kept} is not what was planned") for one in findings(places, "files"))
+    assert any(
+        one.text.endswith(f"{kept} has changed since it was planned") for one in findings(places, "files")
+    )
     kept.unlink()
     assert any(one.text.endswith(f"{kept} is missing") for one in findings(places, "files"))
 

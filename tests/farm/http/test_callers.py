@@ -84,7 +84,7 @@ def test_what_lets_printers_go_on_is_kept_for_operators(tmp_path, person, path, 
     app = make(tmp_path, operators=NO_GROUP)
     answer = ask(app, person, "POST", path, json=body)
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
-    assert "is no operator: only members of the group no-such-group-here may" in answer.json()["error"]
+    assert "is not an operator: only members of the group no-such-group-here may" in answer.json()["error"]
 
 
 @pytest.mark.parametrize("group", [None, OURS])
@@ -168,5 +168,5 @@ async def post_as(app, *uids):
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be another user")
 def test_the_kernel_says_who_asks_whatever_they_say_of_themselves(tmp_path):
     stranger, root = asyncio.run(post_as(make(tmp_path, operators=NO_GROUP), 54321, 0))
-    assert "uid 54321 is no operator" in stranger
+    assert "uid 54321 is not an operator" in stranger
     assert root.startswith("HTTP/1.1 200")

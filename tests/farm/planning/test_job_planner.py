@@ -192,5 +192,5 @@ def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
 
     asyncio.run(main())
     assert isinstance(told[0], Plan)
-    assert str(told[1]).startswith("its plan is not taken: KeyError: 'p07'")
+    assert str(told[1]).startswith("its plan was refused: KeyError: 'p07'")
     assert len(told) == 2

@@ -113,11 +113,11 @@ def test_a_printer_that_needs_somebody_is_ended_before_the_hours_do_and_told_whe
     house, alone = rules(attended=WEEK[0]), printer("a", unattended=False, why_attended="so")
     assert house.ends_by_s(alone, FRIDAY) == at("2026-11-20 17:45")
     assert house.unattended_reason(alone, at("2026-11-20 17:44")) is None
-    says = "a prints only while somebody is there (so): from Mon 08:00"
+    says = "a prints only in attended hours (so): from Mon 08:00"
     assert house.unattended_reason(alone, at("2026-11-20 17:45")) == says
     assert house.unattended_reason(alone, at("2026-11-21 03:00")) == says
     assert house.ends_by_s(alone, at("2026-11-21 03:00")) == at("2026-11-21 03:00")
-    assert rules().unattended_reason(alone, FRIDAY) == "a prints only while somebody is there (so)"
+    assert rules().unattended_reason(alone, FRIDAY) == "a prints only in attended hours (so)"
     assert house.unattended_reason(printer("a"), at("2026-11-21 03:00")) is None
     assert rules(attended=["00:00-24:00"]).ends_by_s(alone, FRIDAY) is None
 
@@ -182,7 +182,7 @@ def only(what, where, house=None, now_s=FRIDAY, **changes):
         ({"expected_s": 6 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "quiet_hours", "to Sat 06:00"),
         ({"expected_s": 17 * HOUR}, {}, {"quiet": ["22:00-06:00"]}, "too_long", "takes 17h00"),
         ({}, {"unattended": False}, {"attended": WEEK[0]}, "unattended", "from Mon 08:00"),
-        ({}, {"unattended": False}, {}, "unattended", "names no such hours"),
+        ({}, {"unattended": False}, {}, "unattended", "has none (`attended`)"),
         (
             {"first_layer_s": 2 * HOUR},
             {},
@@ -192,7 +192,7 @@ def only(what, where, house=None, now_s=FRIDAY, **changes):
         ),
         ({"not_before_s": FRIDAY + HOUR}, {}, {}, "start_time", "Fri 18:00"),
         ({"grams": 96.0}, {"grams": 40.0}, {}, "reel_too_short", "a has 40 g, it needs 101 g"),
-        ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers heat already"),
+        ({}, {"heating": True}, {"max_heating": 1}, "heating_limit", "1 printers are heating up"),
     ],
 )
 def test_a_hold_has_its_code_and_says_what_it_waits_for(what, where, house, code, says):

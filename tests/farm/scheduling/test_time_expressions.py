@@ -35,7 +35,7 @@ NEVER = ["9999-12-31T23:59-12:00", "9999-12-31", "0001-01-01", "2027-11-01 10:00
 
 @pytest.mark.parametrize("text", ["soon", "25:00", "fry 10:00", "2026-10-22 10:00", "", "10", *NEVER])
 def test_what_is_no_moment_to_come_is_refused(text):
-    with pytest.raises(ValueError, match=r"is no time|has passed|is more than a year ahead"):
+    with pytest.raises(ValueError, match=r"is not a time|has passed|is more than a year ahead"):
         moment_s(text, NOW_S, LONDON)
 
 

@@ -170,7 +170,7 @@ def test_what_no_agent_knows_any_more_is_no_outage_and_costs_no_attempt():
         books, _ = run(books, *reconcile(books.prints[name], said, 51.0))
     assert books.outage is None
     assert {(p.state, p.charged) for p in books.prints.values()} == {(PrintState.FAILED, False)}
-    assert "look what became of it" in books.printers["a"].attention_reason
+    assert "check what became of it" in books.printers["a"].attention_reason
     fresh = restored(PrintState.ASSIGNED)
     fresh, _ = run(fresh, *reconcile(fresh.prints["a"], empty(), 51.0))
     assert fresh.prints["a"].state is PrintState.CANCELLED

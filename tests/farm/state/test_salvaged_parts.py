@@ -48,7 +48,7 @@ def test_a_part_that_is_whole_is_good_and_not_printed_again():
     assert list(books.waiting_plates()) == []
     found = books.prints["x"]
     assert (found.state, found.verdict) == (PrintState.DONE, Verdict.GOOD)
-    assert "found whole by ann" in found.verdict_why and DIED["reason"] in found.verdict_why
+    assert "confirmed good by ann" in found.verdict_why and DIED["reason"] in found.verdict_why
     printer = books.printer("a")
     assert (printer.bed, printer.attention_reason) == (Bed.CLEAR, None)
     assert told == [ev.SendCleared(printer="a", filament=None)]
@@ -122,7 +122,7 @@ def test_do_now_asks_whether_it_is_whole_and_names_part_and_command():
     (item,) = asked(died())
     assert item.printers == ["a"]
     for text in (item.text, item.brief):
-        assert text.endswith("; if part 1/p01 is whole and good: `farm cleared a --good 1/p01`")
+        assert text.endswith("; if part 1/p01 is good all the same: `farm cleared a --good 1/p01`")
     assert "then `farm cleared a`" in item.text
 
 

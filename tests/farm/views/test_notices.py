@@ -30,7 +30,7 @@ def test_while_all_goes_well_nobody_is_told_anything():
 
 def test_a_printed_job_and_an_empty_queue_are_told_once():
     books, _ = run(begun(), ended("x"), ended("y", at_s=300.0))
-    texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "nothing is left to do"]
+    texts = ["job 1 (bracket.stl) is printed: 2 parts in 5 min", "all jobs have ended"]
     assert told(books) == texts
     assert told(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []
     assert told(books, since_s=301.0) == []
@@ -59,7 +59,7 @@ def test_a_job_that_cannot_be_made_is_told():
         ev.PlanningStarted(at_s=0.0, job=1),
         ev.JobFailed(at_s=9.0, job=1, error=ErrorCode.NO_FIT, reason="too large"),
     )
-    assert told(books) == ["job 1 (bracket.stl) failed: too large", "nothing is left to do"]
+    assert told(books) == ["job 1 (bracket.stl) failed: too large", "all jobs have ended"]
 
 
 def test_one_printer_that_is_lost_is_told_with_its_part_where_it_printed():
@@ -67,7 +67,7 @@ def test_one_printer_that_is_lost_is_told_with_its_part_where_it_printed():
     books, _ = run(begun(), lost, ev.PrinterLost(at_s=500.0, printer="c"))
     assert told(books) == [
         "1/p01 failed on a: its port is gone",
-        "c is lost: its board or the way to it is gone",
+        "c is lost: the connection to its board is gone",
     ]
 
 
@@ -76,9 +76,9 @@ def test_an_outage_is_told_once_for_all_of_its_printers():
     books, _ = run(
         begun(3), *(ended(name, PrintState.FAILED, 200.0 + i, **gone) for i, name in enumerate("xyz"))
     )
-    assert told(books) == ["a b c were lost at once; nothing starts before `farm resume`"]
+    assert told(books) == ["a b c were lost at the same time; nothing starts before `farm resume`"]
     books, _ = run(books, ev.OutageConfirmed(at_s=400.0, by="ann"), ev.PrinterLost(at_s=600.0, printer="a"))
-    assert told(books)[1:] == ["a is lost: its board or the way to it is gone"]
+    assert told(books)[1:] == ["a is lost: the connection to its board is gone"]
 
 
 def test_a_dry_run_that_is_over_leaves_nothing_to_say():
@@ -90,5 +90,5 @@ def test_a_dry_run_that_is_over_leaves_nothing_to_say():
 def test_books_that_were_put_back_are_told_once():
     books, _ = run(begun(), ev.BooksRestored(at_s=500.0, copied_s=1.0))
     (text,) = told(books)
-    assert text.startswith("the books were damaged and are a copy now")
+    assert text.startswith("the database was damaged and restored")
     assert told(books, before={notice.key for notice in list_due_notices(books, LATER_S, 0.0, ())}) == []

@@ -80,7 +80,7 @@ def test_the_page_is_one_file_that_says_what_failed_and_escapes_names():
 def test_a_job_of_which_nothing_is_printed_has_a_page_too():
     view, rows, now = report_of(night_books(), parts=[], plates=[])
     text = render_page(view, rows, now, list_figures(view), {}, None)
-    assert "Nothing of it has been printed" in text
+    assert "Nothing has been printed yet" in text
 
 
 def test_a_part_has_a_picture_and_own_g_code_has_none(tmp_path):

@@ -73,7 +73,7 @@ def test_a_daemon_that_hangs_is_not_taken_for_one_that_is_not_there(tmp_path):
     with socket.socket(socket.AF_UNIX) as hanging:
         hanging.bind(str(tmp_path / "farm.sock"))
         hanging.listen()
-        with pytest.raises(DaemonUnreachable, match=r"not answered for 0\.01 s.*`farm estop` does without"):
+        with pytest.raises(DaemonUnreachable, match=r"not answered for 0\.01 s.*`farm estop` works without"):
             Client(tmp_path / "farm.sock", answer_s=0.01).status()
 
 
@@ -82,7 +82,7 @@ def test_who_is_not_in_the_farms_group_is_told_so(client, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(DaemonConnection, "connect", closed)
-    with pytest.raises(DaemonUnreachable, match=r"is closed to you: .* members of its group"):
+    with pytest.raises(DaemonUnreachable, match=r"cannot be used by you: .* members of its group"):
         client.status()
 
 
@@ -116,7 +116,7 @@ def test_what_the_daemon_refuses_keeps_its_code_and_its_words(daemon, client):
 def test_a_daemon_of_another_version_is_called_so(daemon, client):
     for text in (b"{}", b"[]", b'{"daemon": {"pid": 1, "version": "9", "since": "", "news": 1}, "job": 3}'):
         daemon.answer = (200, text)
-        with pytest.raises(FarmError, match=r"of another version than this command .*: restart it"):
+        with pytest.raises(FarmError, match=r"has another version than this command .*: restart it"):
             client.job(9)
 
 

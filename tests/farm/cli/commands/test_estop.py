@@ -107,7 +107,7 @@ def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path,
     (tmp_path / "farm.sock").touch()
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 4711)
-    with pytest.raises(FarmError, match="another user's and has no"):
+    with pytest.raises(FarmError, match="belongs to another user and has no"):
         estop_socket.way(places)
     (tmp_path / "estop.sock").touch()
     assert estop_socket.way(places) == tmp_path / "estop.sock"

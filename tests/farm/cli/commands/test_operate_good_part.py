@@ -80,7 +80,7 @@ def flat(text):
 
 @pytest.mark.parametrize("part", ["1/p01", "p01", "1"])
 def test_a_part_that_is_whole_is_not_printed_again(farm, part):
-    assert "if part 1/p01 is whole and good: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
+    assert "if part 1/p01 is good all the same: `farm cleared a --good 1/p01`" in flat(ask("status").stdout)
     answer = ask("cleared", "a", "--good", part)
     assert answer.stdout == "a: bed clear; part 1/p01 is good and will not be printed again\n"
     assert farm.controller.books.jobs[1].state is JobState.DONE
@@ -116,9 +116,9 @@ def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("a", "--good", "1/p02"), "what lies on a is part 1/p01, not 1/p02"),
-        (("a", "--good", "2/p01"), "what lies on a is part 1/p01, not 2/p01"),
-        (("b", "--good", "1/p01"), "no part is known to lie on b"),
+        (("a", "--good", "1/p02"), "the part on a is 1/p01, not 1/p02"),
+        (("a", "--good", "2/p01"), "the part on a is 1/p01, not 2/p01"),
+        (("b", "--good", "1/p01"), "no part is recorded on b"),
         (("a", "--good", "1/p01", "--bad"), "exclude each other"),
         (("a", "b", "--good", "1/p01"), "exactly one printer"),
         (("all", "--good", "1/p01"), "exactly one printer"),

@@ -52,4 +52,4 @@ def test_the_night_says_what_it_takes():
     assert "3 plates, 4h00 (lower bound 2h00), 90 g, 2.70 GBP" in text
     assert "no printer can print: 4/04" in text
     assert text.startswith("Scaled.")
-    assert "4/p03  um2-02   Sat 13:00  Sat 14:00  1h00   30     0.90 GBP" in text
+    assert "4/p03  um2-02   Sat 13:00  Sat 14:00  1h00      30     0.90 GBP" in text

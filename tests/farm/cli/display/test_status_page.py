@@ -57,7 +57,7 @@ def test_a_job_that_has_not_begun_says_only_what_is_known():
     assert lines[2].startswith(
         "JOB 1    bracket.stl: held, printed 0/1; expected 100 s; single printer 8 min"
     )
-    assert lines[2].endswith("its plan is frozen until `farm approve 1` releases it")
+    assert lines[2].endswith("held until `farm approve 1`")
     books, _ = run(books, ev.JobCancelled(at_s=1.0, job=1))
     assert shown(status_of(books))[2] == "JOB 1    bracket.stl: cancelled, printed 0/1; expected 100 s"
 

@@ -104,7 +104,7 @@ def test_a_copy_is_known_as_one_until_it_is_restored_whoever_put_it_there(state)
 
 def test_without_a_whole_copy_the_farm_says_what_to_do(state):
     state.books.write_bytes(b"no books" * 999)
-    with pytest.raises(FarmError, match="no copy of them that is whole: move"):
+    with pytest.raises(FarmError, match="no intact backup of it: move"):
         open_books(state, NIGHT_S)
     assert state.books.read_bytes() == b"no books" * 999
 
@@ -147,7 +147,7 @@ def test_a_nightly_copy_that_fails_is_told_and_tried_again(state, trouble, tmp_p
     ((_, _, again),) = timers
     scene = farm.view_context(state)
     assert [item.code for item in list_tasks(scene)][:1] == ["farm"]
-    assert "the nightly copy of the books failed" in list_tasks(scene)[0].text
+    assert "the nightly backup of the database failed" in list_tasks(scene)[0].text
     if trouble == "no folder":
         state.backups.unlink()
     monkeypatch.undo()
