@@ -113,7 +113,7 @@ class JobCommands:
         """
         job = self._held(number)
         if plan != (job.plan or ""):
-            raise Refused(f"the plan of job {number} is {job.plan}, not {plan}: look at it again")
+            raise Refused(f"the plan of job {number} is {job.plan}, not {plan}: check it again")
         for plate in list(self._controller.books.plates_of(job)):
             path = state.files / plate.gcode
             if not path.is_file() or await asyncio.to_thread(sha256_of, path) != plate.sha256:

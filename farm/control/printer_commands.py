@@ -25,7 +25,7 @@ class PrinterCommands:
 
     def fail_print(self, printer: str, why: str, by: str) -> None:
         """End what is printed there, because it goes wrong, and print its parts again."""
-        attempt = self.open_print(printer, f"; of what is printed, `farm cleared {printer} --bad`")
+        attempt = self.open_print(printer, f"; for a printed part use `farm cleared {printer} --bad`")
         if attempt.cancel_reason is not None or attempt.state is PrintState.ENDING:
             raise Refused(f"{printer}: its print is ending; remove it, then `farm cleared {printer}`")
         self._controller.handle(
@@ -151,10 +151,10 @@ class PrinterCommands:
         self._controller.handle(ev.OutageConfirmed(at_s=self._controller.clock.now(), by=by))
         return " ".join(outage.printers)
 
-    def open_print(self, printer: str, advice: str = ": `farm status` shows what prints") -> Print:
+    def open_print(self, printer: str, advice: str = ": see `farm status`") -> Print:
         """Return what a printer prints; else raise Refused with the advice."""
         self._controller.books.printer(printer)
         attempt = self._controller.books.open_print_on(printer)
         if attempt is None:
-            raise Refused(f"{printer} prints nothing{advice}")
+            raise Refused(f"{printer} is not printing{advice}")
         return attempt

@@ -100,7 +100,7 @@ def check_files(facts: Facts) -> Iterator[Finding]:
     """Check that the files of jobs that go on are there, as they were planned."""
     files = facts.files
     action = "`farm cancel` the job, and submit its model again"
-    for what, names in (("is missing", files.missing), ("is not what was planned", files.changed)):
+    for what, names in (("is missing", files.missing), ("has changed since it was planned", files.changed)):
         yield from (problem("files", f"{name} {what}", action) for name in names[:_SHOWN])
         if len(names) > _SHOWN:
             yield problem("files", f"and {len(names) - _SHOWN} more: each {what}", action)

@@ -42,7 +42,7 @@ class FileFacts:
     checked
         How many files were looked at.
     missing, changed
-        Files that are gone, and files whose content is not what was planned: who needs them, and their names.
+        Files that are gone, and files with other content than planned: who needs them, and their names.
     """
 
     checked: int = 0

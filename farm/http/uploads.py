@@ -71,9 +71,7 @@ async def receive_model(
                     break
                 file.write(chunk)
         if received != size:
-            raise Refused(
-                f"the upload of {name} was interrupted: {received} of {size} bytes arrived; submit it again"
-            )
+            raise Refused(f"the upload of {name} stopped after {received} of {size} bytes; submit it again")
         printers = services.controller.fleet.printers
         return await services.workers.run(inspect_submission, upload, name, options, printers, state.files)
     finally:

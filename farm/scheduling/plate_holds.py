@@ -50,12 +50,16 @@ def _find_hold(books: Books, job: Job, plate: Plate, unreported: str, now_s: flo
     """Find why a plate may start on no printer; `unreported` printers may have printed it already."""
     state = books.plate_state(plate)
     if state is PlateState.OUT_OF_ATTEMPTS:
-        text = f"plate {plate.id} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
+        text = (
+            f"plate {plate.id} failed too often: print it again with `farm reprint {job.id} {plate.parts[0]}`"
+        )
         return Hold(code=HoldCode.OUT_OF_ATTEMPTS, text=text)
     if state is not PlateState.WAITING:
         return None
     if books.outage is not None:
-        text = f"{' '.join(books.outage.printers)} were lost at the same time: inspect them, then `farm resume`"
+        text = (
+            f"{' '.join(books.outage.printers)} were lost at the same time: inspect them, then `farm resume`"
+        )
         return Hold(code=HoldCode.OUTAGE, text=text)
     if unreported:
         text = (

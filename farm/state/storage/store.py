@@ -174,7 +174,7 @@ class Store:
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
         if version not in STEPS:
             raise StoreError(
-                f"the database {self._path} is from a newer farm ({version}): upgrade this one, or give another folder with --state"
+                f"the database {self._path} is of a newer farm ({version}): upgrade, or give another --state"
             )
         self._db.execute("BEGIN IMMEDIATE")
         for statement in STEPS[version]:
