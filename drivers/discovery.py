@@ -160,11 +160,11 @@ def model_of(banner: bytes) -> str:
     DriverError
         None that is known.
     """
-    version = next((line for line in banner.split(b"\n") if b"Vers:" in line), b"")
-    suffix = "ex" if version.rstrip().endswith(b"ex") else ""
     for profile in PROFILES.values():
-        if version and profile.banner_suffix == suffix:
+        found = profile.firmware.version.search(banner)
+        if found is not None and (found["suffix"] or b"").decode() == profile.banner_suffix:
             return profile.model
+    version = next((line for line in banner.split(b"\n") if b"Vers:" in line), b"")
     raise DriverError(f"the board started again, but says no version that is known: {version!r}")
 
 

@@ -33,6 +33,8 @@ class Firmware:
 
     Attributes
     ----------
+    title
+        For people.
     baud_rate
         Of its serial port.
     command_bytes
@@ -63,6 +65,7 @@ class Firmware:
         Commands that no file may have, and why.
     """
 
+    title: str
     baud_rate: int
     command_bytes: int
     version: re.Pattern[bytes]

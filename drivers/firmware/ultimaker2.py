@@ -13,6 +13,7 @@ from drivers.firmware.firmware import Firmware
 _CARD = "belongs to the SD card"
 
 ULTIMAKER2 = Firmware(
+    title="Ultimaker 2",
     baud_rate=250_000,
     command_bytes=80,
     version=re.compile(rb"Vers:_([\w.]+?)(?P<suffix>ex)?\s*$", re.MULTILINE),

@@ -82,6 +82,8 @@ class Profile:
     ----------
     model
         Cura's definition id.
+    kin
+        The model whose G-code is right for this one too, but for its height: the same feeder and hot end.
     bed_mm, height_mm
         The build volume.
     clips
@@ -119,6 +121,7 @@ class Profile:
     """
 
     model: str
+    kin: str
     title: str
     firmware: Firmware
     bed_mm: tuple[float, float]
@@ -146,8 +149,3 @@ class Profile:
     retraction_mm_s: float
     head_above_nozzle_mm: float
     banner_suffix: str = ""
-
-    @property
-    def kin(self) -> str:
-        """What printers of one feeder and hot end share: G-code for one is right for all, but for height."""
-        return self.model.replace("_extended", "")

@@ -7,6 +7,7 @@ from drivers.printers.profile import HeaterModel, Profile, Rect
 
 ULTIMAKER2_PLUS = Profile(
     model="ultimaker2_plus",
+    kin="ultimaker2_plus",
     title="Ultimaker 2+",
     firmware=FIRMWARE,
     bed_mm=(223.0, 223.0),

@@ -35,7 +35,7 @@ def identify(context: SessionContext) -> Script:
             context.identity = found.offset
             return
         else:
-            wrong = "M115 tells of another firmware than the Ultimaker 2's"
+            wrong = f"M115 tells of another firmware than the {firmware.title}'s"
     raise Ended(Fault.WRONG_PRINTER, wrong)
 
 
