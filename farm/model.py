@@ -1,4 +1,4 @@
-"""The words of the farm as data: jobs, parts, plates, prints, printers, and what an agent was seen to do.
+"""Records of the farm: jobs, parts, plates, prints, printers, and the snapshots of agents.
 
 Everything here is frozen. Times are seconds since the epoch on the farm's clock (`drivers.clock`), spans are
 seconds, lengths millimetres, temperatures degrees Celsius.
@@ -34,7 +34,7 @@ def _accepted_names(field: str) -> str | AliasChoices:
 
 
 class Entity(BaseModel):
-    """A frozen record of the books."""
+    """Frozen record of the books."""
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", alias_generator=AliasGenerator(validation_alias=_accepted_names)
@@ -53,7 +53,7 @@ class JobState(StrEnum):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more of it is printed, unless a person asks."""
+        """Tell whether nothing more of it is printed, unless a person wishes it."""
         return self in (JobState.PRINTED, JobState.DONE, JobState.FAILED, JobState.CANCELLED)
 
 
@@ -73,7 +73,7 @@ class PrintState(StrEnum):
 
 
 class Verdict(StrEnum):
-    """A person's word on what was printed."""
+    """Judgement of a person on what was printed."""
 
     GOOD = "good"
     BAD = "bad"
@@ -92,7 +92,7 @@ class FilamentState(StrEnum):
 
 
 class Link(StrEnum):
-    """What is known of the way to a board."""
+    """State of the connection to a board."""
 
     STARTING = "starting"  # no word from its agent yet
     ABSENT = "absent"
@@ -103,7 +103,7 @@ class Link(StrEnum):
 
 
 class HoldCode(StrEnum):
-    """Why a plate, or a job that has no plates yet, waits."""
+    """Reason for which a plate, or a job that has no plates yet, waits."""
 
     NOT_FRONT = "not_front"
     NO_SUCH_PRINTER = "no_such_printer"
@@ -131,13 +131,13 @@ class HoldCode(StrEnum):
         "stopped"  # a person stopped its print by `farm estop`, and has not said that it may begin again
     )
     OUT_OF_ATTEMPTS = "out_of_attempts"
-    CUT_AGAIN = "cut_again"  # it failed, and is being cut for several printers
+    CUT_AGAIN = "cut_again"  # it failed, and its part is being recut for several printers
     JUST_LOST = "just_lost"
     OUTAGE = "outage"
 
 
 class Engine(StrEnum):
-    """How a model is decomposed."""
+    """Algorithm that decomposes a model."""
 
     BEST = "best"  # whichever of the engines gives the least parallel printing time
     GUILLOTINE = "guillotine"
@@ -145,7 +145,7 @@ class Engine(StrEnum):
 
 
 class ShortReel(Entity):
-    """A printer that would take a plate if it had more filament, and how much it has and needs."""
+    """Printer that would take a plate if it had more filament, and how much it has and needs."""
 
     printer: str
     text: str
@@ -164,7 +164,7 @@ class Hold(Entity):
 
 
 class JobOptions(Entity):
-    """How a person wants a job printed."""
+    """Wishes of a person for a job."""
 
     printers: int | None = Field(default=None, ge=1)  # None: of the free ones as many as are worth it
     longest_side_mm: float | None = Field(default=None, gt=0, allow_inf_nan=False)
@@ -183,7 +183,7 @@ class JobOptions(Entity):
 
 
 class OwnGcode(Entity):
-    """What a person's own G-code asks of a printer."""
+    """Needs of a person's own G-code."""
 
     nozzle_mm: float | None  # None: the file does not say
     min_mm: tuple[float, float, float]  # of all that it extrudes, from the bed's centre
@@ -214,7 +214,7 @@ class Job(Entity):
     picture: str | None = None  # of the assembly, and the two below, in the file store
     assembly: str | None = None  # as a GLB
     decomposition: str | None = None  # the report on it, as JSON
-    cuts: Mapping[str, str] = Field(default_factory=dict)  # and those on parts that were cut again, by part
+    cuts: Mapping[str, str] = Field(default_factory=dict)  # reports on parts that were recut, by part
     plates: tuple[str, ...] = ()
     parts: tuple[str, ...] = ()
     paused: bool = False  # by a person: none of its plates starts
@@ -226,12 +226,12 @@ class Job(Entity):
 class PlanStep(StrEnum):
     DECOMPOSING = "decomposing"
     SLICING = "slicing"
-    LEVELLING = "levelling"  # its cuts are moved once more: the slices tell which part is too slow
+    LEVELLING = "levelling"  # its cuts are moved: the slices show which part is too slow
     NO_ROOM = "no_room"  # it failed on a full disk, and begins anew when that has room
 
 
 class PlanProgress(Entity):
-    """Where the planning of a job is. Telemetry: it never enters the books."""
+    """Progress of a job's plan. Telemetry: it never enters the books."""
 
     step: PlanStep
     done: int = 0  # plates sliced
@@ -282,7 +282,7 @@ class Part(Entity):
     file: str  # STL in printing pose; a person's own G-code as it was submitted
     geometry: PartGeometry
     print_options: PartPrintOptions = DEFAULT_PRINT_OPTIONS
-    cut_from: str | None = None  # the part that it is a piece of: that one failed, and was cut again
+    cut_from: str | None = None  # the part that it is a piece of: that one failed, and was recut
 
     @model_validator(mode="before")
     @classmethod
@@ -316,31 +316,31 @@ class Plate(Entity):
     printer: str  # as planned
     time_factor: float = 1.0  # of that printer, when it was planned; it is in `expected_s`
     cached: bool = False  # sliced before: the engine did not run
-    warnings: tuple[str, ...] = ()  # what of it will not be printed or may fall over, in sentences
+    warnings: tuple[str, ...] = ()  # walls that are not printed, parts that may fall over, in sentences
     prints: tuple[str, ...] = ()
     counted_from: int = 0  # a person asked for it again: only failures of these prints count
     replaced_by: tuple[str, ...] = ()  # the plates that are printed in its place
-    cancelled: bool = False  # by a person: never tried again, unless a person asks
+    cancelled: bool = False  # by a person: never printed, unless a person wishes it
     paused: bool = False  # by a person: it waits until it is resumed
     hold: Hold | None = None
 
     @property
     def prelude_s(self) -> float:
-        """What it takes beside its layers."""
+        """Expected time beside its layers: heat-up, start and end code."""
         return self.expected_s - self.sliced_s * self.time_factor
 
     @property
     def first_layer_s(self) -> float:
-        """From its start until its first layer lies, which is printed at half the speed of the others."""
+        """Expected time until its first layer lies, which is printed at half the speed of the others."""
         return self.prelude_s + 2.0 * self.sliced_s * self.time_factor / max(1, self.layers)
 
-    def seconds(self, time_factor: float) -> float:
-        """What it takes on a printer with this factor."""
+    def expected_on(self, time_factor: float) -> float:
+        """Return the expected time on a printer with this factor."""
         return self.prelude_s + self.sliced_s * time_factor
 
 
 class Print(Entity):
-    """One attempt. Its id never comes back, even where the books are lost."""
+    """Attempt to print a plate. Its id never comes back, even where the books are lost."""
 
     id: str
     plate: str
@@ -367,7 +367,7 @@ class Print(Entity):
 
 
 class Reel(Entity):
-    """The filament on a printer, and its nozzle, as a person said last."""
+    """Filament on a printer, and its nozzle, as a person reported last."""
 
     material: str
     colour: str | None = None
@@ -377,7 +377,7 @@ class Reel(Entity):
 
 
 class Printer(Entity):
-    """What the books remember of a printer; the rest is telemetry."""
+    """State of a printer in the books; the rest is telemetry."""
 
     name: str
     bed: Bed = Bed.NOT_CLEAR
@@ -395,7 +395,7 @@ class Printer(Entity):
 
 
 class Outage(Entity):
-    """Several printers were lost at once. Until a person has confirmed that all is well, nothing starts."""
+    """Loss of several printers at once. Nothing starts until a person has confirmed that all is well."""
 
     id: int
     at_s: float
@@ -404,7 +404,7 @@ class Outage(Entity):
 
 
 class AgentPrint(Entity):
-    """An agent's word on its open print."""
+    """State of an agent's open print, as the agent reports it."""
 
     print_id: str
     state: PrintState
@@ -426,7 +426,7 @@ class AgentPrint(Entity):
 
 
 class AgentSnapshot(Entity):
-    """What an agent was last heard to say."""
+    """Last report of an agent."""
 
     printer: str
     link: Link

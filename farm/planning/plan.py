@@ -16,7 +16,7 @@ from farm.model import JobOptions, OwnGcode, Part, Plate
 from farm.planning.part_records import DecomposedPart, SlicedPart
 
 RELEVEL_LATE_S, RELEVEL_LATE_SHARE = 120.0, 0.01
-"""Least time by which the last printer ends after the mean of all, for the parts to be levelled again."""
+"""Least time by which the last printer ends after the mean of all, for the parts to be relevelled."""
 
 
 class TooFewPrinters(FarmError):
@@ -115,7 +115,7 @@ class SlicedJob:
         return max(self.busy_s().values())
 
     def should_relevel(self) -> bool:
-        """Tell whether the last printer ends late enough to move cuts, and slice all parts again.
+        """Tell whether the last printer ends late enough to move cuts, and reslice all parts.
 
         Where a printer has several parts, levelling those would not level the printers.
         """

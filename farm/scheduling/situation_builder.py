@@ -67,7 +67,7 @@ def _describe_printer(
 def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     """Return when a print should end by its plate's time: in whole minutes, so that it changes seldom."""
     begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-    return math.ceil((begun_s + books.plates[attempt.plate].seconds(factor)) / 60) * 60.0
+    return math.ceil((begun_s + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
 
 
 def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPlate]:

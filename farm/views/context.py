@@ -60,4 +60,4 @@ class ViewContext:
         said = self.reported_print(attempt)
         if said is not None and said.progress_s > 0:
             return max(0.0, plate.sliced_s - said.progress_s) * factor
-        return max(0.0, plate.seconds(factor) - (self.now_s - (attempt.started_s or self.now_s)))
+        return max(0.0, plate.expected_on(factor) - (self.now_s - (attempt.started_s or self.now_s)))

@@ -72,7 +72,7 @@ def _printed(plates: Iterable[Plate], books: Books) -> Iterable[Slot]:
         for attempt in books.prints_of(plate):
             factor = books.printer(attempt.printer).time_factor
             begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-            ends_s = attempt.ended_s if attempt.ended_s is not None else begun_s + plate.seconds(factor)
+            ends_s = attempt.ended_s if attempt.ended_s is not None else begun_s + plate.expected_on(factor)
             yield Slot(plate.id, attempt.printer, begun_s, ends_s)
 
 

@@ -76,7 +76,7 @@ def inspect_gcode(
     section = _find_fitting_printer(matching, accepted, name)
     own = _measure_needs(accepted, section)
     stored = path.with_name(f"gcode-{uuid.uuid4().hex}.gcode")
-    stored.hardlink_to(path)  # where its worker dies now, another one reads the upload again
+    stored.hardlink_to(path)  # where its worker dies now, another one reads the upload
     return InspectedSubmission(store_file(files, stored), _list_notices(accepted, section), 1.0, own)
 
 

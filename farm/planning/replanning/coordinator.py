@@ -147,7 +147,7 @@ class ReplanCoordinator:
         if not self._saves_time(view, result, replan.cut, books, situation):
             log.info("plate %s stays as it is: replanned, it would not end sooner", name)
             return None
-        # Where that cannot be booked (a full disk), the plate waits on, and is examined again.
+        # Where that cannot be booked (a full disk), the plate waits on, and is examined at the next decision.
         self._examined.discard((plate.id, len(plate.prints)))
         self._tried = {key for key in self._tried if key[0] != plate.id}
         return ev.PlateReplaced(

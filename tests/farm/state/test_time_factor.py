@@ -92,7 +92,7 @@ def test_a_printer_learns_from_a_print_that_it_ended_whatever_the_plan_took_for_
     books = printed(planned=planned)
     assert books.printers["a"].time_factor == pytest.approx(1.025)
     assert books.printers["b"].time_factor == 1.0
-    assert books.plates["1/01"].seconds(1.2) == pytest.approx(1.2 * HOUR_S + 100.0)
+    assert books.plates["1/01"].expected_on(1.2) == pytest.approx(1.2 * HOUR_S + 100.0)
 
 
 def test_a_printer_learns_nothing_from_a_print_that_failed():
