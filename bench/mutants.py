@@ -59,7 +59,7 @@ ROOMS = {
                 "transitions", "salvaged_parts", "recovery/restore", "recovery/journal_import",
             )
         ),
-        ("tests/farm/state", "tests/farm/control/test_print_commands.py"),
+        ("tests/farm/state", "tests/farm/control/test_part_commands.py"),
         28,
     ),
     "scheduling": Room(

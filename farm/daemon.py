@@ -21,12 +21,12 @@ from farm.compute.worker_pool import Workers
 from farm.config import Fleet
 from farm.control.controller import Controller
 from farm.control.effects import FarmEffects
-from farm.control.notifier import Notifier, forget
+from farm.control.notifier import Notifier, delete_record
 from farm.control.timers import Timers
 from farm.errors import FarmError, Refused
 from farm.http.app import make_app
 from farm.http.callers import PeerProtocol, check_operators, listen
-from farm.http.connections import BoundedServer, descriptor_limit, most_connections
+from farm.http.connections import BoundedServer, connection_limit, descriptor_limit
 from farm.http.services import Services
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.planning.job_planner import JobPlanner
@@ -73,7 +73,7 @@ class Daemon:
             urls, name = fleet.fleet.notify, fleet.fleet.name
             self._notifier = Notifier(urls, name, self._state.told, self._clock.now())
         else:
-            forget(self._state.told)
+            delete_record(self._state.told)
         self._edge_s: float | None = None  # for which a timer is set
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None
@@ -101,7 +101,7 @@ class Daemon:
             timeout_graceful_shutdown=_GRACE_S,
         )
         workers = self._fleet.fleet.compute.workers or len(os.sched_getaffinity(0))
-        most = most_connections(descriptor_limit(), len(self._fleet.printers), workers)
+        most = connection_limit(descriptor_limit(), len(self._fleet.printers), workers)
         self._server = BoundedServer(config, most)
         self._controller.start(self._effects, self._restored_s)
         self._agents.start({attempt.printer for attempt in self._controller.books.open_prints()})
@@ -143,7 +143,7 @@ class Daemon:
 
     def _notify(self) -> None:
         if self._notifier is not None:
-            self._notifier.tell(self._controller.books, self._clock.now())
+            self._notifier.notify(self._controller.books, self._clock.now())
 
     def _schedule(self) -> None:
         """Schedule what time alone changes, and set a timer for when hours or start times next change."""
@@ -221,7 +221,7 @@ def _only_one(state: StateFolder) -> Iterator[None]:
 
 
 def farm_clock(fleet: Fleet, state: StateFolder) -> Clock:
-    """The farm's clock, the same over restarts: agents and emulators that are alive live on it too.
+    """Return the farm's clock, the same over restarts: running agents and emulators live on it too.
 
     Raises
     ------

@@ -20,8 +20,8 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, AgentTooOld, DriverError
 from drivers.remote import client as agents
 from drivers.remote.client import AgentClient, alive, spawn
-from farm.agents.protocol_adapter import on_its_clock, shift_s, translate, translate_print
-from farm.agents.remote import kept_way
+from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_print, to_farm_snapshot
+from farm.agents.remote import load_route
 from farm.config import PrinterSection
 from farm.errors import FarmError
 from farm.model import AgentPrint, AgentSnapshot, Link
@@ -35,8 +35,8 @@ _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach an agent
 _STEADY_S = 30.0  # wall seconds after which a connection that ends was a good one
 _OLD = "its agent is of an older version: replace it by `farm up --replace {}`"
-_PIECE_BYTES = 32 * 1024  # of a file on its way there; an agent takes lines of 64 KiB
-_START_S = 120.0  # wall seconds; a start that takes longer on its way is decided anew
+_PIECE_BYTES = 32 * 1024  # of a file on its route there; an agent takes lines of 64 KiB
+_START_S = 120.0  # wall seconds; a start that takes longer on its route is decided anew
 _CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
 _EMULATOR = "emulator"  # the agent's folder for the emulator of a sim:// port
 
@@ -58,7 +58,7 @@ class AgentListener(Protocol):
 
 
 class AgentConnection:
-    """One agent: its process, its snapshots, and the requests on their way to it.
+    """One agent: its process, its snapshots, and the requests on their route to it.
 
     Parameters
     ----------
@@ -88,13 +88,13 @@ class AgentConnection:
         self._folder = state.agent(name)
         self._clock = clock
         self._listener = listener
-        way = kept_way(self._folder, section, farm, clock)
-        self._remote = way is not None
+        route = load_route(self._folder, section, farm, clock)
+        self._remote = route is not None
         self._heartbeat = Heartbeat()
-        self._client = AgentClient(self._folder, way, self._heartbeat.heard)
+        self._client = AgentClient(self._folder, route, self._heartbeat.heard)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
-        self._pending: set[tuple[str, str]] = set()  # requests on their way: not sent twice at a time
+        self._pending: set[tuple[str, str]] = set()  # requests on their route: not sent twice at a time
         self._unsupported: set[tuple[str, str]] = set()  # requests that its agent is too old for
         self._cancelled: set[str] = set()  # prints that must not be begun any more
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -169,7 +169,7 @@ class AgentConnection:
                         said = await anext(words, None)
                     if said is None:
                         break
-                    self._offset_s = shift_s(said, self._clock) - self._clock.ahead_s
+                    self._offset_s = clock_offset_s(said, self._clock) - self._clock.ahead_s
                     if self._has_our_port(said):
                         said = await self._import_journal(said)
                         self._report(self._trusted(said))
@@ -189,13 +189,13 @@ class AgentConnection:
         since_s = self._listener.unreported_since_s(self._name)
         if since_s is None:
             return said
-        request = on_its_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
+        request = to_agent_clock(m.ListPrints(id=0, since_s=since_s), self._ahead_s, self._clock.now())
         try:
             reply = await self._client.request(request)
         except AgentTooOld:
             return said
         latest = reply.snapshot or said
-        prints = [translate_print(one, self._ahead_s) for one in reply.prints]
+        prints = [to_farm_print(one, self._ahead_s) for one in reply.prints]
         self._listener.on_journal(self._trusted(latest), prints)
         return latest
 
@@ -217,11 +217,11 @@ class AgentConnection:
             changes["bed_clear"] = None  # only an emulator can tell
         if _CLEARED in self._pending:
             changes["doubt"] = changes["alarm"] = (
-                None  # a person has just dispelled it: this was on its way meanwhile
+                None  # a person has just dispelled it: this was on its route meanwhile
             )
         if said.protocol < m.StartPrint.needed and said.print is None:
             changes |= {"link": Link.FAULT, "reason": _OLD.format(self._name), "outdated": True}
-        return translate(said, self._clock).model_copy(update=changes)
+        return to_farm_snapshot(said, self._clock).model_copy(update=changes)
 
     def _has_our_port(self, said: m.Snapshot) -> bool:
         """Tell whether the agent has the port of `fleet.yaml`; an idle one that has not is replaced."""
@@ -251,7 +251,7 @@ class AgentConnection:
                     return  # while it was sent
                 request = request.model_copy(update={"gcode": None})
             latest_s = self._clock.now() + _START_S * self._clock.scale
-            reply = await self._client.request(on_its_clock(request, self._ahead_s, latest_s))
+            reply = await self._client.request(to_agent_clock(request, self._ahead_s, latest_s))
             if reply.error:
                 log.warning("%s: %s refused: %s", self._name, request.do, reply.error)
                 if isinstance(request, m.StartPrint):

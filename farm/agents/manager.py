@@ -14,7 +14,7 @@ from drivers.remote import bridge
 from drivers.remote.client import AgentClient, alive
 from farm.agents.connection import AgentConnection, AgentListener
 from farm.agents.protocol_adapter import request_for
-from farm.agents.remote import Way, forget, kept_way, reaching
+from farm.agents.remote import Route, delete_route, load_route, without_starting
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused
 from farm.paths import StateFolder
@@ -56,12 +56,12 @@ class AgentManager:
         for folder in sorted((self._state.root / "agents").glob("*/")):
             if folder.name in self._connections:
                 continue
-            way = reaching(kept_way(folder, None, "", self._clock))
-            if way is not None or alive(folder):
-                await self._end_orphan(folder, way)
+            route = without_starting(load_route(folder, None, "", self._clock))
+            if route is not None or alive(folder):
+                await self._end_orphan(folder, route)
 
-    async def _end_orphan(self, folder: Path, way: Way | None) -> None:
-        client, ended = AgentClient(folder, way), False
+    async def _end_orphan(self, folder: Path, route: Route | None) -> None:
+        client, ended = AgentClient(folder, route), False
         try:
             await client.connect()
             reply = await client.request(m.Shutdown(id=0))
@@ -74,7 +74,7 @@ class AgentManager:
         finally:
             await client.close()
         if ended:
-            forget(folder)
+            delete_route(folder)
 
     def watch(self) -> None:
         """Start agents that have died, and replace those that are wedged."""

@@ -27,8 +27,8 @@ _PHASES = {
 }
 
 
-def shift_s(said: m.Snapshot, clock: Clock) -> float:
-    """What the farm's clock is ahead of the agent's, but for what may be a word's way alone.
+def clock_offset_s(said: m.Snapshot, clock: Clock) -> float:
+    """Return the seconds by which the farm's clock is ahead of the agent's; 0 where that may be delay alone.
 
     An agent's clock is never set: what was taken over since the daemon began is all the daemon's.
     """
@@ -81,8 +81,8 @@ def request_for(instruction: ev.AnyInstruction, books: Books, files: Path) -> m.
             return None
 
 
-def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:
-    """A request with its moments on the agent's clock; a print begins by `latest_s` at the latest."""
+def to_agent_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Request:
+    """Return a request with its moments on the agent's clock; a print begins by `latest_s` at the latest."""
     match request:
         case m.StartPrint(not_after_s=not_after_s, ends_by_s=ends_by_s):
             latest_s = latest_s if not_after_s is None else min(latest_s, not_after_s)
@@ -98,8 +98,8 @@ def on_its_clock(request: m.Request, shift_s: float, latest_s: float) -> m.Reque
     return request.model_copy(update=moments)
 
 
-def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
-    """An agent's words in the farm's, and its moments on the farm's clock where its own is another."""
+def to_farm_snapshot(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
+    """Return an agent's snapshot as the farm's record, with its moments on the farm's clock."""
     return AgentSnapshot(
         printer=said.printer,
         link=Link(said.link),
@@ -115,12 +115,12 @@ def translate(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
         bed_unknown_reason=_line(said.bed_unknown_reason),
         alarm=_line(said.alarm),
         reset_verified=said.reset_verified,
-        print=None if said.print is None else translate_print(said.print, shift_s(said, clock)),
+        print=None if said.print is None else to_farm_print(said.print, clock_offset_s(said, clock)),
     )
 
 
-def translate_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
-    """An agent's word on a print in the farm's, where the farm's clock is so far ahead of its own.
+def to_farm_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
+    """Return an agent's report on a print as the farm's record; `ahead_s` is the farm's clock before its own.
 
     Whatever it says, the moments have a date, and no span is negative: both are shown to people.
     """
@@ -150,5 +150,5 @@ def translate_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
 
 
 def _line(text: str | None) -> str | None:
-    """Fit for a terminal: noise on a serial line may be in it."""
+    """Return a text fit for a terminal: noise of a serial line may be in it."""
     return None if text is None else one_line(text)

@@ -1,4 +1,4 @@
-"""The ways to agents on other hosts, kept as a printer may leave the fleet before its agent does."""
+"""Routes to agents on other hosts, kept because a printer may leave the fleet before its agent."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from drivers.records.start_file import Start
 from drivers.remote import bridge
 from farm.config import PrinterSection
 
-WAY = "way.json"  # in the folder of an agent on another host
+ROUTE_FILE = "way.json"  # in the folder of an agent on another host
 
-Way = tuple[list[str], bytes]
-"""The words that start a program which carries bytes to an agent, and what it is told first."""
+Route = tuple[list[str], bytes]
+"""Command that carries bytes to an agent, and the first line that it is sent."""
 
 
-def _way(section: PrinterSection, farm: str, clock: Clock) -> Way | None:
-    """The way to an agent on another host; None where it lives on this one."""
+def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
+    """Return the route to an agent on another host; None where it lives on this one."""
     if section.host is None:
         return None
     start = Start(
@@ -29,35 +29,35 @@ def _way(section: PrinterSection, farm: str, clock: Clock) -> Way | None:
     return bridge.words(section.host, section.host_command), errand.line()
 
 
-def reaching(way: Way | None) -> Way | None:
-    """The same way to an agent that lives; none is started."""
-    if way is None:
+def without_starting(route: Route | None) -> Route | None:
+    """Return the same route, by which no agent is started."""
+    if route is None:
         return None
     try:
-        errand = bridge.parse(way[1])
+        errand = bridge.parse(route[1])
     except AgentError:  # an older farm's
         return None
-    return way[0], replace(errand, do=bridge.Do.REACH).line()
+    return route[0], replace(errand, do=bridge.Do.REACH).line()
 
 
-def kept_way(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Way | None:
-    """The way of a printer of the fleet; of one that was taken out while it prints, the one it had."""
-    kept = folder / WAY
+def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:
+    """Return the route of a printer; of one that has left the fleet while it prints, the one it had."""
+    kept = folder / ROUTE_FILE
     if section is None:
         try:
             words, errand = json.loads(kept.read_text())
             return list(map(str, words)), str(errand).encode()
         except (OSError, ValueError, TypeError):
             return None
-    way = _way(section, farm, clock)
-    if way is None:
+    route = _route_to(section, farm, clock)
+    if route is None:
         kept.unlink(missing_ok=True)
     else:
         folder.mkdir(parents=True, exist_ok=True)
-        kept.write_text(json.dumps((way[0], way[1].decode())))
-    return way
+        kept.write_text(json.dumps((route[0], route[1].decode())))
+    return route
 
 
-def forget(folder: Path) -> None:
-    """Nobody is at the end of this way any more."""
-    (folder / WAY).unlink(missing_ok=True)
+def delete_route(folder: Path) -> None:
+    """Delete a route whose agent has ended."""
+    (folder / ROUTE_FILE).unlink(missing_ok=True)

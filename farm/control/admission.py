@@ -24,7 +24,7 @@ class StartPlanning:
 
 @dataclass(frozen=True, slots=True)
 class HoldJob:
-    """A reason for a job to wait."""
+    """Decision that a job waits, and why."""
 
     job: int
     hold: Hold

@@ -18,7 +18,7 @@ from farm.config import Fleet
 from farm.control.admission import HoldJob, JobAdmission, taken_printers
 from farm.control.effects import Effect, Effects
 from farm.control.forecast_cache import ForecastCache
-from farm.control.telemetry import Telemetry, read_snapshot
+from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
 from farm.errors import FarmError
 from farm.model import (
     AgentPrint,
@@ -46,14 +46,13 @@ from farm.scheduling.situation_builder import (
     describe_plates,
     describe_printers,
     find_print_limits,
-    may_start_now,
 )
 from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.outage import window_s
-from farm.state.reconcile import pending_instructions, refused_print_end
+from farm.state.reconcile import refused_print_end
 from farm.state.recovery.journal_import import import_agent_journal
 from farm.state.reels import fleet_with_reels
 from farm.state.storage.store import Store, StoreError
@@ -247,24 +246,13 @@ class Controller:
         return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
 
     def _owed(self, attempt: Print) -> Iterator[ev.AnyInstruction]:
-        """Yield what an agent has to be told (again): it was away, or hours have changed."""
+        """Return what an open print's agent has to be told (again): it was away, or hours changed."""
         snapshot = self.telemetry.snapshots.get(attempt.printer)
         if snapshot is None:
-            return
-        for instruction in pending_instructions(attempt, snapshot, self._ends_by_s(snapshot)):
-            if not isinstance(instruction, ev.SendStart) or self._may_begin(attempt):
-                yield instruction
-
-    def _ends_by_s(self, snapshot: AgentSnapshot) -> float | None:
-        """Return when what is printed there has to be ended; as it was told, where it has left the fleet."""
-        printer, said = self.fleet_printer(snapshot.printer), snapshot.print
-        if printer is None:
-            return None if said is None else said.ends_by_s
-        return self.rules.ends_by_s(printer, self.clock.now())
-
-    def _may_begin(self, attempt: Print) -> bool:
-        """Tell whether a print may begin: not in an outage that nobody has confirmed, nor out of hours."""
-        return self.books.outage is None and may_start_now(attempt, self.books, self._fleet_now())
+            return iter(())
+        printer = self.fleet_printer(attempt.printer)
+        moment = self._moment([printer] if printer is not None else [])
+        return owed_instructions(attempt, snapshot, self.books, moment)
 
     # -- agents -----------------------------------------------------------------------------------------
 
@@ -381,11 +369,11 @@ class Controller:
 
     def print_limits(self, print_id: str) -> PrintLimits:
         """Return when hours let a print begin and go on."""
-        return find_print_limits(self.books.prints[print_id], self.books, self._fleet_now())
+        return find_print_limits(self.books.prints[print_id], self.books, self._moment(self.fleet_printers()))
 
-    def _fleet_now(self) -> Situation:
-        """Describe the fleet at this moment, with no plate that waits."""
-        return Situation((), tuple(self.fleet_printers()), self.rules, self.clock.now())
+    def _moment(self, printers: Iterable[FleetPrinter]) -> Situation:
+        """Describe this moment for some printers, with no plate that waits."""
+        return Situation((), tuple(printers), self.rules, self.clock.now())
 
     def next_edge_s(self) -> float | None:
         """Return when hours or start times next change what may start; None where they never do."""

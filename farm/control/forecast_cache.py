@@ -33,7 +33,7 @@ class ForecastCache:
         self._ends_s: Mapping[str, float] = {}
 
     def clock_set(self) -> None:
-        """The host's clock was set: what was foreseen counted on other hours."""
+        """Forecast anew: the host's clock was set, and hours are others."""
         self._at_s = float("-inf")
 
     def ends_s(

@@ -1,4 +1,4 @@
-"""Tells people who are not there, through apprise: after the commit, once, and nothing waits for it."""
+"""Notifications through apprise to people who are away: sent once, after the commit, in a thread."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _KEPT_S = 30 * 24 * 3600.0  # farm seconds after which nothing is news any more
 
 
 class Notifier:
-    """What was told is kept in a file, so that no restart tells it again.
+    """Sends what is news, and records it in a file so that no restart sends it again.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class Notifier:
     farm
         The farm's name: the title of every message.
     file
-        What was told. Where there is none, nothing that happened before is news.
+        The record of what was sent. Where there is none, nothing that happened before is news.
 
     Raises
     ------
@@ -42,41 +42,41 @@ class Notifier:
     def __init__(self, urls: Sequence[SecretStr], farm: str, file: Path, now_s: float) -> None:
         for name in ("apprise", "urllib3"):  # they log addresses
             logging.getLogger(name).setLevel(logging.CRITICAL)
-        self._ways = [_way(number, url) for number, url in enumerate(urls, 1)]
+        self._addresses = [_address(number, url) for number, url in enumerate(urls, 1)]
         self._title, self._file = farm, file
-        self._since_s, self._told = _recall(file, now_s)
-        self._waiting: SimpleQueue[str] = SimpleQueue()
+        self._since_s, self._sent = _load_record(file, now_s)
+        self._queue: SimpleQueue[str] = SimpleQueue()
         # A thread that dies with the process: an address that does not answer keeps no daemon alive.
         Thread(target=self._send, name="notify", daemon=True).start()
-        self._keep()
+        self._save_record()
 
-    def tell(self, books: Books, now_s: float) -> None:
-        """Have told what is news in these books, which are committed. Returns at once."""
-        news = list_due_notices(books, now_s, self._since_s, self._told)
+    def notify(self, books: Books, now_s: float) -> None:
+        """Send what is news in these books, which are committed. Returns at once."""
+        news = list_due_notices(books, now_s, self._since_s, self._sent)
         if not news:
             return
         self._since_s = max(self._since_s, now_s - _KEPT_S)
-        self._told = {key: at_s for key, at_s in self._told.items() if at_s >= self._since_s}
-        self._told |= {one.key: one.at_s for one in news}
-        self._keep()  # first: rather not at all than twice
-        self._waiting.put("\n".join(one.text for one in news))
+        self._sent = {key: at_s for key, at_s in self._sent.items() if at_s >= self._since_s}
+        self._sent |= {one.key: one.at_s for one in news}
+        self._save_record()  # first: rather not at all than twice
+        self._queue.put("\n".join(one.text for one in news))
 
     def clock_set(self, by_s: float) -> None:
-        """What happens from now on is news, also where the clock that tells when was set back."""
+        """Count what happens from now on as news, also where the clock was set back."""
         self._since_s = min(self._since_s, self._since_s + by_s)
 
-    def _keep(self) -> None:
+    def _save_record(self) -> None:
         half = self._file.with_suffix(".half")
         try:
-            half.write_text(json.dumps({"since_s": self._since_s, "told": self._told}))
+            half.write_text(json.dumps({"since_s": self._since_s, "told": self._sent}))
             half.replace(self._file)
         except OSError as error:
             log.warning("%s: cannot be written (%s): some notices may be sent twice", self._file, error)
 
     def _send(self) -> None:
         while True:
-            body = self._waiting.get()
-            for number, way in enumerate(self._ways, 1):
+            body = self._queue.get()
+            for number, way in enumerate(self._addresses, 1):
                 try:
                     sent = way.notify(title=self._title, body=body)
                 except Exception as error:  # a plugin's own: its words may hold the address
@@ -86,12 +86,12 @@ class Notifier:
                     log.warning("notify: address %d was not reached", number)
 
 
-def forget(file: Path) -> None:
-    """Nobody is told any more: what happens until somebody is again is no news then."""
+def delete_record(file: Path) -> None:
+    """Delete the record where nobody is notified: what happens meanwhile will be no news."""
     file.unlink(missing_ok=True)
 
 
-def _way(number: int, url: SecretStr) -> Any:
+def _address(number: int, url: SecretStr) -> Any:
     try:
         from apprise import Apprise
     except ImportError as error:
@@ -104,7 +104,7 @@ def _way(number: int, url: SecretStr) -> Any:
     return way
 
 
-def _recall(file: Path, now_s: float) -> tuple[float, dict[str, float]]:
+def _load_record(file: Path, now_s: float) -> tuple[float, dict[str, float]]:
     try:
         kept = json.loads(file.read_text())
         return min(float(kept["since_s"]), now_s), {

@@ -6,14 +6,22 @@ the scheduler reads of a printer, has to be handled.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from farm.model import AgentSnapshot, Link
+from farm.model import AgentSnapshot, Link, Print
+from farm.scheduling.situation import Situation
+from farm.scheduling.situation_builder import may_start_now
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.lifecycles import InvalidTransition
-from farm.state.reconcile import detect_alarm, handle_unknown_print, observe_idle_printer, reconcile
+from farm.state.reconcile import (
+    detect_alarm,
+    handle_unknown_print,
+    observe_idle_printer,
+    pending_instructions,
+    reconcile,
+)
 from farm.state.transitions import apply
 
 
@@ -47,7 +55,7 @@ class Telemetry:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a snapshot comes to.
+    """Result of comparing a snapshot with the books.
 
     Attributes
     ----------
@@ -92,6 +100,34 @@ def read_snapshot(
     except InvalidTransition as error:
         return Reading(tuple(comparison.events), tuple(comparison.instructions), error)
     return Reading(tuple(comparison.events), tuple(comparison.instructions))
+
+
+def owed_instructions(
+    attempt: Print, snapshot: AgentSnapshot, books: Books, situation: Situation
+) -> Iterator[ev.AnyInstruction]:
+    """Yield what the agent of an open print does not know yet, by its latest snapshot.
+
+    A start is sent again only where the print may still begin: not in an outage that nobody has confirmed,
+    nor out of hours. What prints on a printer that has left the fleet ends when its agent was told.
+
+    Parameters
+    ----------
+    attempt, snapshot
+        The open print, and what its agent last said.
+    books
+        As committed.
+    situation
+        The moment, with that printer where it is still used.
+    """
+    printer = situation.fleet.get(attempt.printer)
+    if printer is not None:
+        ends_by_s = situation.rules.ends_by_s(printer, situation.now_s)
+    else:
+        ends_by_s = None if snapshot.print is None else snapshot.print.ends_by_s
+    for instruction in pending_instructions(attempt, snapshot, ends_by_s):
+        starts = isinstance(instruction, ev.SendStart)
+        if not starts or (books.outage is None and may_start_now(attempt, books, situation)):
+            yield instruction
 
 
 class _Comparison:

@@ -30,7 +30,7 @@ class Timers:
     def every(self, wall_seconds: float, name: str, work: Callable[[], object]) -> None:
         """Call a function, plain or async, again and again until the timers are stopped."""
         trigger = IntervalTrigger(seconds=wall_seconds)
-        self._scheduler.add_job(_on_the_loop(work), trigger, id=name, replace_existing=True)
+        self._scheduler.add_job(_as_coroutine(work), trigger, id=name, replace_existing=True)
 
     def at(self, at_s: float, name: str, work: Callable[[], object]) -> None:
         """Call a function once at a moment of farm time, late rather than never.
@@ -38,7 +38,7 @@ class Timers:
         A timer of the same name is put off or brought forward.
         """
         self._moments[name] = at_s
-        self._scheduler.add_job(_on_the_loop(work), self._trigger(at_s), id=name, replace_existing=True)
+        self._scheduler.add_job(_as_coroutine(work), self._trigger(at_s), id=name, replace_existing=True)
 
     def clock_set(self) -> None:
         """Count anew after the host's clock was set; set back, it would delay what is due by as much."""
@@ -51,7 +51,7 @@ class Timers:
             job.reschedule(again)
 
     def _trigger(self, at_s: float) -> DateTrigger:
-        """The host's time, as it is now, at a moment of farm time."""
+        """Return a trigger at a moment of farm time, by the host's time as it is now."""
         left = timedelta(seconds=self._clock.wall_seconds(at_s - self._clock.now()))
         return DateTrigger(datetime.now(UTC) + left)
 
@@ -62,8 +62,8 @@ class Timers:
         self._scheduler.shutdown(wait=False)
 
 
-def _on_the_loop(work: Callable[[], object]) -> Callable[[], Awaitable[None]]:
-    """As a coroutine function: APScheduler would run a plain one in a thread."""
+def _as_coroutine(work: Callable[[], object]) -> Callable[[], Awaitable[None]]:
+    """Return a coroutine function: APScheduler would run a plain one in a thread."""
 
     async def run() -> None:
         done = work()

@@ -1,4 +1,4 @@
-"""Who asks: the user at the other end of the socket, by the kernel's word, and what only operators may."""
+"""Callers of the daemon: users at the other end of the socket, as the kernel names them, and operators."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """A user of this host."""
+    """User of this host."""
 
     uid: int
     gid: int
 
     @property
     def name(self) -> str:
-        """As the user database has it."""
+        """Name in the user database."""
         try:
             return pwd.getpwuid(self.uid).pw_name
         except KeyError:
             return f"uid {self.uid}"
 
     def belongs_to(self, group: str) -> bool:
-        """Whether the group database, or how the person logged in, makes them a member."""
+        """Tell whether the group database, or how the person logged in, makes them a member."""
         number = _gid(group)
         try:
             return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
@@ -56,7 +56,7 @@ class PeerProtocol(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self._waits_s = self.loop.time()
+        self._waiting_since_s = self.loop.time()
         peer: socket.socket | None = transport.get_extra_info("socket")
         if peer is not None and peer.family == socket.AF_UNIX:
             said = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
@@ -67,51 +67,54 @@ class PeerProtocol(H11Protocol):
         before = self.conn.their_state
         super().data_received(data)
         if self.conn.their_state is h11.SEND_BODY or self.conn.their_state is not before:
-            self._waits_s = self.loop.time()  # a head has its time as a whole, a body each of its pieces
+            self._waiting_since_s = (
+                self.loop.time()
+            )  # a head has its time as a whole, a body each of its pieces
 
     def on_response_complete(self) -> None:
-        self._waits_s = self.loop.time()
+        self._waiting_since_s = self.loop.time()
         super().on_response_complete()
 
     @property
-    def owes_since_s(self) -> float | None:
-        """Since when the other end owes the rest of a request; None where it owes nothing."""
+    def waiting_since_s(self) -> float | None:
+        """Time since which the rest of a request is waited for, on the loop's clock; None where none is."""
         waits = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
-        return self._waits_s if waits else None
+        return self._waiting_since_s if waits else None
 
 
 def _person(request: Request) -> Person | None:
     return getattr(request.state, "person", None)
 
 
-def anybody(request: Request) -> str:
-    """The name of whoever asks."""
+def caller_name(request: Request) -> str:
+    """Return the name of the caller."""
     person = _person(request)
     return "a person" if person is None else person.name
 
 
-def operator(request: Request) -> str:
-    """The same, of one who may say that printers go on; else Refused.
+def operator_name(request: Request) -> str:
+    """Return the name of a caller who may say that printers go on; raise Refused for others.
 
     Root and the daemon's own user could change the books anyway: they always may.
     """
     group: str | None = request.app.state.controller.fleet.fleet.operators
     person = _person(request)
     if group is None or (person is not None and person.uid in (0, os.getuid())):
-        return anybody(request)
+        return caller_name(request)
     if person is None or not person.belongs_to(group):
-        raise Refused(f"{anybody(request)} is not an operator: only members of the group {group} may do this")
+        name = caller_name(request)
+        raise Refused(f"{name} is not an operator: only members of the group {group} may do this")
     return person.name
 
 
 def check_operators(group: str | None) -> None:
-    """Raises FleetFileError where `fleet.operators` names a group that this host does not have."""
+    """Raise FleetFileError where `fleet.operators` names a group that this host does not have."""
     if group is not None and _gid(group) is None:
         raise FleetFileError(f"fleet.operators: there is no group {group}; `groupadd {group}` makes it")
 
 
 def listen(path: Path, group: str) -> socket.socket:
-    """A listening Unix socket for the members of a group; for its owner, where that cannot be.
+    """Open a listening Unix socket for the members of a group; for its owner, where that cannot be.
 
     Raises
     ------
@@ -158,7 +161,7 @@ def _gid(group: str) -> int | None:
         return None
 
 
-By = Annotated[str, Depends(anybody)]
-"""Who asks for something that anybody may."""
-ByOperator = Annotated[str, Depends(operator)]
-"""Who asks for something that `fleet.operators` may keep for a group."""
+CallerName = Annotated[str, Depends(caller_name)]
+"""Name of the caller of something that anybody may ask."""
+OperatorName = Annotated[str, Depends(operator_name)]
+"""Name of the caller of something that `fleet.operators` may keep for a group."""

@@ -20,9 +20,9 @@ import uvicorn
 log = logging.getLogger(__name__)
 
 REQUEST_S = 10.0  # wall seconds for a request to come, and between two pieces of its body
-MOST = 64
-_LEAST = 4
-_OF_THE_FARM = (
+MOST_CONNECTIONS = 64
+_LEAST_CONNECTIONS = 4
+_RESERVED_DESCRIPTORS = (
     32  # descriptors of books, socket, timers and log, and what starting an agent takes for a moment
 )
 _EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # an upload is a file too
@@ -31,18 +31,18 @@ _WAIT_S = 0.1
 _LOG_EVERY_S = 60.0
 
 
-class Owing(Protocol):
-    """A connection that may owe the rest of a request."""
+class WaitingConnection(Protocol):
+    """Connection that may be waiting for the rest of a request."""
 
     transport: asyncio.Transport
 
     @property
-    def owes_since_s(self) -> float | None:
-        """Since when, on the event loop's clock; None where it owes nothing."""
+    def waiting_since_s(self) -> float | None:
+        """Time since which it waits, on the event loop's clock; None where it does not."""
 
 
-def most_connections(descriptors: int, printers: int, workers: int) -> int:
-    """How many connections leave enough descriptors for agents and workers.
+def connection_limit(descriptors: int, printers: int, workers: int) -> int:
+    """Return how many connections leave enough descriptors for agents and workers.
 
     Parameters
     ----------
@@ -51,32 +51,32 @@ def most_connections(descriptors: int, printers: int, workers: int) -> int:
     printers, workers
         How many there are.
     """
-    kept = _OF_THE_FARM + _EACH_PRINTER * printers + _EACH_WORKER * workers
-    return max(_LEAST, min(MOST, (descriptors - kept) // _EACH_CONNECTION))
+    kept = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
+    return max(_LEAST_CONNECTIONS, min(MOST_CONNECTIONS, (descriptors - kept) // _EACH_CONNECTION))
 
 
 def descriptor_limit() -> int:
-    """How many descriptors this process may have open."""
+    """Return how many descriptors this process may have open."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return 2**20 if soft == resource.RLIM_INFINITY else soft
 
 
-def overdue(connections: Iterable[Owing], now_s: float) -> list[Owing]:
-    """The connections that have owed a request for too long."""
+def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list[WaitingConnection]:
+    """Return the connections that have waited for a request for too long."""
     return [
         one
         for one in connections
-        if (since_s := one.owes_since_s) is not None and now_s - since_s > REQUEST_S
+        if (since_s := one.waiting_since_s) is not None and now_s - since_s > REQUEST_S
     ]
 
 
-def longest_owing(connections: Iterable[Owing]) -> Owing | None:
-    """The connection that has owed a request longest; None where none owes any."""
-    owing = [one for one in connections if one.owes_since_s is not None]
-    return min(owing, key=lambda one: one.owes_since_s or 0.0, default=None)
+def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
+    """Return the connection that has waited for a request longest; None where none waits."""
+    owing = [one for one in connections if one.waiting_since_s is not None]
+    return min(owing, key=lambda one: one.waiting_since_s or 0.0, default=None)
 
 
-class SeldomLog:
+class RateLimitedLog:
     """Logs a trouble that may come thousands of times once a minute, with how often it came."""
 
     def __init__(self) -> None:
@@ -91,17 +91,17 @@ class SeldomLog:
 
 
 class BoundedServer(uvicorn.Server):
-    """A server on one socket that takes `most` connections at a time.
+    """Server on one socket that takes a limited number of connections at a time.
 
     It accepts by itself: asyncio's own servers accept without a bound, and where descriptors run out log each
     of thousands of tries.
     """
 
-    def __init__(self, config: uvicorn.Config, most: int) -> None:
+    def __init__(self, config: uvicorn.Config, limit: int) -> None:
         super().__init__(config)
-        self._most = most
+        self._limit = limit
         self._tasks: list[asyncio.Task[None]] = []
-        self._seldom = SeldomLog()
+        self._rate_limited_log = RateLimitedLog()
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=[])
@@ -116,8 +116,8 @@ class BoundedServer(uvicorn.Server):
         await super().shutdown(sockets)
 
     @property
-    def _connections(self) -> set[Owing]:
-        return cast(set[Owing], self.server_state.connections)
+    def _connections(self) -> set[WaitingConnection]:
+        return cast(set[WaitingConnection], self.server_state.connections)
 
     def _protocol(self) -> asyncio.Protocol:
         make = cast(type, self.config.http_protocol_class)
@@ -132,7 +132,7 @@ class BoundedServer(uvicorn.Server):
             try:
                 connection, _ = await loop.sock_accept(listening)
             except OSError as error:
-                self._seldom.warn(f"no connection can be accepted: {error}", loop.time())
+                self._rate_limited_log.warn(f"no connection can be accepted: {error}", loop.time())
                 await asyncio.sleep(_SWEEP_S)
                 continue
             with suppress(OSError):  # it is gone again
@@ -141,16 +141,18 @@ class BoundedServer(uvicorn.Server):
 
     async def _make_room(self) -> None:
         """Wait until there are fewer than `most`; whoever has owed a request longest has to go."""
-        while len(self._connections) >= self._most:
-            idle = longest_owing(self._connections)
+        while len(self._connections) >= self._limit:
+            idle = find_longest_waiting(self._connections)
             if idle is not None:
                 idle.transport.abort()
-                self._seldom.warn("too many connections: one that asked for nothing was ended", self._now_s())
+                self._rate_limited_log.warn(
+                    "too many connections: one that asked for nothing was ended", self._now_s()
+                )
             await asyncio.sleep(0.0 if idle is not None else _WAIT_S)
 
     async def _sweep(self) -> None:
         while True:
-            for one in overdue(self._connections, self._now_s()):
+            for one in find_overdue(self._connections, self._now_s()):
                 one.transport.abort()
             await asyncio.sleep(_SWEEP_S)
 

@@ -11,7 +11,7 @@ from farm import api
 from farm.control.dry_runs import DryRuns
 from farm.control.job_commands import JobCommands
 from farm.control.part_commands import PartCommands
-from farm.http.callers import By, ByOperator
+from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 from farm.http.uploads import LARGEST_MODEL_BYTES, display_name, parse_options, receive_model
 from farm.views.job_night import describe_job_night
@@ -41,7 +41,7 @@ def job_routes(services: Services, jobs: JobCommands, parts: PartCommands, dry_r
         request_id: Annotated[str, Query(min_length=8, max_length=64)],
         name: Annotated[str, Query(min_length=1, max_length=200)],
         size: Annotated[int, Query(ge=0, le=LARGEST_MODEL_BYTES)],
-        by: By,
+        by: CallerName,
         options: str = "{}",
     ) -> api.Submitted:
         wanted = parse_options(options)
@@ -55,36 +55,36 @@ def job_routes(services: Services, jobs: JobCommands, parts: PartCommands, dry_r
         return api.Submitted(job=number, again=again)
 
     @router.post("/jobs/{number}/approve")
-    async def approve(number: int, request: api.ApproveRequest, by: ByOperator) -> None:
+    async def approve(number: int, request: api.ApproveRequest, by: OperatorName) -> None:
         await jobs.approve(number, request.plan, services.state, by)
 
     @router.post("/jobs/{number}/cancel")
-    async def cancel(number: int, by: By) -> api.JobStatus:
+    async def cancel(number: int, by: CallerName) -> api.JobStatus:
         jobs.cancel(number, by)
         return await job(number)
 
     @router.post("/jobs/{number}/pause")
-    async def pause(number: int, by: By) -> None:
+    async def pause(number: int, by: CallerName) -> None:
         jobs.pause(number, True, by)
 
     @router.post("/jobs/{number}/resume")
-    async def resume(number: int, by: By) -> None:
+    async def resume(number: int, by: CallerName) -> None:
         jobs.pause(number, False, by)
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
-    async def reprint_part(number: int, part: str, request: api.Reason, by: By) -> api.Named:
+    async def reprint_part(number: int, part: str, request: api.Reason, by: CallerName) -> api.Named:
         return api.Named(name=parts.reprint(number, part, request.why or "asked for again", by))
 
     @router.post("/jobs/{number}/parts/{part}/cancel")
-    async def cancel_part(number: int, part: str, by: By) -> api.Named:
+    async def cancel_part(number: int, part: str, by: CallerName) -> api.Named:
         return api.Named(name=parts.cancel(number, part, by))
 
     @router.post("/jobs/{number}/parts/{part}/pause")
-    async def pause_part(number: int, part: str, by: By) -> api.Named:
+    async def pause_part(number: int, part: str, by: CallerName) -> api.Named:
         return api.Named(name=parts.pause(number, part, True, by))
 
     @router.post("/jobs/{number}/parts/{part}/resume")
-    async def resume_part(number: int, part: str, by: By) -> api.Named:
+    async def resume_part(number: int, part: str, by: CallerName) -> api.Named:
         return api.Named(name=parts.pause(number, part, False, by))
 
     return router

@@ -8,7 +8,7 @@ from farm import api
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
 from farm.errors import Refused
-from farm.http.callers import By, ByOperator
+from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 
 
@@ -17,48 +17,48 @@ def printer_routes(services: Services, printers: PrinterCommands, parts: PartCom
     router = APIRouter()
 
     @router.post("/printers/{name}/cleared")
-    async def clear_bed(name: str, request: api.ClearedRequest, by: ByOperator) -> api.Cleared:
+    async def clear_bed(name: str, request: api.ClearedRequest, by: OperatorName) -> api.Cleared:
         return printers.clear_bed(name, request, by)
 
     @router.post("/printers/{name}/load")
-    async def load_reel(name: str, request: api.LoadRequest, by: ByOperator) -> api.Reel:
+    async def load_reel(name: str, request: api.LoadRequest, by: OperatorName) -> api.Reel:
         reel = await printers.load_reel(name, request, by)
         return api.Reel(
             material=reel.material, colour=reel.colour, grams=reel.grams, nozzle_mm=reel.nozzle_mm
         )
 
     @router.post("/printers/{name}/pause")
-    async def pause(name: str, by: By) -> None:
+    async def pause(name: str, by: CallerName) -> None:
         printers.pause(name, True, by)
 
     @router.post("/printers/{name}/resume")
-    async def resume(name: str, by: By) -> None:
+    async def resume(name: str, by: CallerName) -> None:
         printers.pause(name, False, by)
 
     @router.post("/printers/{name}/fail")
-    async def fail_print(name: str, request: api.Reason, by: By) -> None:
+    async def fail_print(name: str, request: api.Reason, by: CallerName) -> None:
         printers.fail_print(name, request.why or "it went wrong", by)
 
     @router.post("/printers/{name}/cancel")
-    async def cancel_print(name: str, by: By) -> api.Named:
+    async def cancel_print(name: str, by: CallerName) -> api.Named:
         return api.Named(name=parts.cancel_on(name, by))
 
     @router.post("/printers/{name}/maintenance")
-    async def begin_maintenance(name: str, request: api.Reason, by: By) -> None:
+    async def begin_maintenance(name: str, request: api.Reason, by: CallerName) -> None:
         printers.begin_maintenance(name, request.why, by)
 
     @router.post("/printers/{name}/maintained")
-    async def end_maintenance(name: str, by: ByOperator) -> None:
+    async def end_maintenance(name: str, by: OperatorName) -> None:
         printers.end_maintenance(name, by)
 
     @router.post("/printers/{name}/replace")
-    async def replace_agent(name: str, by: ByOperator) -> None:
+    async def replace_agent(name: str, by: OperatorName) -> None:
         if services.controller.books.open_print_on(name) is not None:
             raise Refused(f"{name} is printing: replace its agent after the print has ended")
         await services.replace_agent(name)
 
     @router.post("/outage/confirm")
-    async def confirm_outage(by: ByOperator) -> api.Named:
+    async def confirm_outage(by: OperatorName) -> api.Named:
         return api.Named(name=printers.confirm_outage(by))
 
     return router

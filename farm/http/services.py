@@ -23,7 +23,7 @@ async def refuse_replacing(name: str) -> None:
 
 @dataclass(frozen=True)
 class Services:
-    """What the daemon offers to its routes.
+    """Parts of the daemon that its routes use.
 
     Attributes
     ----------

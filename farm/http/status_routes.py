@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query
 
 from farm import api
 from farm.errors import Refused
-from farm.http.callers import ByOperator
+from farm.http.callers import OperatorName
 from farm.http.services import Services
 from farm.views.history import describe_night, list_history, select_shown_jobs
 from farm.views.jobs import describe_job
@@ -64,7 +64,7 @@ def status_routes(services: Services) -> APIRouter:
         return api.History(prints=list_history(context, job, printer, last))
 
     @router.post("/down")
-    async def shut_down(request: api.DownRequest, _: ByOperator) -> None:
+    async def shut_down(request: api.DownRequest, _: OperatorName) -> None:
         busy = sorted({attempt.printer for attempt in controller.books.open_prints()})
         if busy and not (request.now or request.wait):
             raise Refused(f"printing: {' '.join(busy)}; use --wait, or --now to end everything safely")

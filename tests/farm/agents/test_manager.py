@@ -18,8 +18,7 @@ from drivers.remote import client as client_module
 from drivers.remote.client import alive, kill, pid
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
-from farm.agents.protocol_adapter import on_its_clock, translate
-from farm.agents.protocol_adapter import shift_s as shift_s_of
+from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_snapshot
 from farm.config import Fleet, PrinterSection
 from farm.model import AgentPrint, AgentSnapshot, Link
 from farm.paths import StateFolder
@@ -100,10 +99,10 @@ def test_moments_of_an_agent_whose_host_has_another_time_are_put_right(apart_s: 
     said = m.Snapshot(
         protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
     )
-    heard = translate(said, clock).print
+    heard = to_farm_snapshot(said, clock).print
     assert heard is not None
     assert heard.started_s == pytest.approx(began_s + shift_s, abs=30.0)
-    assert shift_s_of(said, clock) == pytest.approx(shift_s, abs=30.0)
+    assert clock_offset_s(said, clock) == pytest.approx(shift_s, abs=30.0)
 
 
 @pytest.mark.parametrize("step_s", [30.0, -30.0, 6 * 3600.0, -6 * 3600.0])
@@ -116,12 +115,12 @@ def test_agents_agree_on_deadlines_with_a_daemon_whose_clock_was_set(step_s: flo
     said = m.Snapshot(
         protocol=m.PROTOCOL, printer="a", agent_pid=1, now_s=began_s, link=m.LinkState.BUSY, print=shot
     )
-    heard = translate(said, daemon).print
+    heard = to_farm_snapshot(said, daemon).print
     assert heard is not None and heard.started_s is not None
     off_s = 30.0 if later and abs(step_s) < 60.0 else 5.0  # less than a minute may be a word's way alone
     assert daemon.now() - heard.started_s == pytest.approx(0.0, abs=off_s + 5.0)
     deadline_s = daemon.now() + 600.0
-    sent = on_its_clock(start(None, deadline_s), shift_s_of(said, daemon), deadline_s)
+    sent = to_agent_clock(start(None, deadline_s), clock_offset_s(said, daemon), deadline_s)
     assert isinstance(sent, m.StartPrint)
     assert sent.not_after_s is not None and sent.not_after_s - agent.now() == pytest.approx(600.0, abs=35.0)
     assert sent.ends_by_s == sent.not_after_s
@@ -158,15 +157,15 @@ def start(not_after_s: float | None, ends_by_s: float | None) -> m.StartPrint:
 
 
 def test_what_is_told_has_its_moments_on_the_agent_s_clock_and_a_start_is_never_without_one():
-    sent = on_its_clock(start(None, None), -3600.0, 1000.0)
+    sent = to_agent_clock(start(None, None), -3600.0, 1000.0)
     assert sent == start(4600.0, None)
-    assert on_its_clock(start(500.0, 2000.0), -3600.0, 1000.0) == start(4100.0, 5600.0)
-    assert on_its_clock(start(5000.0, 2000.0), 0.0, 1000.0) == start(1000.0, 2000.0)
+    assert to_agent_clock(start(500.0, 2000.0), -3600.0, 1000.0) == start(4100.0, 5600.0)
+    assert to_agent_clock(start(5000.0, 2000.0), 0.0, 1000.0) == start(1000.0, 2000.0)
     end = m.EndPrintBy(id=0, print_id="p", ends_by_s=2000.0)
-    assert on_its_clock(end, 500.0, 1000.0) == end.model_copy(update={"ends_by_s": 1500.0})
+    assert to_agent_clock(end, 500.0, 1000.0) == end.model_copy(update={"ends_by_s": 1500.0})
     free = end.model_copy(update={"ends_by_s": None})
     for request in (free, m.Hello(id=0)):
-        assert on_its_clock(request, 500.0, 1000.0) == request
+        assert to_agent_clock(request, 500.0, 1000.0) == request
 
 
 @pytest.mark.system

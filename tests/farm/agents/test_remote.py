@@ -311,13 +311,13 @@ def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_an
         await until(lambda: alive(there))
         await before.close()
         for _ in range(2):  # the second time nobody lives there any more
-            kept_way = kept.read_text()
+            load_route = kept.read_text()
             after = farm()
             after.start(())
             await until(lambda: not kept.exists())
             await until(lambda: not alive(there))
             await after.close()
-            kept.write_text(kept_way)
+            kept.write_text(load_route)
 
     asyncio.run(story())
 
@@ -325,7 +325,7 @@ def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_an
 @pytest.mark.parametrize("text", ["", "null", "[1, 2]", '["a"]', "{}", "[[], 5]"])
 def test_a_way_that_was_damaged_is_no_crash(text, tmp_path):
     (tmp_path / "way.json").write_text(text)
-    remote.reaching(remote.kept_way(tmp_path, None, "", Clock()))
+    remote.without_starting(remote.load_route(tmp_path, None, "", Clock()))
 
 
 def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():

@@ -9,7 +9,7 @@ import pytest
 from pydantic import SecretStr
 
 from farm.config import Fleet
-from farm.control.notifier import Notifier, forget
+from farm.control.notifier import Notifier, delete_record
 from farm.errors import FleetFileError
 from farm.state import events as ev
 from make_books import ended, printing, run
@@ -51,20 +51,20 @@ def test_people_are_told_once_and_no_restart_tells_it_again(server, tmp_path, ca
     urls = [SecretStr(f"json://ann:secret@{address}/"), SecretStr("json://ann:secret@127.0.0.1:1/")]
     file = tmp_path / "told.json"
     notifier = Notifier(urls, "lab", file, 0.0)
-    notifier.tell(printed(), 500.0)
+    notifier.notify(printed(), 500.0)
     said = posts.get(timeout=PATIENCE_S)
     assert said["title"] == "lab"
     assert said["message"].splitlines() == [
         "job 1 (bracket.stl) is printed: 1 part in 3 min",
         "all jobs have ended",
     ]
-    notifier.tell(printed(), 510.0)
+    notifier.notify(printed(), 510.0)
     again = Notifier(urls, "lab", file, 520.0)
-    again.tell(printed(), 530.0)
+    again.notify(printed(), 530.0)
     failed = ended("y", "failed", at_s=600.0, fault="kill", reason="it was killed")
     more = ev.PlateAssigned(at_s=550.0, plate="1/02", printer="b", print_id="y")
     books, _ = run(printing(plates=2), more, failed)
-    again.tell(books, 700.0)
+    again.notify(books, 700.0)
     assert posts.get(timeout=PATIENCE_S)["message"] == "1/p02 failed on b: it was killed"
     assert posts.empty()
     assert "secret" not in caplog.text
@@ -73,12 +73,12 @@ def test_people_are_told_once_and_no_restart_tells_it_again(server, tmp_path, ca
 def test_what_happened_before_anybody_wanted_to_be_told_is_no_news(server, tmp_path):
     posts, address = server
     file = tmp_path / "told.json"
-    Notifier([SecretStr(f"json://{address}/")], "lab", file, 300.0).tell(printed(), 500.0)
-    forget(file)
-    forget(file)
+    Notifier([SecretStr(f"json://{address}/")], "lab", file, 300.0).notify(printed(), 500.0)
+    delete_record(file)
+    delete_record(file)
     assert not file.exists()
     late = Notifier([SecretStr(f"json://{address}/")], "lab", file, 150.0)
-    late.tell(printed(), 500.0)
+    late.notify(printed(), 500.0)
     assert posts.get(timeout=PATIENCE_S)["title"] == "lab"
     assert posts.empty()
 
@@ -105,8 +105,8 @@ def test_what_happens_after_the_clock_was_set_back_is_told(server, tmp_path):
     file = tmp_path / "told.json"
     notifier = Notifier([SecretStr(f"json://{address}/")], "lab", file, 4000.0)
     notifier.clock_set(-3900.0)
-    notifier.tell(printed(), 500.0)
+    notifier.notify(printed(), 500.0)
     assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]
     file.write_text(json.dumps({"since_s": 4000.0, "told": {}}))
-    Notifier([SecretStr(f"json://{address}/")], "lab", file, 100.0).tell(printed(), 500.0)
+    Notifier([SecretStr(f"json://{address}/")], "lab", file, 100.0).notify(printed(), 500.0)
     assert "is printed" in posts.get(timeout=PATIENCE_S)["message"]

@@ -16,13 +16,13 @@ import uvicorn
 from farm.http import connections
 from farm.http.callers import PeerProtocol
 from farm.http.connections import (
-    MOST,
+    MOST_CONNECTIONS,
     REQUEST_S,
     BoundedServer,
-    SeldomLog,
-    longest_owing,
-    most_connections,
-    overdue,
+    RateLimitedLog,
+    connection_limit,
+    find_longest_waiting,
+    find_overdue,
 )
 from real_farm import RealFarm, wait_for
 
@@ -34,26 +34,26 @@ WHOLE = HALF + b"Connection: close\r\n\r\n"
 
 @dataclass
 class One:
-    owes_since_s: float | None
+    waiting_since_s: float | None
 
 
 @pytest.mark.parametrize(
     ("descriptors", "printers", "workers", "most"),
-    [(1024, 100, 2, MOST), (2**20, 3, 8, MOST), (64, 1, 2, 11), (32, 1, 2, 4)],
+    [(1024, 100, 2, MOST_CONNECTIONS), (2**20, 3, 8, MOST_CONNECTIONS), (64, 1, 2, 11), (32, 1, 2, 4)],
 )
 def test_most_of_few_descriptors_is_kept_for_the_farm(descriptors, printers, workers, most):
-    assert most_connections(descriptors, printers, workers) == most
+    assert connection_limit(descriptors, printers, workers) == most
 
 
 def test_who_owes_a_request_is_ended_after_its_time_and_the_oldest_first_where_there_is_no_room():
     busy, old, young = One(None), One(0.0), One(5.0)
-    assert overdue([busy, old, young], REQUEST_S + 0.1) == [old]
-    assert longest_owing([busy, young, old]) is old
-    assert longest_owing([busy]) is None
+    assert find_overdue([busy, old, young], REQUEST_S + 0.1) == [old]
+    assert find_longest_waiting([busy, young, old]) is old
+    assert find_longest_waiting([busy]) is None
 
 
 def test_a_trouble_that_comes_a_thousand_times_is_logged_once_a_minute(caplog):
-    seldom = SeldomLog()
+    seldom = RateLimitedLog()
     with caplog.at_level(logging.WARNING):
         for number in range(1000):
             seldom.warn("no room", number / 100)
@@ -137,7 +137,7 @@ def test_a_head_has_its_time_as_a_whole_and_a_body_each_of_its_pieces(tmp_path):
         async def since():
             await asyncio.sleep(0.01)
             [one] = server.server_state.connections
-            return one.owes_since_s
+            return one.waiting_since_s
 
         _, writer = await asyncio.open_unix_connection(path)
         while not server.server_state.connections:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from drivers.errors import MessageError
 from drivers.messages import Filament, LinkState, PrintPhase, Snapshot
 from drivers.remote.client import read_line
-from farm.agents.protocol_adapter import shift_s, translate, translate_print
+from farm.agents.protocol_adapter import clock_offset_s, to_farm_print, to_farm_snapshot
 from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.state import events as ev
@@ -122,7 +122,7 @@ def test_whatever_an_agent_says_can_be_booked_shown_and_read_again(said, tmp_pat
     farm = busy(folder)
     other = farm.controller.books.prints["theirs"]
     for heard in lines(said):
-        farm.controller.on_snapshot(translate(heard, Clock()))
+        farm.controller.on_snapshot(to_farm_snapshot(heard, Clock()))
         look(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other
     with Store(folder / "farm.db") as store:
@@ -141,8 +141,8 @@ def test_whatever_an_agent_says_that_it_printed_since_the_books_were_copied_can_
     other = farm.controller.books.prints["theirs"]
     for heard in lines([last]):
         shown = [one.print for one in lines({**last, "print": shot} for shot in told)]
-        shot = [translate_print(one, shift_s(heard, Clock())) for one in shown]
-        farm.controller.on_journal(translate(heard, Clock()), shot)
+        shot = [to_farm_print(one, clock_offset_s(heard, Clock())) for one in shown]
+        farm.controller.on_journal(to_farm_snapshot(heard, Clock()), shot)
         assert farm.controller.unreported_since_s("a") is None
         look(farm.controller, folder)
     assert farm.controller.books.prints["theirs"] == other
