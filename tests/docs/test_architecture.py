@@ -1,0 +1,49 @@
+"""ARCHITECTURE.md names every folder and only names that the code has."""
+
+import importlib
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TEXT = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+PACKAGES = ("farm", "drivers", "decompose", "slicing")
+MOST_WORDS = 30
+
+
+def rows(title: str) -> list[list[str]]:
+    """Cells of the table under a heading, without its first two lines."""
+    section = TEXT.split(f"## {title}\n")[1].split("\n## ")[0]
+    lines = [line for line in section.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+def test_every_folder_has_its_row() -> None:
+    folders = {
+        str(init.parent.relative_to(ROOT))
+        for package in PACKAGES
+        for init in (ROOT / package).rglob("__init__.py")
+    }
+    named = [cells[0].strip("`") for cells in rows("Folders")]
+    assert sorted(named) == sorted(folders)
+
+
+def test_no_cell_is_longer_than_thirty_words() -> None:
+    cells = [cell for line in TEXT.splitlines() if line.startswith("|") for cell in line.split("|")]
+    assert [cell for cell in cells if len(cell.split()) > MOST_WORDS] == []
+
+
+def test_every_word_of_the_glossary_is_in_the_code() -> None:
+    for word, _, name in rows("Words"):
+        module, _, member = name.strip("`").rpartition(".")
+        if member[0].isupper():
+            assert hasattr(importlib.import_module(module), member), word
+        else:
+            importlib.import_module(name.strip("`"))
+
+
+def test_every_path_and_name_in_the_journey_exists() -> None:
+    journey = TEXT.split("## One job's journey\n")[1].split("\n## ")[0]
+    paths = [name for name in re.findall(r"`([\w/]+)`", journey) if name.partition("/")[0] in PACKAGES]
+    assert paths
+    for name in paths:
+        assert (ROOT / name).is_dir() or (ROOT / f"{name}.py").is_file(), name
