@@ -21,6 +21,7 @@ from farm.compute.worker_pool import Workers
 from farm.config import Fleet
 from farm.control.controller import Controller
 from farm.control.effects import FarmEffects
+from farm.control.job_commands import abort_prints
 from farm.control.notifier import Notifier, delete_record
 from farm.control.timers import Timers
 from farm.errors import FarmError, Refused
@@ -157,7 +158,7 @@ class Daemon:
         """End the farm: every print first (with `now`), then the agents, then the daemon."""
         self._controller.stopping = True
         if now:
-            self._controller.abort_all()
+            abort_prints(self._controller)
         give_up = asyncio.get_running_loop().time() + _ABORT_S if now else math.inf
         self._ending = asyncio.get_running_loop().create_task(self._end(give_up))
 

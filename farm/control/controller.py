@@ -345,16 +345,6 @@ class Controller:
         """Note that the books were copied, or why they could not be."""
         self._backup_failure = failure
 
-    def abort_all(self) -> None:
-        """End every print."""
-        now_s = self.clock.now()
-        numbers = sorted({attempt.job for attempt in self.books.open_prints()})
-        going = [number for number in numbers if not self.books.job(number).state.ended]
-        self.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
-        # Of a part that a person has found whole meanwhile.
-        others = [p.plate for p in self.books.open_prints() if p.cancel_reason is None]
-        self.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))
-
     # -- queries ----------------------------------------------------------------------------------------
 
     def fleet_printers(self) -> list[FleetPrinter]:

@@ -128,3 +128,13 @@ class JobCommands:
         if job.state is not JobState.HELD:
             raise Refused(f"job {number} is not waiting for approval: it is {job.state}")
         return job
+
+
+def abort_prints(controller: Controller) -> None:
+    """End every print: their jobs are cancelled, and what a person has found whole meanwhile is not begun."""
+    books, now_s = controller.books, controller.clock.now()
+    numbers = sorted({attempt.job for attempt in books.open_prints()})
+    going = [number for number in numbers if not books.job(number).state.ended]
+    controller.handle(*(ev.JobCancelled(at_s=now_s, job=number) for number in going))
+    others = [attempt.plate for attempt in controller.books.open_prints() if attempt.cancel_reason is None]
+    controller.handle(*(ev.PlateCancelled(at_s=now_s, plate=plate, by=ev.A_PERSON) for plate in others))

@@ -19,7 +19,7 @@ def test_a_state_folder_that_cannot_be_written_is_named_in_a_line(tmp_path, monk
     state = StateFolder(tmp_path / "state")
     state.make()
     state.lock.mkdir()  # as a full disk or a read-only one does, it takes no lock
-    with pytest.raises(FarmError, match=r"state folder .* cannot be used .*: has its disk room"):
+    with pytest.raises(FarmError, match=r"state folder .* cannot be used .*: check its disk space"):
         run(fleet(), Places(state, tmp_path / "farm.sock", tmp_path / "fleet.yaml"))
 
 

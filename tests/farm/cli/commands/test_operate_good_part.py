@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from farm.cli.client import daemon_client
 from farm.cli.main import app as cli
+from farm.control.job_commands import abort_prints
 from farm.http.app import make_app
 from farm.http.services import Services
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
@@ -109,7 +110,7 @@ def test_going_down_ends_a_print_of_a_part_that_was_found_whole(farm):
     farm.ready("b")
     said(farm, "b", PrintState.HEATING, started_s=farm.controller.clock.now())
     ask("cleared", "a", "--good", "1/p01")
-    farm.controller.abort_all()
+    abort_prints(farm.controller)
     assert farm.controller.books.open_print_on("b").cancel_reason is not None
 
 
