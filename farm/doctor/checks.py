@@ -10,6 +10,7 @@ from farm.doctor.facts import Facts
 from farm.doctor.finding import Finding, passed, problem, warning
 from farm.state.storage.migrations import FORM
 from farm.state.validate import validate
+from farm.text import count
 
 LEAST_BYTES = 64 * 1024**2
 """The daemon plans nothing with less (`farm.planning.job_planner.ROOM_BYTES`)."""
@@ -41,7 +42,9 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
         yield problem("fleet", f"{facts.fleet_path} has no printers", "`farm discover` writes their lines")
     else:
         enabled = sum(section.enabled for section in facts.fleet.printers)
-        yield passed("fleet", f"{facts.fleet_path}: {len(facts.fleet.printers)} printers, {enabled} in use")
+        yield passed(
+            "fleet", f"{facts.fleet_path}: {count(len(facts.fleet.printers), 'printer')}, {enabled} in use"
+        )
 
 
 def check_daemon(facts: Facts) -> Iterator[Finding]:
@@ -91,9 +94,9 @@ def check_books(facts: Facts) -> Iterator[Finding]:
     if len(problems) > _SHOWN:
         yield problem("books", f"and {len(problems) - _SHOWN} more contradictions", action)
     if not problems:
-        jobs, prints = len(books.books.jobs), len(books.books.prints)
+        jobs, prints = count(len(books.books.jobs), "job"), count(len(books.books.prints), "print")
         form = f"form {books.form}" + ("" if books.form == FORM else f" (the daemon brings it to {FORM})")
-        yield passed("books", f"{books.path}: {form}, {jobs} jobs and {prints} prints, all agree")
+        yield passed("books", f"{books.path}: {form}, {jobs} and {prints}, all agree")
 
 
 def check_files(facts: Facts) -> Iterator[Finding]:
@@ -105,7 +108,7 @@ def check_files(facts: Facts) -> Iterator[Finding]:
         if len(names) > _SHOWN:
             yield problem("files", f"and {len(names) - _SHOWN} more: each {what}", action)
     if not files.missing and not files.changed:
-        yield passed("files", f"{files.checked} files of jobs that go on are as they were planned")
+        yield passed("files", f"{count(files.checked, 'file')} of jobs that go on, as planned")
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:

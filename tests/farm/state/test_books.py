@@ -166,6 +166,17 @@ class AnyNight(RuleBasedStateMachine):
         name = data.draw(st.sampled_from([p.id for p in self.books.open_prints()]))
         self.happen(ended(name, state, self.now, reason="because", fault=fault))
 
+    @precondition(lambda self: any(p.state.ended for p in self.books.prints.values()))
+    @rule(data=st.data(), state=st.sampled_from(PrintState))
+    def refuse_a_late_word(self, data, state):
+        name = data.draw(st.sampled_from([p.id for p in self.books.prints.values() if p.state.ended]))
+        progress = ev.PrintProgressed(
+            at_s=self.now, print_id=name, state=state, started_s=None, extruded=True
+        )
+        for late in (ended(name, state, self.now), progress):
+            with pytest.raises(InvalidTransition):
+                apply(late, self.books)
+
     @rule(printer=st.sampled_from(PRINTERS), verdict=st.sampled_from(Verdict))
     def clear(self, printer, verdict):
         if self.books.open_print_on(printer) is None:
