@@ -163,10 +163,10 @@ class AgentConnection:
                 wait_s = min(2 * wait_s + (1.0 if self._remote else agents.RETRY_S), _LONGEST_WAIT_S)
                 await self._client.connect()
                 connected_s = time.monotonic()
-                words = self._client.snapshots()
+                snapshots = self._client.snapshots()
                 while True:
                     async with asyncio.timeout(_SILENCE_S):
-                        said = await anext(words, None)
+                        said = await anext(snapshots, None)
                     if said is None:
                         break
                     self._offset_s = clock_offset_s(said, self._clock) - self._clock.ahead_s

@@ -13,7 +13,7 @@ from farm.control.job_commands import JobCommands
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing
-from farm.http.job_routes import job_routes
+from farm.http.job_routes import job_routes, part_routes
 from farm.http.printer_routes import printer_routes
 from farm.http.services import Services
 from farm.http.status_routes import status_routes
@@ -31,7 +31,8 @@ def make_app(services: Services) -> FastAPI:
     parts = PartCommands(services.controller, printers)
     jobs = JobCommands(services.controller, printers)
     app.include_router(status_routes(services))
-    app.include_router(job_routes(services, jobs, parts, app.state.dry_runs))
+    app.include_router(job_routes(services, jobs, app.state.dry_runs))
+    app.include_router(part_routes(parts))
     app.include_router(printer_routes(services, printers, parts))
     _add_error_handlers(app, services)
     return app

@@ -18,8 +18,8 @@ from farm.views.job_night import describe_job_night
 from farm.views.jobs import describe_job
 
 
-def job_routes(services: Services, jobs: JobCommands, parts: PartCommands, dry_runs: DryRuns) -> APIRouter:
-    """Return the routes of jobs and their parts."""
+def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
+    """Return the routes of jobs."""
     router, controller = APIRouter(), services.controller
 
     @router.get("/jobs/{number}")
@@ -70,6 +70,13 @@ def job_routes(services: Services, jobs: JobCommands, parts: PartCommands, dry_r
     @router.post("/jobs/{number}/resume")
     async def resume(number: int, by: CallerName) -> None:
         jobs.pause(number, False, by)
+
+    return router
+
+
+def part_routes(parts: PartCommands) -> APIRouter:
+    """Return the routes of a job's parts."""
+    router = APIRouter()
 
     @router.post("/jobs/{number}/parts/{part}/reprint")
     async def reprint_part(number: int, part: str, request: api.Reason, by: CallerName) -> api.Named:
