@@ -63,7 +63,7 @@ run_there() {
     local settings
     mapfile -d '' settings < <(env -0 | grep -z -i -E '^(PIP_[A-Z_]*|(https?|no|all)_proxy|SSL_CERT_[A-Z]*)=')
     env -i "${settings[@]}" HOME="$HOME_THERE" USER=someone LOGNAME=someone LANG=C.UTF-8 TERM=dumb \
-        PATH=/usr/local/bin:/usr/bin:/bin PYTEST_ADDOPTS=-rs \
+        PATH=/usr/local/bin:/usr/bin:/bin PYTEST_ADDOPTS=-rfEs \
         setpriv --reuid="$USER_ID" --regid="$USER_ID" --init-groups \
         bash -c 'cd ~/farm && "$@"' - "$@"
 }
