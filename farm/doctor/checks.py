@@ -15,7 +15,7 @@ from farm.text import count
 LEAST_BYTES = 64 * 1024**2
 """The daemon plans nothing with less (`farm.planning.job_planner.ROOM_BYTES`)."""
 COMFORT_BYTES = 2 * 1024**3
-"""What a large job's plans, slices and copies of the books take."""
+"""Room that a large job's plans, slices and copies of the books need."""
 SHARED_MEMORY_BYTES = 16 * 1024**2
 _FIRST_YEAR = 2024  # a host without a clock of its own begins in 1970
 _SHOWN = 5

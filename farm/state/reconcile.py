@@ -26,29 +26,7 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
     """
     said = snapshot.print
     if said is None or said.print_id != attempt.id:
-        if snapshot.link is Link.STARTING:
-            return
-        begun = attempt.state is not PrintState.ASSIGNED
-        reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
-        # What it was told may be on its way: it is done with the print when it has heard of the end too.
-        if not begun and not (_is_gone(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
-            if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
-                yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
-            return
-        unknown = "its agent has no record of this print"
-        if attempt.restored:
-            unknown += " any more, and the database is a backup: check what became of it"
-        yield ev.PrintEnded(
-            at_s=now_s,
-            print_id=attempt.id,
-            state=PrintState.FAILED if begun else PrintState.CANCELLED,
-            fault=OwnFault.PRINT_LOST if begun else None,
-            reason=unknown if begun or attempt.restored else f"never begun: {reason}",
-            started_s=None,
-            ended_s=now_s,
-            extruded=False,
-            filament=snapshot.filament,
-        )
+        yield from _reconcile_unknown(attempt, snapshot, now_s)
     elif said.state.ended:
         yield ev.PrintEnded(
             at_s=now_s,
@@ -71,6 +49,33 @@ def reconcile(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator
             started_s=said.started_s,
             extruded=said.extruded,
         )
+
+
+def _reconcile_unknown(attempt: Print, snapshot: AgentSnapshot, now_s: float) -> Iterator[ev.AnyEvent]:
+    """Derive what has happened to an open print of which its agent says nothing."""
+    if snapshot.link is Link.STARTING:
+        return
+    begun = attempt.state is not PrintState.ASSIGNED
+    reason = attempt.cancel_reason or snapshot.reason or f"its printer is {snapshot.link}"
+    # What it was told may be on its way: it is done with the print when it has heard of the end too.
+    if not begun and not (_is_gone(snapshot) or attempt.restored or snapshot.heard_cancel == attempt.id):
+        if attempt.cancel_reason is None and snapshot.link in (Link.FAULT, Link.ABSENT):
+            yield ev.PrintWithdrawn(at_s=now_s, print_id=attempt.id, reason=reason)
+        return
+    unknown = "its agent has no record of this print"
+    if attempt.restored:
+        unknown += " any more, and the database is a backup: check what became of it"
+    yield ev.PrintEnded(
+        at_s=now_s,
+        print_id=attempt.id,
+        state=PrintState.FAILED if begun else PrintState.CANCELLED,
+        fault=OwnFault.PRINT_LOST if begun else None,
+        reason=unknown if begun or attempt.restored else f"never begun: {reason}",
+        started_s=None,
+        ended_s=now_s,
+        extruded=False,
+        filament=snapshot.filament,
+    )
 
 
 def refused_print_end(
