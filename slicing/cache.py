@@ -10,8 +10,8 @@ from pathlib import Path
 
 CACHE_BYTES = 4 * 2**30
 """What a cache may hold; a part that fills a bed has 0.07 GB of G-code."""
-# KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while it wrote. Nothing else is ours.
-_OURS = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
+# KEY.json, KEY.gcode, and .KEY.gcode.xyz of a program that was killed while it wrote.
+_ENTRY_FILE = re.compile(r"\.?([0-9a-f]{64})\.(?:json|gcode)(?:\.\w+)?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +64,12 @@ def trim_cache(folder: Path, most_bytes: int = CACHE_BYTES) -> None:
     files: dict[str, list[Path]] = {}
     entries: dict[str, CacheEntry] = {}
     for path in _listed(folder):
-        ours = _OURS.fullmatch(path.name)
-        if ours is None:
+        match = _ENTRY_FILE.fullmatch(path.name)
+        if match is None:
             continue
         with contextlib.suppress(OSError):
             facts = path.stat()
-            name = ours[1]
+            name = match[1]
             files.setdefault(name, []).append(path)
             entry = entries.get(name, CacheEntry(name, 0, 0.0))
             used_s = max(entry.used_s, facts.st_mtime)

@@ -201,7 +201,7 @@ def _failure(code: int, log: str, memory_bytes: int) -> EngineFailed:
             f"are not enough, or with a model many metres long; {_SMALLER}"
         )
     if "no value given" in said:
-        said += "; it wants the settings files of its own version: set FARM_CURA_RESOURCES"
+        said += "; it needs the settings files of its own version: set FARM_CURA_RESOURCES"
     return EngineFailed(f"CuraEngine failed (exit code {code}): {said}")
 
 
@@ -245,7 +245,7 @@ def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
     """
     version = engine_version(engine)
     found = re.search(r"version (\d+)\.", version)
-    if found is None:  # somebody's own build, who knows what it wants
+    if found is None:  # a build of one's own
         return
     files = 5 if "inset_direction" in extruder else 4
     if (int(found[1]) >= 5) != (files >= 5):

@@ -28,7 +28,7 @@ class EngineCrashed(EngineFailed):
 
 
 class EngineOutOfMemory(EngineFailed):
-    """CuraEngine wanted more memory than it may have, or than there is."""
+    """CuraEngine needed more memory than it may have, or than there is."""
 
 
 class EngineTimeout(SlicingError):

@@ -4,8 +4,8 @@ Cura leaves homing, heating, priming and switching off to the menu of these prin
 G-code sends code of its own. In the flavour ``RepRap (Marlin/Sprinter)`` the extruder counts millimetres of
 filament, as the firmware expects from a host (its own UltiGCode counts mm3).
 
-A print ends with the filament parked `PrintCode.parked_mm` back. To bring it forth again is up to whoever
-streams the next file and knows whether it is parked: the start code only primes.
+A print ends with the filament parked `PrintCode.parked_mm` back. Whoever streams the next file knows
+whether it is parked and pushes it back: the start code only primes.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Each layer's printed outline against the mesh's section: what CuraEngine left out, and what it made up.
+"""Comparison of each layer's printed outline with the mesh's section: what is missing, and what is too much.
 
 Two steps. The areas and first moments of all sections and of all printed outlines are compared in one go, by
-Green's theorem over segments. Only where a layer differs are polygons made of it, which tell where, and
+Green's theorem over segments. Only where a layer differs it is compared as polygons, which show where, and
 whether what is missing is thinner than two lines can be: that is reported, anything else is refused.
 """
 
@@ -23,9 +23,9 @@ SLACK_MM2, SLACK_MM = 0.5, 0.005
 """What the area of a layer may be off by before its polygons are compared: so much, and so much for each mm
 of outline. Sound models stay within it in nearly all layers."""
 WALL_MM2 = 5.0
-"""The smallest wall that is worth a word."""
+"""Smallest wall that is reported."""
 GRAVE_MM2 = 1.0
-"""The smallest piece that is worth a refusal."""
+"""Smallest piece for which a slice is refused."""
 LOST_MM2, LOST_SHARE = 50.0, 0.02
 """What the inner walls may enclose less than they must: so much, and a share of the layer. A corner that the
 engine loses is 2000 mm2."""
@@ -233,7 +233,7 @@ def _compare(
 
 
 def _worst(shape: Geometry) -> Geometry | None:
-    """Find the largest piece that is more than a sliver; None where none is worth a refusal."""
+    """Find the largest piece that is more than a sliver; None where there is none."""
     core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
     pieces = [piece for piece in shapely.get_parts(core) if piece.area > GRAVE_MM2]
     return max(pieces, key=lambda piece: float(piece.area), default=None)

@@ -101,7 +101,7 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     Raises
     ------
     SliceRejected
-        `FLAVOUR` where the firmware would read a line otherwise, or not at all.
+        `FLAVOUR` where the firmware would read a line in another way, or not at all.
     """
     blocks: list[bytes] = []
     notes: list[Note] = []

@@ -203,7 +203,7 @@ class Interpreter:
         pushed_mm, done = self._pushed_mm(given), 0.0
         if math.isnan(x + y + end[0] + end[1]):
             self.head.at = end
-            self._objections.add("an arc starts nobody knows where: its file has not said X and Y before")
+            self._objections.add("an arc starts at an unknown place: the file has not set X and Y before")
             return
         arc = Arc((x, y), (end[0], end[1]), (x + i, y + j), clockwise)
         if arc.length_mm > MOST_ARC_MM or abs(arc.end_radius_mm - arc.radius_mm) > ARC_TOLERANCE_MM:

@@ -78,7 +78,7 @@ def survey(lines: Iterable[bytes], filament_mm: float) -> Survey:
     Raises
     ------
     GcodeRefused
-        Where the file is for another kind of printer, it cannot be told where its print begins, or its end is
+        Where the file is for another kind of printer, the start of its print cannot be found, or its end is
         missing.
     """
     facts: dict[str, bytes] = {}
@@ -113,7 +113,7 @@ def survey(lines: Iterable[bytes], filament_mm: float) -> Survey:
     ulticode = _is_ulticode(facts, filament_mm)
     if not layer and (ulticode or not (waited and homed)):
         raise GcodeRefused(
-            "it cannot be told where its print begins: let your slicer write ;LAYER:0 where a layer begins "
+            "the start of its print cannot be found: let your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
         )
     if (missing := completeness.missing(raw, number, prints)) is not None:

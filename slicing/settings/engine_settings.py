@@ -121,7 +121,7 @@ def build_engine_settings(
     filament_mm2 = math.pi * diameter_mm**2 / 4
     nozzle_c = number("material_print_temperature_layer_0")
     bed_c = number("material_bed_temperature_layer_0") if flag("machine_heated_bed") else 0.0
-    # The engine's Marlin header does not name the nozzle: whoever gets the file could not tell.
+    # The engine's Marlin header does not name the nozzle: a reader of the file could not know it.
     nozzle = f";NOZZLE_DIAMETER:{number('machine_nozzle_size'):g}"
     global_["machine_start_gcode"] = f"{nozzle}\n{printer.code.start_code(nozzle_c, bed_c, filament_mm2)}"
     retracted_mm = number("retraction_amount") if flag("retraction_enable") else 0.0

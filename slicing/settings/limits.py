@@ -136,16 +136,16 @@ def _violations(resolver: Resolver, printer: PrinterModel, scope: Scope, key: st
         return
     if isinstance(value, bool | str) or not isinstance(value, int | float):
         return
-    ours, curas = _our_bounds(resolver, printer, key), resolver.bounds(scope, key)
-    for (least, greatest), is_ours in ((ours, True), (curas, False)):
+    farms, curas = _farm_bounds(resolver, printer, key), resolver.bounds(scope, key)
+    for (least, greatest), is_farm_limit in ((farms, True), (curas, False)):
         low, high = (-inf if least is None else least), (inf if greatest is None else greatest)
         if not low <= value <= high:
             ends = (("at least", low), ("at most", high))
             allowed = ", ".join(f"{word} {_shown(end)}" for word, end in ends if isfinite(end))
-            yield Violation(scope, key, value, allowed, is_ours)
+            yield Violation(scope, key, value, allowed, is_farm_limit)
 
 
-def _our_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[float | None, float | None]:
+def _farm_bounds(resolver: Resolver, printer: PrinterModel, key: str) -> tuple[float | None, float | None]:
     nozzle_mm = float(resolver.value(Scope.EXTRUDER, "machine_nozzle_size"))
     match key:
         case "layer_height" | "layer_height_0":

@@ -87,18 +87,18 @@ def resolve_settings(
     ResourcesMissing, DefinitionError
         Where Cura's files are not as expected.
     """
-    words = _RequestKey.of(request)
+    lookup = _RequestKey.of(request)
     quality = FARM_QUALITIES.get(request.quality)
-    every = _resolve(resources, words, ANY_PART, None)
+    every = _resolve(resources, lookup, ANY_PART, None)
     heights = None
     if part.height_mm is not None and quality and quality.exact_height and not _has_own_heights(request):
         wanted = LayerHeights(every.layer_height_0_mm, every.layer_height_mm)
         most_first_mm = 0.0 if "layer_height_0" in request.overrides else LAYER_SHARE * request.nozzle_mm
         heights = fit_heights(part.height_mm, wanted, most_first_mm=most_first_mm)
     part = replace(part, height_mm=None)
-    settings = _resolve(resources, words, part, heights)
+    settings = _resolve(resources, lookup, part, heights)
     if settings.brim_width_mm > every.brim_width_mm:
-        return _resolve(resources, words, replace(part, brim_width_mm=None), heights)
+        return _resolve(resources, lookup, replace(part, brim_width_mm=None), heights)
     return settings
 
 
@@ -135,57 +135,57 @@ class _RequestKey:
 
 @lru_cache(maxsize=64)
 def _resolve(
-    resources: Resources, words: _RequestKey, part: PartSettings, heights: LayerHeights | None
+    resources: Resources, lookup: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> EngineSettings:
-    stacks = find_stacks(resources, words.printer.name, words.nozzle_mm, words.material, words.quality)
-    resolver = _resolver(stacks, words, part, heights)
-    user_keys = [key for key, _ in words.overrides]
+    stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
+    resolver = _resolver(stacks, lookup, part, heights)
+    user_keys = [key for key, _ in lookup.overrides]
     try:
-        for found in violations(resolver, words.printer, chosen=user_keys):
-            if found.is_farm_limit or not _is_cura_value(found, resources, words):
-                raise BadSetting(_refusal(found, words))
+        for found in violations(resolver, lookup.printer, chosen=user_keys):
+            if found.is_farm_limit or not _is_cura_value(found, resources, lookup):
+                raise BadSetting(_refusal(found, lookup))
     except DefinitionError as error:
         if not user_keys:
             raise
         raise BadSetting(f"{', '.join(user_keys)}: with this {error}") from error
-    quality = FARM_QUALITIES.get(words.quality)
-    ours = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
-    scale = shrinkage_scale(resolver, stacks.material.kind if ours else "")
-    return build_engine_settings(words.printer, resolver, stacks.material.density_g_cm3, scale)
+    quality = FARM_QUALITIES.get(lookup.quality)
+    compensates = quality is not None and quality.compensates_shrinkage and {*SHRINKAGE}.isdisjoint(user_keys)
+    scale = shrinkage_scale(resolver, stacks.material.kind if compensates else "")
+    return build_engine_settings(lookup.printer, resolver, stacks.material.density_g_cm3, scale)
 
 
-def _is_cura_value(found: Violation, resources: Resources, words: _RequestKey) -> bool:
+def _is_cura_value(found: Violation, resources: Resources, lookup: _RequestKey) -> bool:
     """Tell whether Cura's own profiles go beyond its limits here: it prints all the same."""
-    bare = replace(words, overrides=())
-    stacks = find_stacks(resources, words.printer.name, words.nozzle_mm, words.material, words.quality)
+    bare = replace(lookup, overrides=())
+    stacks = find_stacks(resources, lookup.printer.name, lookup.nozzle_mm, lookup.material, lookup.quality)
     return bool(_resolver(stacks, bare, ANY_PART, None).value(found.scope, found.key) == found.value)
 
 
-def _refusal(found: Violation, words: _RequestKey) -> str:
+def _refusal(found: Violation, lookup: _RequestKey) -> str:
     value = f"{found.value:.6g}" if isinstance(found.value, float) else found.value
-    chosen = [key for key, _ in words.overrides]
+    chosen = [key for key, _ in lookup.overrides]
     cause = "" if found.key in chosen else f" follows from {', '.join(chosen)} and"
     if chosen:
         return f"{found.key}={value}{cause} is out of range; {found.allowed}"
-    where = f"{words.quality} with {words.material}"
+    where = f"{lookup.quality} with {lookup.material}"
     return (
         f"{found.key}={value}, from {where}, is out of range; {found.allowed}: take another material or "
-        f"quality (only `farm slice` can set it otherwise, with --set {found.key}=VALUE)"
+        f"quality (only `farm slice` can set another value, with --set {found.key}=VALUE)"
     )
 
 
 def _resolver(
-    stacks: Stacks, words: _RequestKey, part: PartSettings, heights: LayerHeights | None
+    stacks: Stacks, lookup: _RequestKey, part: PartSettings, heights: LayerHeights | None
 ) -> Resolver:
     """Put a user's layer on the stacks: overrides, values for streaming, the part's, the quality's."""
-    user: dict[str, Any] = dict(SUPPORTED) if words.supported else {}
-    quality = FARM_QUALITIES.get(words.quality)
+    user: dict[str, Any] = dict(SUPPORTED) if lookup.supported else {}
+    quality = FARM_QUALITIES.get(lookup.quality)
     if quality is not None:
         user |= quality.changes
-    user |= {**_part_layer(part, heights), **_FIXED, "machine_gcode_flavor": words.printer.code.flavor}
+    user |= {**_part_layer(part, heights), **_FIXED, "machine_gcode_flavor": lookup.printer.code.flavor}
     layers = {scope: {Place.USER: user, **profiles} for scope, profiles in stacks.layers.items()}
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
-    for key, raw in words.overrides:
+    for key, raw in lookup.overrides:
         setting = resolver.setting(key)
         why = reserved_reason(key)
         if why is not None:

@@ -122,7 +122,7 @@ def test_one_printer_may_be_asked_for(inspect):
         (ultigcode(nozzle="0.8"), "nozzle of 0.8 mm, and a has 0.4 mm"),
         (marlin(square(at_mm=210.0)), "X 210.0..230.0"),
         (marlin(square(at_mm=0.0)), "off its clips"),
-        (marlin(square(layers=2, layer_mm=160.0, e_per_mm=5.0)), "up to Z 320.0 mm"),
+        (marlin(square(layers=1000, layer_mm=0.32)), "up to Z 320.0 mm"),
         (marlin(body=["G0 Z12", "G0 X-20"]), "moves to X -20.0"),
         (marlin(body=["G0 Z400"]), "moves to Z 400.0"),
     ],
@@ -163,7 +163,7 @@ def test_a_plan_is_one_plate_on_the_lowest_printer_that_fits(plan, files):
 
 
 def test_a_tall_print_goes_to_a_tall_printer(plan):
-    tall = marlin(square(layers=2, layer_mm=120.0, e_per_mm=4.0))
+    tall = marlin(square(layers=750, layer_mm=0.32))
     assert plan(tall).plates[0].printer == "b"
 
 

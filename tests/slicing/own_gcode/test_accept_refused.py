@@ -105,12 +105,12 @@ def test_what_gives_a_file_another_meaning_is_refused_in_its_start_too(line):
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        ([], "where its print begins"),
+        ([], "start of its print"),
         ([";FLAVOR:Griffin", *marlin()[1:]], "flavour is 'Griffin'.*Marlin"),
         ([";FLAVOR:Marlin(Volumetric)", *marlin()[1:]], "Marlin"),
         (["; filament_diameter = 1.75", *marlin()], "1.75 mm"),
         (["; use_volumetric_e = 1", *marlin()], "Use volumetric E"),
-        (["G28", "G1 X10 Y10 Z0.2 E1"], "where its print begins"),
+        (["G28", "G1 X10 Y10 Z0.2 E1"], "start of its print"),
         (["G28", "M109 S200"], "prints nothing"),
         ([";LAYER:0", "G28", "M109 S200"], "nozzle's temperature"),
         (marlin(start=["G28", "M190 S60"]), "nozzle's temperature"),
@@ -120,7 +120,7 @@ def test_what_gives_a_file_another_meaning_is_refused_in_its_start_too(line):
         (marlin(square(e_per_mm=0.4 * 0.2)), "mm3"),
         (marlin(square(e_per_mm=0.4 * 0.2 / 2.405)), "diameter"),
         (ultigcode(square(e_per_mm=0.4 * 0.2 / FILAMENT_MM2**2)), "mm3"),
-        ([line for line in ultigcode() if "LAYER" not in line], "where its print begins"),
+        ([line for line in ultigcode() if "LAYER" not in line], "start of its print"),
     ],
 )
 def test_a_file_that_means_something_else_is_refused(lines, said):

@@ -46,7 +46,7 @@ def test_a_whole_file_is_taken(slicer):
 
 
 def cut_is_refused(file, at):
-    with pytest.raises(GcodeRefused, match=r"line \d+|prints nothing|where its print begins|its flavour"):
+    with pytest.raises(GcodeRefused, match=r"line \d+|prints nothing|start of its print|its flavour"):
         take(file[:at].splitlines(keepends=True))
 
 
