@@ -82,14 +82,14 @@ def check_books(facts: Facts) -> Iterator[Finding]:
     """Check that the books can be read, and agree with themselves."""
     books = facts.books
     if not books.exists:
-        yield passed("books", f"there are no books at {books.path} yet: `farm up` makes them")
+        yield passed("books", f"there is no database at {books.path} yet: `farm up` makes it")
         return
     if books.books is None:
         action = "see docs/how-to/backup-restore.md: the daemon puts back the newest copy that is whole"
         yield problem("books", books.error or f"{books.path} cannot be read", action)
         return
     problems = validate(books.books)
-    action = "report it with the books; `farm history` of what it names shows what was printed"
+    action = "report it with the database; `farm history` of what it names shows what was printed"
     yield from (problem("books", text, action) for text in problems[:_SHOWN])
     if len(problems) > _SHOWN:
         yield problem("books", f"and {len(problems) - _SHOWN} more contradictions", action)
@@ -204,7 +204,9 @@ def check_room(facts: Facts) -> Iterator[Finding]:
             continue
         text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB of room"
         if room.free_bytes < LEAST_BYTES:
-            yield problem("room", f"{text}: nothing is planned, and books may not be written", "make room")
+            yield problem(
+                "room", f"{text}: nothing is planned, and the database may not be written", "make room"
+            )
         elif room.free_bytes < COMFORT_BYTES:
             yield warning("room", f"{text}: a large job may not fit", "make room")
         else:

@@ -15,7 +15,7 @@ _SCHEMA = 1
 
 @placed
 def doctor(places: Places, json: Json = False) -> None:
-    """Check books, files, agents, ports, CuraEngine, clock and disks, and say what to do.
+    """Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.
 
     It ends with 1 where there is a problem; warnings alone are no problem.
     """
