@@ -1,0 +1,1 @@
+"""Worker processes, and functions by name that are sent to them."""

@@ -1,0 +1,1 @@
+"""Inspection of submissions and of the fleet file, before anything is planned."""

@@ -1,0 +1,1 @@
+"""Planning of one model without a daemon: `farm decompose` and `farm slice`."""

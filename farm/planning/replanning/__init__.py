@@ -1,0 +1,1 @@
+"""Replanning of waiting plates: policy (which), coordinator (when), worker (how)."""

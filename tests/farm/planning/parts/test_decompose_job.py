@@ -1,0 +1,154 @@
+"""Decomposition of a submitted model for its printers, without processes around it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from decompose.engines.guillotine import exact_search, plane_shift
+from decompose.engines.parallelobox import search as parallelobox_search
+from decompose.errors import NoFit
+from decompose.pieces import cut_box
+from decompose_tasks import decompose_task, fleet, slice_tasks
+from drivers.clock import Clock
+from farm.control.controller import Controller
+from farm.errors import ErrorCode, FarmError
+from farm.model import AgentSnapshot, FilamentState, JobOptions, JobState, Link, PartPrintOptions
+from farm.planning.inspection.inspect_model import inspect_model
+from farm.planning.parts.decompose_job import decompose_job
+from farm.planning.parts.part_rooms import bed_boxes
+from farm.planning.parts.printer_choice import LATE_SHARE
+from farm.planning.plan import TooFewPrinters
+from farm.planning.printer_settings import settings_request
+from farm.state.storage.store import Store
+from recording_controller import Commands, RecordedEffects
+
+
+def test_the_engine_asked_for_cuts(bar, files, tmp_path):
+    work = decompose_task(bar, files, tmp_path)
+    grown = replace(work, options=JobOptions(engine="parallelobox"), budget_s=7.0)
+    assert len(decompose_job(grown).parts) == 2
+    report = json.loads((grown.folder / "decomposition.json").read_text())
+    assert report["engine"] == "parallelobox"
+    assert report["options"]["budget_s"] == 7.0
+
+
+def test_too_few_printers_say_how_many_would_do_and_rounds_do(bar, files, tmp_path):
+    with pytest.raises(TooFewPrinters) as error:
+        decompose_job(decompose_task(bar, files, tmp_path, printers=1))
+    assert error.value.needed == 2
+    cut = decompose_job(decompose_task(bar, files, tmp_path, printers=1, rounds=2))
+    assert [p.printer for p in cut.parts] == ["p0", "p0"]
+
+
+def test_a_model_that_one_printer_can_hold_stays_whole_unless_a_person_gives_more(files, tmp_path):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((60.0, 36.0, 28.0)).export(path)
+    box = inspect_model(path, "box.stl", JobOptions(), files)
+    assert [part.printer for part in decompose_job(decompose_task(box, files, tmp_path)).parts] == ["p0"]
+    slow = replace(decompose_task(box, files, tmp_path), time_factors={"p0": 1.1})
+    assert [part.printer for part in decompose_job(slow).parts] == ["p1"]
+    given = replace(decompose_task(box, files, tmp_path), options=JobOptions(printers=2))
+    assert len(decompose_job(given).parts) == 2
+
+
+def test_as_few_parts_as_are_done_in_time_are_cut(files, tmp_path):
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((110.0, 36.0, 28.0)).export(path)
+    box = inspect_model(path, "box.stl", JobOptions(), files)
+    work = decompose_task(box, files, tmp_path, printers=3)
+    (whole,) = decompose_job(replace(work, within_s=1e6)).parts
+    takes_s = whole.price_s
+    counts = [
+        len(decompose_job(replace(work, within_s=share * takes_s * LATE_SHARE)).parts)
+        for share in (1.0, 0.7, 0.01)
+    ]
+    assert counts == [1, 2, 3]
+
+
+def test_the_first_layer_is_chosen_in_glue_alone(bar, files, tmp_path):
+    glue = decompose_task(bar, files, tmp_path)
+    paper = replace(glue, options=JobOptions(quality="paper"))
+    for part in decompose_job(glue).parts:
+        assert 0.0 <= part.print_options.brim_width_mm <= 8.05
+        assert (
+            part.print_options.layer_0_expansion_mm == -0.2
+        )  # it was cut across, and that face meets the bed
+    cut = decompose_job(paper)
+    assert {part.print_options for part in cut.parts} == {PartPrintOptions()}
+    assert {one.print_options for one in slice_tasks(paper, cut)} == {PartPrintOptions()}
+
+
+def test_parts_that_overlap_are_found_and_the_job_is_refused(bar, files, tmp_path, monkeypatch):
+    def larger(solid, lo, hi):
+        return cut_box(solid, lo - 0.5, hi + 0.5)
+
+    def too_large(solid, grid, box):
+        return larger(solid, *grid.bounds_mm(box))
+
+    for engine in (exact_search, parallelobox_search):
+        monkeypatch.setattr(engine, "cut_cells", too_large)
+    monkeypatch.setattr(plane_shift, "cut_box", larger)
+    with pytest.raises(FarmError) as error:
+        decompose_job(decompose_task(bar, files, tmp_path))
+    assert error.value.code is ErrorCode.GEOMETRY
+    assert "overlap" in str(error.value)
+    controller = Controller(fleet(), Store(tmp_path / "farm.db"), Clock(), bed_boxes)
+    effects = RecordedEffects()
+    controller.start(effects)
+    for name in ("p0", "p1"):
+        controller.on_snapshot(
+            AgentSnapshot(printer=name, link=Link.READY, bed_clear=True, filament=FilamentState.PARKED)
+        )
+    Commands(controller).jobs.submit("r" * 8, "bar.stl", bar, JobOptions())
+    controller.on_plan(1, error.value)
+    job = controller.books.jobs[1]
+    assert (job.state, job.error) == (JobState.FAILED, ErrorCode.GEOMETRY)
+    assert job.reason == str(error.value)
+    assert effects.instructions == []
+
+
+def test_another_nozzle_makes_a_printer_slower_or_quicker(bar, files, tmp_path, monkeypatch):
+    seen = []
+
+    def caught(model, rooms, options, cost, executor):
+        seen.extend(rooms)
+        raise NoFit("seen enough")
+
+    monkeypatch.setattr("farm.planning.parts.printer_choice.decompose_model", caught)
+    nozzles = (0.4, 0.25, 0.8, 0.4)
+    printers = [
+        section.model_copy(update={"nozzle_mm": nozzle_mm})
+        for section, nozzle_mm in zip(fleet(4).printers, nozzles, strict=True)
+    ]
+    work = decompose_task(bar, files, tmp_path)
+    work = replace(work, printers=tuple(printers), options=JobOptions(printers=4), time_factors={"p3": 1.1})
+    with pytest.raises(FarmError, match="seen enough"):
+        decompose_job(work)
+    assert [room.name for room in seen] == ["p0", "p1", "p2", "p3"]  # nobody asked for the coarse one
+    first, fine, wide, worn = (room.time_factor for room in seen)
+    assert (first, worn) == (1.0, 1.1)
+    assert wide < 0.8 and fine > 1.5
+
+
+def test_each_part_is_cut_and_sliced_for_the_printer_that_it_goes_to(files, tmp_path):
+    """As high as a 2+ and a 2+ Extended together: on what both have room for it is three parts."""
+    path = tmp_path / "upload.stl"
+    trimesh.creation.box((80.0, 80.0, 480.0)).export(path)
+    tower = inspect_model(path, "tower.stl", JobOptions(), files)
+    low = fleet(1).printers[0]
+    extended = "ultimaker2_extended_plus"
+    changes = {"name": "high", "model": extended, "port": f"sim://{extended}", "nozzle_mm": 0.6}
+    high = low.model_copy(update=changes)
+    options = JobOptions(printers=2, engine="guillotine")
+    work = replace(decompose_task(tower, files, tmp_path), printers=(low, high), options=options)
+    cut = decompose_job(work)
+    assert {part.printer for part in cut.parts} == {"p0", "high"}
+    for one, part in zip(slice_tasks(work, cut), cut.parts, strict=True):
+        height = np.ptp(trimesh.load_mesh(one.stl).bounds[:, 2])
+        assert height > 205.0 if part.printer == "high" else height <= 205.0
+        section = {"p0": low, "high": high}[part.printer]
+        assert one.request == settings_request(section, "glue")
+        assert max(box.height_mm for box in one.room) == (305.0 if part.printer == "high" else 205.0)

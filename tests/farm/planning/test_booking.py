@@ -1,0 +1,54 @@
+"""What is booked of a sliced job. Real slices."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from decompose_tasks import decompose_task, join_slices, slice_tasks
+from farm.model import Job, PartPrintOptions
+from farm.planning.booking import MAY_FALL, MOST_WARNINGS, book_plan, list_job_files
+from farm.planning.parts.decompose_job import decompose_job
+from farm.planning.parts.slice_part import slice_part
+from slicing.checks import Unprinted
+
+
+def test_a_plan_is_whole(bar, files, tmp_path):
+    work = decompose_task(bar, files, tmp_path)
+    cut = decompose_job(work)
+    tasks = slice_tasks(work, cut)
+    slices = [slice_part(one) for one in tasks]
+    thin = Unprinted(120.0, 1.0, 9.0, 3.0, -4.0)
+    cut = replace(
+        cut, parts=(cut.parts[0], replace(cut.parts[1], print_options=PartPrintOptions(stands=False)))
+    )
+    slices[0] = replace(slices[0], unprinted=(thin,) * 9)
+    plan = book_plan(join_slices(work, cut, tasks, slices), files)
+    assert [p.warnings for p in plan.plates] == [(str(thin),) * MOST_WARNINGS, (MAY_FALL,)]
+    assert [p.printer for p in plan.plates] == ["p0", "p1"]
+    assert sum(p.geometry.volume_mm3 for p in plan.parts) == pytest.approx(260 * 14 * 12)
+    assert plan.expected_s == max(p.expected_s for p in plan.plates)
+    assert all(p.expected_s > p.sliced_s > 0 for p in plan.plates)
+    assert plan.serial_s > plan.expected_s
+    job = Job(
+        id=1,
+        request_id="r",
+        name="bar",
+        model_file=bar.file,
+        options=work.options,
+        submitted_s=0.0,
+        picture=plan.picture,
+        assembly=plan.assembly,
+        decomposition=plan.decomposition,
+    )
+    names = list_job_files(job, plan.parts, plan.plates)
+    assert set(names) == {
+        *("p01.stl", "p02.stl", "plate-01.gcode", "plate-02.gcode"),
+        *("assembly.png", "assembly.glb", "decomposition.json"),
+    }
+    assert all((files / stored).is_file() for stored in names.values())
+    report = json.loads((files / names["decomposition.json"]).read_text())
+    assert {part["file"] for part in report["parts"]} <= set(names)
+    assert (files / names["assembly.glb"]).read_bytes()[:4] == b"glTF"
+    none = list_job_files(job.model_copy(update={"assembly": None}), (), ())
+    assert set(none) == {"assembly.png", "decomposition.json"}

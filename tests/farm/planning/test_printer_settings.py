@@ -1,0 +1,20 @@
+"""Slicer settings of the fleet's printers."""
+
+from dataclasses import replace
+
+import pytest
+
+from decompose_tasks import fleet
+from farm.planning.printer_settings import printer_settings, settings_request
+from slicing.settings import FARM_QUALITIES, find_resources, resolve_settings
+
+
+@pytest.mark.parametrize("quality", ["glue", "paper", "fast", "normal", "high"])
+def test_parts_get_their_supports_in_every_quality(quality):
+    """Their poses are chosen with them; Cura's own qualities have none by themselves."""
+    section = fleet(1).printers[0]
+    settings = printer_settings(section, quality, find_resources())
+    assert settings.support_enabled
+    assert settings.support_line_distance_mm > 0.0
+    alone = replace(settings_request(section, quality), supported=False)
+    assert resolve_settings(alone, find_resources()).support_enabled == (quality in FARM_QUALITIES)

@@ -1,0 +1,56 @@
+"""A bar that is longer than a bed, and its way through planning without processes: tasks and sliced jobs."""
+
+from farm.config import Fleet
+from farm.model import JobOptions
+from farm.planning.part_records import SliceBatch, SlicedPart
+from farm.planning.parts.slice_tasks import build_slice_tasks
+from farm.planning.plan import DecomposeTask, SlicedJob
+from farm.planning.plate_times import prelude_seconds
+
+MODEL = "ultimaker2_plus"
+
+
+def fleet(count=2):
+    printers = [{"name": f"p{i}", "model": MODEL, "port": f"sim://{MODEL}"} for i in range(count)]
+    return Fleet.model_validate({"printers": printers})
+
+
+def decompose_task(bar, files, tmp_path, printers=2, rounds=1):
+    return DecomposeTask(
+        job=1,
+        model=files / bar.file,
+        options=JobOptions(),
+        printers=fleet(printers).printers,
+        rounds=rounds,
+        folder=tmp_path / "work",
+        budget_s=0.0,  # the first engine alone: what it is cut by does not matter here
+    )
+
+
+class Slice:
+    """What is known of a slice here."""
+
+    def __init__(self, sliced_s):
+        self.sliced_s = sliced_s
+
+
+def slice_tasks(work, cut):
+    return build_slice_tasks(SliceBatch(cut.parts, work.printers, work.options.quality, work.folder, None))
+
+
+def join_slices(work, cut, tasks, slices):
+    """A sliced job of these slices."""
+    sections = {section.name: section for section in work.printers}
+    each = zip(cut.parts, tasks, slices, strict=True)
+    parts = (SlicedPart(part, sections[part.printer], one, result) for part, one, result in each)
+    return SlicedJob(work, cut, tuple(parts))
+
+
+def slice_late(work, cut, late_s):
+    """A sliced job whose parts take the mean of their prices, but for the last part, which takes longer."""
+    tasks = slice_tasks(work, cut)
+    prelude_s = prelude_seconds(work.printers[0], tasks[0].settings)
+    seconds = [part.price_s - prelude_s for part in cut.parts]
+    mean_s = sum(seconds) / len(seconds)
+    seconds = [mean_s] * (len(seconds) - 1) + [mean_s + late_s]
+    return join_slices(work, cut, tasks, map(Slice, seconds))
