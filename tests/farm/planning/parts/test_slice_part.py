@@ -76,7 +76,7 @@ def test_a_part_that_fills_its_room_still_fits(task, material):
     x, y, _ = model_sizes(printer_room(section, settings.brim_width_mm), settings)[0]
     plate = slice_part(task(trimesh.creation.box((x, y, 1.0)), material=material))
     assert plate.max_mm[0] - plate.min_mm[0] > x
-    with pytest.raises(FarmError, match="no place"):
+    with pytest.raises(FarmError, match="does not fit on the bed"):
         slice_part(task(trimesh.creation.box((x * 1.003, y * 1.003, 1.0)), material=material))
 
 
