@@ -1,4 +1,4 @@
-"""`fleet.yaml`: what a person says of the fleet, checked before anything acts on it."""
+"""`fleet.yaml`: its records, read and checked before anything acts on them."""
 
 from __future__ import annotations
 

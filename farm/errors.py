@@ -58,7 +58,7 @@ EXIT_CODES: dict[ErrorCode, ExitCode] = {
 
 
 class FarmError(Exception):
-    """Something that a person is told in one line: what, where, and what to do."""
+    """An error shown in one line: what, where, and what to do."""
 
     code: ErrorCode = ErrorCode.FAILED
 

@@ -1,4 +1,4 @@
-"""Where a mistake stands in `fleet.yaml`, and what is wrong there, in words. Pure."""
+"""Errors of `fleet.yaml`: their line, and their description in plain words. Pure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _LIMITS = {
 
 
 class Misplaced(ValueError):
-    """A mistake that is seen only with other lines: where it stands is said beside it."""
+    """An error that shows only together with other lines; `place` says where to report it."""
 
     def __init__(self, message: str, *place: str | int) -> None:
         super().__init__(message)
@@ -41,7 +41,7 @@ class Misplaced(ValueError):
 
 
 def in_words(error: ErrorDetails, pattern_hint: str | None = None) -> str:
-    """What is wrong, not in the words of the library that found it; `pattern_hint` says how it is written."""
+    """Describe an error in plain words instead of the library's; `pattern_hint` says how it is written."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "missing":
         return "is missing" if isinstance(error["loc"][-1], str) else "is one value short"

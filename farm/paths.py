@@ -1,4 +1,4 @@
-"""Where a farm keeps its things: state folder, socket, fleet file."""
+"""Paths of a farm: state folder, socket, fleet file."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class StateFolder:
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """The three places that every command may be told: `--state`, `--socket`, `--fleet`."""
+    """The three paths that every command takes: `--state`, `--socket`, `--fleet`."""
 
     state: StateFolder
     socket: Path

@@ -1,4 +1,4 @@
-"""Spans, amounts and mistakes as a person reads them. Pure."""
+"""Durations, amounts and errors as people read them. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a shell offers after TAB: printers, jobs and parts by the daemon's word, or nothing."""
+"""Shell completion of printers, jobs and parts, as the daemon lists them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Complete = Callable[[typer.Context, str], Offers]
 
 
 def _offering(words: Callable[[Names, typer.Context], Iterable[tuple[str, str]]]) -> Complete:
-    """What typer asks: the words that begin as the person has."""
+    """Make a completion function for typer, which offers the words that begin like the input."""
 
     def complete(context: typer.Context, incomplete: str) -> Offers:
         try:
@@ -51,7 +51,7 @@ def _jobs(names: Names, _: typer.Context) -> Offers:
 
 
 def _parts(names: Names, context: typer.Context) -> Offers:
-    """Of the job that was named before, without its number."""
+    """List the parts of the job given before, without its number."""
     wanted = str(context.params.get("job"))
     return [
         (part.rpartition("/")[2], f"of {job.name}")

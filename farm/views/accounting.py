@@ -1,4 +1,4 @@
-"""What a job, and a night, came to: what is printed and good, and what was wasted. Pure."""
+"""Totals of a job and of a night: plates printed and good, time and filament wasted. Pure."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ class NightSummary:
 
 
 def duration_s(attempt: Print) -> float:
-    """How long a print that has ended kept its printer; 0 where it never began."""
+    """Return the seconds for which an ended print kept its printer; 0 where it never began."""
     if attempt.started_s is None or attempt.ended_s is None:
         return 0.0
     return max(0.0, attempt.ended_s - attempt.started_s)
 
 
 def is_wasted(attempt: Print) -> bool:
-    """Whether a print that has ended made nothing that anybody wants."""
+    """Whether an ended print failed, was cancelled, or is bad."""
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
 def summarise_job(books: Books, job: Job) -> JobSummary:
-    """What became of a job's plates so far."""
+    """Count the plates of a job, and add up what was wasted."""
     stand = [books.plate_state(plate) for plate in books.plates_of(job)]
     waste = [
         (duration_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if is_wasted(attempt)
@@ -67,7 +67,7 @@ def summarise_job(books: Books, job: Job) -> JobSummary:
 
 
 def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> NightSummary | None:
-    """What was printed since the afternoon before; None where nothing ended since.
+    """Count what was printed since the afternoon before; None where nothing ended since.
 
     Parameters
     ----------

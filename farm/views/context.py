@@ -1,4 +1,4 @@
-"""All that a person is shown is drawn from: the fleet, the books, and the agents' latest words. Pure."""
+"""The data that every view is made from: fleet, books and the agents' latest snapshots. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from farm.state.books import Books
 
 @dataclass(frozen=True, slots=True)
 class ViewContext:
-    """All that a view is drawn from."""
+    """The data of a view at one moment."""
 
     fleet: Fleet
     books: Books
@@ -39,22 +39,25 @@ class ViewContext:
         return latest if latest is not None and latest.same_reason(job.hold) else job.hold
 
     def format_time(self, at_s: float | None) -> str | None:
-        """ISO 8601 in the fleet's zone."""
+        """Format seconds since the epoch as ISO 8601 in the fleet's time zone."""
         return (
             None if at_s is None else datetime.fromtimestamp(at_s, self.fleet.zone).isoformat("T", "seconds")
         )
 
     def snapshot(self, printer: str) -> AgentSnapshot:
-        """What its agent said last."""
+        """Return the latest snapshot of a printer's agent."""
         return self.snapshots.get(printer) or AgentSnapshot(printer=printer, link=Link.STARTING)
 
     def reported_print(self, attempt: Print) -> AgentPrint | None:
-        """What the printer's agent says of a print."""
+        """Return the report of the printer's agent on a print, if it has one."""
         said = self.snapshot(attempt.printer).print
         return said if said is not None and said.print_id == attempt.id else None
 
     def remaining_s(self, attempt: Print) -> float:
-        """Of an open print: by the timeline once it prints (heat-up is over then), by the estimate before."""
+        """Estimate the rest of an open print in seconds.
+
+        By the timeline once it prints (heat-up is over then), by the expected time before.
+        """
         plate = self.books.plates[attempt.plate]
         factor = self.books.printer(attempt.printer).time_factor
         said = self.reported_print(attempt)

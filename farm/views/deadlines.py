@@ -1,4 +1,4 @@
-"""What a person has to know of a print before its agent ends it: a pause too long, hours that end. Pure."""
+"""Tasks with a deadline: paused prints, and prints that outlast the attended hours. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from farm.model import AgentPrint, Print, PrintState
 def list_deadlines(
     attempt: Print, said: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
 ) -> list[api.Todo]:
-    """That a pause has to be ended, and by when; that a print would go on when nobody is there any more.
+    """List what has to be done before a print is ended: resume it, or extend the attended hours.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What has been printed, as a person sees it: the night, the jobs that are over, every print. Pure."""
+"""Views of the past: the last night, ended jobs, ended prints. Pure."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ ENDED_SHOWN = 10
 
 
 def select_shown_jobs(books: Books) -> list[Job]:
-    """The jobs that go on or wait for a verdict, and the last of the others, in order of submission.
+    """Select the jobs that go on or wait for a verdict, and the last of the others, in order of submission.
 
-    A dry run that is over is nothing to a person.
+    Dry runs that have ended are left out.
     """
     going: list[Job] = []
     over: list[Job] = []
@@ -28,7 +28,7 @@ def select_shown_jobs(books: Books) -> list[Job]:
 
 
 def describe_night(context: ViewContext) -> api.NightView | None:
-    """What was printed since the afternoon before."""
+    """Describe what was printed since the afternoon before."""
     came = summarise_night(context.books, context.books.prints.values(), context.now_s)
     if came is None:
         return None
@@ -47,7 +47,7 @@ def describe_night(context: ViewContext) -> api.NightView | None:
 def list_history(
     context: ViewContext, job: int | None = None, printer: str | None = None, last: int = 100
 ) -> list[api.HistoryRow]:
-    """The prints that ended last, of one job or printer or of all, oldest first."""
+    """List the prints that ended last, of one job or printer or of all, oldest first."""
     ended = [
         attempt
         for attempt in context.books.prints.values()

@@ -1,4 +1,4 @@
-"""What jobs ask of a person before they go on: approval, and filament. Pure."""
+"""Tasks that jobs wait for: approval, filament, and parts stopped by `farm estop`. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.text import count, mass
 
 
 def list_requests(books: Books) -> list[api.Todo]:
-    """Plans to be approved, reels that are too short for what waits, and reels to be weighed; each once."""
+    """List plans to approve, reels to change and reels to weigh; each once."""
     found = []
     restored = [job.id for job in books.jobs.values() if job.state is JobState.HELD and job.restored]
     if restored:

@@ -1,4 +1,4 @@
-"""What a person has to do now. Pure."""
+"""The to-do list of `farm status`. Pure."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from farm.views.operator_requests import list_requests
 
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
-    """What a person has to do now: go there, look, connect, clear; each printer once."""
+    """List what a person has to do now, most urgent first; each printer appears once."""
     alarms, looks, absent, full, ending = [], [], [], [], []
     outage = context.books.outage
     if outage is not None:

@@ -1,4 +1,4 @@
-"""The CLI's way to the daemon: `farm.api` over the daemon's Unix socket."""
+"""Client of the daemon: requests and answers of `farm.api` over its Unix socket."""
 
 from __future__ import annotations
 
@@ -29,7 +29,17 @@ _LONGEST_NAME = 200
 
 
 class Client:
-    """One daemon. Methods raise DaemonUnreachable, or the FarmError that the daemon answered."""
+    """Client of one daemon.
+
+    Every method raises DaemonUnreachable, or the FarmError that the daemon answered.
+
+    Parameters
+    ----------
+    socket
+        The daemon's Unix socket.
+    answer_s
+        Seconds to wait for an answer.
+    """
 
     def __init__(self, socket: Path, answer_s: float = ANSWER_S) -> None:
         self._socket, self._answer_s = socket, answer_s
@@ -52,7 +62,7 @@ class Client:
         return self._ask(api.History, "GET", "/history", params=params)
 
     def tell(self, path: str, why: str | None = None) -> str:
-        """Ask something of a job, a part or a printer; the name of what was meant."""
+        """Send a command about a job, a part or a printer; return the name of its target."""
         body = None if why is None else api.Reason(why=why)
         answer = self._call("POST", path, body=body)
         return _read(api.Named, answer).name if answer else ""
@@ -70,7 +80,7 @@ class Client:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 
     def submit(self, model: Path, options: JobOptions, patience_s: float = 60.0) -> api.Submitted:
-        """Upload a model. Tried again with the same request id while the daemon is away, for `patience_s`."""
+        """Upload a model; retry for `patience_s` with the same request id while the daemon is away."""
         params = {
             "request_id": uuid.uuid4().hex,
             "name": os.fsencode(model.name).decode(errors="replace")[:_LONGEST_NAME],
@@ -147,7 +157,7 @@ class Client:
 
 
 def _read(view: type[View], answer: object) -> View:
-    """What the daemon answered. Raises FarmError where that is of another version."""
+    """Read an answer of the daemon. Raises FarmError where the daemon has another version."""
     try:
         return view.model_validate(answer)
     except ValidationError as error:
