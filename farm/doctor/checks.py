@@ -82,21 +82,21 @@ def check_books(facts: Facts) -> Iterator[Finding]:
     """Check that the books can be read, and agree with themselves."""
     books = facts.books
     if not books.exists:
-        yield passed("books", f"there is no database at {books.path} yet: `farm up` makes it")
+        yield passed("database", f"there is no database at {books.path} yet: `farm up` makes one")
         return
     if books.books is None:
-        action = "see docs/how-to/backup-restore.md: the daemon puts back the newest copy that is whole"
-        yield problem("books", books.error or f"{books.path} cannot be read", action)
+        action = "see docs/how-to/backup-restore.md: the daemon restores the newest intact backup"
+        yield problem("database", books.error or f"{books.path} cannot be read", action)
         return
     problems = validate(books.books)
     action = "report it with the database; `farm history` of what it names shows what was printed"
-    yield from (problem("books", text, action) for text in problems[:_SHOWN])
+    yield from (problem("database", text, action) for text in problems[:_SHOWN])
     if len(problems) > _SHOWN:
-        yield problem("books", f"and {len(problems) - _SHOWN} more contradictions", action)
+        yield problem("database", f"and {len(problems) - _SHOWN} more contradictions", action)
     if not problems:
         jobs, prints = count(len(books.books.jobs), "job"), count(len(books.books.prints), "print")
         form = f"form {books.form}" + ("" if books.form == FORM else f" (the daemon brings it to {FORM})")
-        yield passed("books", f"{books.path}: {form}, {jobs} and {prints}, all agree")
+        yield passed("database", f"{books.path}: {form}, {jobs} and {prints}, all agree")
 
 
 def check_files(facts: Facts) -> Iterator[Finding]:
@@ -204,9 +204,7 @@ def check_room(facts: Facts) -> Iterator[Finding]:
             continue
         text = f"{room.folder} has {room.free_bytes / 1024**2:.0f} MB of room"
         if room.free_bytes < LEAST_BYTES:
-            yield problem(
-                "room", f"{text}: nothing is planned, and the database may not be written", "make room"
-            )
+            yield problem("room", f"{text}: no room to plan, or to write the database", "make room")
         elif room.free_bytes < COMFORT_BYTES:
             yield warning("room", f"{text}: a large job may not fit", "make room")
         else:

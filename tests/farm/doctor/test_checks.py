@@ -76,13 +76,13 @@ CASES = {
     "damaged books": (
         {"books": BooksFacts("/s/farm.db", error="plate 3 was changed")},
         "problem",
-        "books",
+        "database",
         "plate 3 was changed",
     ),
     "books that contradict themselves": (
         {"books": BooksFacts("/s/farm.db", form=FORM, books=SPOILT)},
         "problem",
-        "books",
+        "database",
         "printer a: its bed is clear, and print x on it is not judged",
     ),
     "missing file": ({"files": FileFacts(3, ("job 1: g",))}, "problem", "files", "job 1: g is missing"),

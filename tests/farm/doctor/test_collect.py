@@ -27,7 +27,7 @@ def findings(places, check):
 
 def test_the_books_are_read_and_not_changed(places):
     before = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
-    (books,) = findings(places, "books")
+    (books,) = findings(places, "database")
     assert (books.level, "5 jobs" in books.text) == (Level.OK, True)
     after = {path.name: path.read_bytes() for path in places.state.root.glob("farm.db*")}
     assert after["farm.db"] == before["farm.db"]
@@ -56,16 +56,16 @@ def test_a_row_that_was_changed_is_a_problem(places):
     with sqlite3.connect(places.state.books) as db:
         db.execute("UPDATE printer SET body = replace(body, 'clear', 'unknown')")
     db.close()
-    (books,) = findings(places, "books")
+    (books,) = findings(places, "database")
     assert books.level is Level.PROBLEM and "was changed" in books.text
 
 
 def test_no_books_and_books_that_are_none(places):
     for path in places.state.root.glob("farm.db*"):
         path.unlink()
-    assert [one.level for one in findings(places, "books")] == [Level.OK]
+    assert [one.level for one in findings(places, "database")] == [Level.OK]
     places.state.books.write_bytes(b"no books" * 1000)
-    assert [one.level for one in findings(places, "books")] == [Level.PROBLEM]
+    assert [one.level for one in findings(places, "database")] == [Level.PROBLEM]
 
 
 def test_an_agent_that_lives_and_says_nothing_is_a_problem(places):
@@ -91,8 +91,8 @@ def test_the_command_prints_every_check_and_ends_with_1_where_there_is_a_problem
     answer = json.loads(run.stdout)
     assert (run.exit_code, answer["schema"]) == (1, 1)
     checks = {one["check"] for one in answer["findings"]}
-    assert {"fleet", "user", "daemon", "books", "files", "agents", "cura", "clock", "room"} <= checks
+    assert {"fleet", "user", "daemon", "database", "files", "agents", "cura", "clock", "room"} <= checks
     assert all(one["action"] for one in answer["findings"] if one["level"] != "ok")
     lines = CliRunner().invoke(app, ["doctor", *options]).stdout.splitlines()
-    assert any(line.startswith("problem  books: ") for line in lines)
+    assert any(line.startswith("problem  database: ") for line in lines)
     assert any(line.startswith("warning  daemon: ") for line in lines)
