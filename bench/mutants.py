@@ -39,13 +39,13 @@ class Room:
 
 ROOMS = {
     "link": Room(
-        tuple(f"drivers/link/{name}.py" for name in ("link", "outbox", "replies")),
+        tuple(f"drivers/link/{name}.py" for name in ("link", "opening", "outbox", "recovery", "replies")),
         ("tests/drivers/link",),
         26,
     ),
     "session": Room(
         (
-            *(f"drivers/session/{name}.py" for name in ("session", "steps", "leave", "park", "identify")),
+            *(f"drivers/session/{name}.py" for name in ("session", "commands", "heat", "stream", "leave", "park", "identify")),
             "drivers/safety/heater_watch.py",
         ),
         ("tests/drivers/session", "tests/drivers/safety/test_heater_watch.py"),
