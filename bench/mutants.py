@@ -45,7 +45,10 @@ ROOMS = {
     ),
     "session": Room(
         (
-            *(f"drivers/session/{name}.py" for name in ("session", "commands", "heat", "stream", "leave", "park", "identify")),
+            *(
+                f"drivers/session/{name}.py"
+                for name in ("session", "commands", "heat", "stream", "leave", "park", "identify")
+            ),
             "drivers/safety/heater_watch.py",
         ),
         ("tests/drivers/session", "tests/drivers/safety/test_heater_watch.py"),
