@@ -50,7 +50,7 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
     @app.exception_handler(OSError)
     async def no_room(_: Request, error: OSError) -> Response:
         root = services.state.root
-        text = f"the state folder {root} cannot be used ({error.strerror or error}): has its disk room?"
+        text = f"the state folder {root} cannot be used ({error.strerror or error}): check its disk space"
         failed = FarmError(text)
         return _problem(text, failed.code, failed.exit_code, _STATUS.get(failed.code, 400))
 

@@ -72,7 +72,7 @@ def test_a_disk_that_takes_nothing_stops_no_print_and_loses_none(disk_farm):
     status, said = farm.answer("POST", *farm.submission(9))
     assert status == 500
     assert "No space left" in said["error"]
-    assert "has its disk room?" in said["error"]
+    assert "check its disk space" in said["error"]
     assert len(farm.insist("GET", "/status")["jobs"]) == 2
     wait_for("both to end, and nobody can write that down", lambda: both_are_off(farm))
     (first, *_) = farm.insist("GET", "/status")["todo"]
@@ -80,7 +80,7 @@ def test_a_disk_that_takes_nothing_stops_no_print_and_loses_none(disk_farm):
     assert "disk is full" in first["text"]
     assert "nothing is booked until there is room" in first["text"]
     farm.stop_keeping()
-    assert "disk is full; has their disk room" in cannot_start(farm)
+    assert "disk is full; check its disk space" in cannot_start(farm)
     farm.disk.free()
     assert "Read-only file system" in cannot_start(farm, read_only=True)
     farm.keep([])
@@ -107,7 +107,7 @@ def test_damaged_books_are_put_back_and_nothing_is_printed_twice(farm):
         path.write_bytes(data[:4096] + b"\xa5" * (len(data) - 4096))
     farm.keep([])
     assert states(farm) == {"held"}
-    assert "were restored from" in farm.log()
+    assert "was restored from" in farm.log()
     farm.approve()
     farm.find_good()
     farm.check()
