@@ -170,7 +170,7 @@ def test_a_plan_that_fails_on_a_full_disk_is_made_when_there_is_room(state, tmp_
     assert told == [PlanStep.DECOMPOSING, PlanStep.NO_ROOM, PlanStep.DECOMPOSING]
     assert "No space left" in str(result)  # the second time there was room: it is the job's own
     assert [len(texts) for texts in scenes] == [0, 1, 0]
-    assert "make room" in scenes[1][0] and "job 7" in scenes[1][0]
+    assert "free space" in scenes[1][0] and "job 7" in scenes[1][0]
 
 
 def test_a_plan_that_cannot_be_booked_fails_its_job(state, monkeypatch):
