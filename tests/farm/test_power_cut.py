@@ -48,7 +48,7 @@ def test_an_agent_s_journal_has_every_record_that_it_acted_on(tmp_path, monkeypa
         shot = m.PrintSnapshot(print_id="p-1", phase=phase)
         journal.write(float(number), print=shot.model_dump(mode="json"), filament="parked", hot=number < 2)
         left = Journal(disk.left(tmp_path / f"left-{number}") / JOURNAL).memory
-        assert (left.print, left.filament, left.hot) == (shot, m.Filament.PARKED, number < 2)
+        assert (left.print, left.filament, left.board.hot) == (shot, m.Filament.PARKED, number < 2)
     assert left.ended == {"p-1"}
 
 
