@@ -10,10 +10,10 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from farm.model import Bed, FilamentState, Hold, JobOptions, JobState, PlanProgress, PrintState, Verdict
-from farm.text import one_line
+from farm.text import flatten_text
 
 SCHEMA = 1
-Line = Annotated[str, AfterValidator(one_line)]
+Line = Annotated[str, AfterValidator(flatten_text)]
 """What a person writes, and others are shown."""
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pydantic_core import ErrorDetails
 
 
-def span(seconds: float | None) -> str:
-    """Hours and minutes, or seconds where it is short; a dash where it is not known."""
+def format_duration(seconds: float | None) -> str:
+    """Format a duration in hours and minutes, a short one in seconds; an unknown one is a dash."""
     if seconds is None:
         return "-"
     whole = round(seconds)
@@ -18,26 +18,26 @@ def span(seconds: float | None) -> str:
     return f"{hours}h{minutes:02d}" if hours else f"{minutes} min"
 
 
-def mass(grams: float) -> str:
-    """Grams, or kilograms where it is much."""
+def format_mass(grams: float) -> str:
+    """Format a mass in grams, from 1000 g on in kilograms."""
     return f"{grams / 1000:.2f} kg" if grams >= 1000 else f"{grams:.0f} g"
 
 
-def one_line(text: str) -> str:
-    """Text without what would move a terminal's cursor: printable, on one line."""
+def flatten_text(text: str) -> str:
+    """Put a text on one line, without characters that would move a terminal's cursor."""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
-def count(number: int, what: str) -> str:
-    """1 part, 2 parts."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+def format_count(number: int, noun: str) -> str:
+    """Format a number of things: 1 part, 2 parts."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def first_of(mistakes: Sequence[ErrorDetails]) -> str:
-    """Where the first mistake in some data is, and what it is, as the library that found it says."""
-    return f"{'.'.join(map(str, mistakes[0]['loc']))}: {mistakes[0]['msg']}"
+def describe_first_error(errors: Sequence[ErrorDetails]) -> str:
+    """Name the place of the first error in some data, and the error as pydantic words it."""
+    return f"{'.'.join(map(str, errors[0]['loc']))}: {errors[0]['msg']}"
 
 
-def part_number(part: str) -> str:
-    """The number of a part in its job: of 3/p01, p01, 01 or 1 it is 1."""
+def parse_part_number(part: str) -> str:
+    """Extract the number of a part in its job, without zeros before it: 1 for 3/p01, p01, 01 and 1."""
     return part.rpartition("/")[2].removeprefix("p").lstrip("0")

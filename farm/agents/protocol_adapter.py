@@ -10,7 +10,7 @@ from drivers.clock import Clock
 from farm.model import AgentPrint, AgentSnapshot, FilamentState, Link, PrintState
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.text import one_line
+from farm.text import flatten_text
 
 _CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
 _LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
@@ -151,4 +151,4 @@ def to_farm_print(said: m.PrintSnapshot, ahead_s: float) -> AgentPrint:
 
 def _line(text: str | None) -> str | None:
     """Return a text fit for a terminal: noise of a serial line may be in it."""
-    return None if text is None else one_line(text)
+    return None if text is None else flatten_text(text)

@@ -8,7 +8,7 @@ from farm.errors import NoSuchThing, Refused
 from farm.model import Plate
 from farm.state import events as ev
 from farm.state.plate_state import PlateState, stopped_print
-from farm.text import part_number
+from farm.text import parse_part_number
 
 _PRINTED = {
     PlateState.PRINTED: "is already printed",
@@ -79,10 +79,10 @@ class PartCommands:
         books = self._controller.books
         entry = books.job(job)
         for name in entry.parts:
-            if part_number(name) == part_number(part):
+            if parse_part_number(name) == parse_part_number(part):
                 return books.plates[books.parts[name].plate]
         for whole in books.parts.values():
-            if whole.job == job and part_number(whole.id) == part_number(part):
+            if whole.job == job and parse_part_number(whole.id) == parse_part_number(part):
                 names = books.plates[whole.plate].replaced_by
                 pieces = " ".join(name for plate in names for name in books.plates[plate].parts)
                 raise Refused(f"part {whole.id} failed and was cut into smaller parts: give {pieces}")

@@ -14,7 +14,7 @@ from farm.state import events as ev
 from farm.state.plate_state import PlateState
 from farm.state.reels import section_with_reel
 from farm.state.salvaged_parts import failed_print_on, part_name, reprinting_printers
-from farm.text import part_number
+from farm.text import parse_part_number
 
 
 class PrinterCommands:
@@ -98,7 +98,7 @@ class PrinterCommands:
             )
         name = part_name(books, attempt)
         job = part.rpartition("/")[0]
-        if part_number(part) != part_number(name) or job not in ("", str(attempt.job)):
+        if parse_part_number(part) != parse_part_number(name) or job not in ("", str(attempt.job)):
             raise Refused(f"the part on {printer} is {name}, not {part}")
         return failed if judged is None else None
 

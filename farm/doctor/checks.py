@@ -10,7 +10,7 @@ from farm.doctor.facts import Facts
 from farm.doctor.finding import Finding, passed, problem, warning
 from farm.state.storage.migrations import FORM
 from farm.state.validate import validate
-from farm.text import count
+from farm.text import format_count
 
 LEAST_BYTES = 64 * 1024**2
 """The daemon plans nothing with less (`farm.planning.job_planner.ROOM_BYTES`)."""
@@ -43,7 +43,8 @@ def check_fleet(facts: Facts) -> Iterator[Finding]:
     else:
         enabled = sum(section.enabled for section in facts.fleet.printers)
         yield passed(
-            "fleet", f"{facts.fleet_path}: {count(len(facts.fleet.printers), 'printer')}, {enabled} in use"
+            "fleet",
+            f"{facts.fleet_path}: {format_count(len(facts.fleet.printers), 'printer')}, {enabled} in use",
         )
 
 
@@ -94,7 +95,10 @@ def check_books(facts: Facts) -> Iterator[Finding]:
     if len(problems) > _SHOWN:
         yield problem("database", f"and {len(problems) - _SHOWN} more contradictions", action)
     if not problems:
-        jobs, prints = count(len(books.books.jobs), "job"), count(len(books.books.prints), "print")
+        jobs, prints = (
+            format_count(len(books.books.jobs), "job"),
+            format_count(len(books.books.prints), "print"),
+        )
         form = f"form {books.form}" + ("" if books.form == FORM else f" (the daemon brings it to {FORM})")
         yield passed("database", f"{books.path}: {form}, {jobs} and {prints}, all agree")
 
@@ -108,7 +112,7 @@ def check_files(facts: Facts) -> Iterator[Finding]:
         if len(names) > _SHOWN:
             yield problem("files", f"and {len(names) - _SHOWN} more: each {what}", action)
     if not files.missing and not files.changed:
-        yield passed("files", f"{count(files.checked, 'file')} of jobs that go on, as planned")
+        yield passed("files", f"{format_count(files.checked, 'file')} of jobs that go on, as planned")
 
 
 def check_agents(facts: Facts) -> Iterator[Finding]:

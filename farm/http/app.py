@@ -17,7 +17,7 @@ from farm.http.job_routes import job_routes, part_routes
 from farm.http.printer_routes import printer_routes
 from farm.http.services import Services
 from farm.http.status_routes import status_routes
-from farm.text import first_of
+from farm.text import describe_first_error
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 
@@ -45,7 +45,7 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def invalid_request(_: Request, error: RequestValidationError) -> Response:
-        return _problem(first_of(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400)
+        return _problem(describe_first_error(error.errors()), ErrorCode.SETTINGS, ExitCode.USAGE, 400)
 
     @app.exception_handler(OSError)
     async def no_room(_: Request, error: OSError) -> Response:

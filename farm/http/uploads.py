@@ -14,7 +14,7 @@ from farm.http.services import Services
 from farm.model import JobOptions
 from farm.planning.plan import InspectedSubmission
 from farm.planning.tasks import inspect_submission
-from farm.text import one_line
+from farm.text import flatten_text
 
 LARGEST_MODEL_BYTES = 2 * 1024**3
 _LONGEST_NAME = 60  # characters, so that it can be a file's name too
@@ -23,7 +23,7 @@ _LONGEST_NAME = 60  # characters, so that it can be a file's name too
 def display_name(name: str) -> str:
     """Return a model's name without its folder: printable, on one line, fit for a file's name."""
     last = name.replace("\\", "/").rpartition("/")[2]
-    plain = one_line(last).lstrip(".")
+    plain = flatten_text(last).lstrip(".")
     return plain[-_LONGEST_NAME:] or "model"
 
 

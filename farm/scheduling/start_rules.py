@@ -11,7 +11,7 @@ from farm.config import FleetSection
 from farm.model import Hold, HoldCode, ShortReel
 from farm.scheduling.hours import Hours
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
-from farm.text import span
+from farm.text import format_duration
 
 LATE = 1.05
 """Factor by which a print may take longer than expected."""
@@ -86,7 +86,7 @@ class StartRules:
             if moved.at_s is None:
                 return moved
             at_s = moved.at_s
-        text = f"it takes {span(plate.expected_s)}: longer than the hours in fleet.yaml ever allow"
+        text = f"it takes {format_duration(plate.expected_s)}: longer than the hours in fleet.yaml ever allow"
         return Start(None, Hold(code=HoldCode.TOO_LONG, text=text))
 
     def _after_quiet_hours(self, plate: WaitingPlate, at_s: float) -> Start | None:
@@ -94,7 +94,8 @@ class StartRules:
         quiet = self.quiet.span(at_s) or self.quiet.following(at_s)
         if quiet is None or at_s + plate.expected_s * LATE <= quiet[0]:
             return None
-        text = f"it takes {span(plate.expected_s)}, quiet hours are from {self.format_moment(quiet[0])}"
+        takes = format_duration(plate.expected_s)
+        text = f"it takes {takes}, quiet hours are from {self.format_moment(quiet[0])}"
         if quiet[1] == float("inf"):
             return Start(None, Hold(code=HoldCode.QUIET_HOURS, text="fleet.yaml has quiet hours all week"))
         return Start(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from farm.model import JobState, PrintState
 from farm.state.books import Books
 from farm.state.faults import BY_PEOPLE
-from farm.text import span
+from farm.text import format_duration
 
 _LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINTING)
 
@@ -61,7 +61,7 @@ def _jobs(books: Books) -> Iterator[Notice]:
             prints = (attempt for plate in books.plates_of(job) for attempt in books.prints_of(plate))
             begun_s = min((p.started_s for p in prints if p.started_s is not None), default=job.ended_s)
             parts = "1 part" if len(job.parts) == 1 else f"{len(job.parts)} parts"
-            text = f"{what} is printed: {parts} in {span(job.ended_s - begun_s)}"
+            text = f"{what} is printed: {parts} in {format_duration(job.ended_s - begun_s)}"
             yield Notice(f"job {job.id} printed {job.ended_s:.0f}", job.ended_s, text)
         elif job.state is JobState.FAILED:
             yield Notice(

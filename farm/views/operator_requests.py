@@ -6,7 +6,7 @@ from farm import api
 from farm.model import JobState
 from farm.state.books import Books
 from farm.state.plate_state import stopped_print
-from farm.text import count, mass
+from farm.text import format_count, format_mass
 
 
 def list_requests(books: Books) -> list[api.Todo]:
@@ -23,7 +23,7 @@ def list_requests(books: Books) -> list[api.Todo]:
     for job in books.jobs.values():
         if job.state is JobState.HELD and not job.options.dry_run:
             grams = sum(plate.grams for plate in books.plates_of(job))
-            what = f"job {job.id} ({count(len(job.parts), 'part')}, {mass(grams)})"
+            what = f"job {job.id} ({format_count(len(job.parts), 'part')}, {format_mass(grams)})"
             text = f"approve {what}: `farm approve {job.id}`"
             found.append(api.Todo(code="approve", printers=[], text=text, brief=what))
     found += _stopped(books)
@@ -50,7 +50,7 @@ def _stopped(books: Books) -> list[api.Todo]:
             parts.setdefault(plate.job, []).extend(plate.parts)
     found = []
     for job, names in parts.items():
-        what = f"{count(len(names), 'part')} of job {job}"
+        what = f"{format_count(len(names), 'part')} of job {job}"
         words = f"print them again with `farm resume {job}`, or give one up with `farm cancel JOB/PART`"
         if len(names) == 1:
             what = f"part {names[0]}"

@@ -19,7 +19,7 @@ from farm import api
 from farm.cli.client.unix_http import DaemonConnection
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
-from farm.text import first_of
+from farm.text import describe_first_error
 
 View = TypeVar("View", bound=BaseModel)
 CONNECT_S, ANSWER_S = 5.0, 60.0
@@ -161,7 +161,8 @@ def _read(view: type[View], answer: object) -> View:
     try:
         return view.model_validate(answer)
     except ValidationError as error:
+        why = describe_first_error(error.errors())
         raise FarmError(
-            f"the daemon has another version than this command ({first_of(error.errors())}): restart it; a "
+            f"the daemon has another version than this command ({why}): restart it; a "
             "SIGTERM ends the daemon but no print, and `farm up` starts it again"
         ) from error

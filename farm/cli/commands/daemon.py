@@ -18,7 +18,7 @@ from farm.cli.options import placed
 from farm.config import Fleet, load_fleet
 from farm.errors import DaemonUnreachable, FarmError
 from farm.paths import Places
-from farm.text import count
+from farm.text import format_count
 
 _START_TIMEOUT_S = 60.0
 _END_TIMEOUT_S = 180.0
@@ -44,7 +44,7 @@ def up(
     except DaemonUnreachable:
         _start_daemon(places, client)
         running = client.status()
-        printers = count(len(running.printers), "printer")
+        printers = format_count(len(running.printers), "printer")
         print(f"farm {running.daemon.version} is up: {printers}, pid {running.daemon.pid}")
     else:
         print(f"farm {running.daemon.version} is already up: pid {running.daemon.pid}")

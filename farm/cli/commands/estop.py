@@ -22,7 +22,7 @@ from farm.cli.options import Json, placed
 from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.paths import Places
-from farm.text import one_line
+from farm.text import flatten_text
 
 if TYPE_CHECKING:
     from drivers.safety.estop import Stopped, Target, Tell
@@ -115,7 +115,7 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
 
 def print_line(said: Said) -> None:
     """Print what is said of a printer as one line in one write, so that lines never run into one another."""
-    sys.stdout.write(f"{said.printer}: {one_line(said.text)}\n")
+    sys.stdout.write(f"{said.printer}: {flatten_text(said.text)}\n")
     sys.stdout.flush()
 
 

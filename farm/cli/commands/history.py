@@ -17,7 +17,7 @@ from farm.cli.display.format import format_deviation, format_share, format_time
 from farm.cli.options import Job, Json, placed
 from farm.errors import FarmError
 from farm.paths import Places
-from farm.text import count, mass, span
+from farm.text import format_count, format_duration, format_mass
 
 _ALL = 100_000
 
@@ -45,9 +45,9 @@ def history(
         deviation = format_deviation(row.took_s / row.expected_s - 1) if done else ""
         why = row.why if row.verdict else row.reason or row.fault
         outcome = str(row.verdict or row.state) + (f": {why}" if why and row.wasted else "")
-        used = f"{mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
+        used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
         name = row.name[:20]
-        duration, by = span(row.took_s), row.submitted_by or ""
+        duration, by = format_duration(row.took_s), row.submitted_by or ""
         rows.add_row(
             format_time(row.ended), row.printer, row.part, name, duration, deviation, used, by, outcome
         )
@@ -55,8 +55,8 @@ def history(
     screen.print(rows)
     lost = [row for row in past.prints if row.wasted]
     screen.print(
-        f"{count(len(past.prints), 'print')}, {len(lost)} of them wasted: "
-        f"{span(sum(row.took_s for row in lost))}, {mass(sum(row.grams for row in lost))}"
+        f"{format_count(len(past.prints), 'print')}, {len(lost)} of them wasted: "
+        f"{format_duration(sum(row.took_s for row in lost))}, {format_mass(sum(row.grams for row in lost))}"
     )
 
 
@@ -102,13 +102,18 @@ def list_figures(view: api.JobView) -> list[tuple[str, str]]:
             format_time(view.submitted) + (f" by {view.submitted_by}" if view.submitted_by else ""),
         ),
         ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
-        ("parallel printing time, expected", span(view.estimated_s)),
-        (f"parallel printing time, {actual}", span(view.current_s)),
-        ("single large printer", span(view.serial_s)),
+        ("parallel printing time, expected", format_duration(view.estimated_s)),
+        (f"parallel printing time, {actual}", format_duration(view.current_s)),
+        ("single large printer", format_duration(view.serial_s)),
         ("speed-up", f"{view.speedup:.1f}" if view.speedup else "-"),
         ("utilisation", format_share(view.utilisation) if view.utilisation else "-"),
-        ("wasted", f"{span(view.wasted_s)}, {mass(view.wasted_grams)}" if view.wasted_s else "nothing"),
-        ("filament", mass(view.grams) if view.grams is not None else "-"),
+        (
+            "wasted",
+            f"{format_duration(view.wasted_s)}, {format_mass(view.wasted_grams)}"
+            if view.wasted_s
+            else "nothing",
+        ),
+        ("filament", format_mass(view.grams) if view.grams is not None else "-"),
     ]
     if view.price is not None:
         rows.append(("price of the filament", f"{view.price:.2f} {view.currency or ''}".strip()))

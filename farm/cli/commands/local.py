@@ -19,7 +19,7 @@ from farm.cli.display.decomposition import summarise_decomposition
 from farm.cli.display.format import format_filament
 from farm.cli.options import Json, parse_printer_count
 from farm.errors import ErrorCode, FarmError
-from farm.text import span
+from farm.text import format_duration
 
 
 def decompose(
@@ -132,8 +132,9 @@ def slice_model(
     for line in (*report["repairs"], *report["warnings"]):
         print(f"  {line}")
     amount = format_filament(report["grams"], report["filament_mm"], report.get("price"))
+    printing, whole = format_duration(report["print_time_s"]), format_duration(report["estimated_s"])
     print(
-        f"{out}: {span(report['print_time_s'])} (with heating {span(report['estimated_s'])}), {amount}, "
+        f"{out}: {printing} (with heating {whole}), {amount}, "
         f"{report['layers']} layers{', from the cache' if report['cached'] else ''}"
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from farm.text import count, span
+from farm.text import format_count, format_duration
 
 
 def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) -> list[str]:
@@ -28,11 +28,11 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     """
     parts, makespan_s = report["parts"], report["makespan_s"]
     used = report["serial_as_is_s"] / (printers * makespan_s)
-    single = span(report["serial_s"])
+    single = format_duration(report["serial_s"])
     lines = [" ".join(report["repairs"])] if report["repairs"] else []
     lines.append(
-        f"{count(len(parts), 'part')}: {span(makespan_s)} on {count(printers, 'printer')}, "
-        f"{single} on a single large one; efficiency E {used:.2f}"
+        f"{format_count(len(parts), 'part')}: {format_duration(makespan_s)} on "
+        f"{format_count(printers, 'printer')}, {single} on a single large one; efficiency E {used:.2f}"
     )
     gap = f"at most {report['gap']:.0%} above the lower bound"
     askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
@@ -42,7 +42,7 @@ def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) ->
     if glued:
         small = min(glued, key=lambda joint: float(joint["area_mm2"]))
         lines.append(
-            f"{count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
+            f"{format_count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
             f"{small['area_mm2']:.0f} mm2 of glue area and is {small['width_mm']:.1f} mm wide"
         )
     warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 
 from farm.model import PlanProgress, PlanStep
-from farm.text import count
+from farm.text import format_count
 
 
 def format_deviation(share: float) -> str:
@@ -43,7 +43,7 @@ def format_planning(progress: PlanProgress) -> str:
 
 def format_cached(plates: int) -> str:
     """Say how many plates were taken from the cache instead of being sliced."""
-    return f"{count(plates, 'plate')} from the cache"
+    return f"{format_count(plates, 'plate')} from the cache"
 
 
 def _short(amount: float) -> str:

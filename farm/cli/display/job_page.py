@@ -17,7 +17,7 @@ from farm.cli.display.format import (
     format_time,
 )
 from farm.model import JobState, PrintState
-from farm.text import mass, span
+from farm.text import format_duration, format_mass
 
 _LEAST_STARVED_SHARE = 0.01
 """A simulated print that waited longer for its host took longer than a real one would."""
@@ -101,7 +101,7 @@ def _figures(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(("slices", format_cached(cached)))
     rows += _times(view)
     if view.wasted_s > 0:
-        rows.append(("wasted", f"{span(view.wasted_s)}, {mass(view.wasted_grams)}"))
+        rows.append(("wasted", f"{format_duration(view.wasted_s)}, {format_mass(view.wasted_grams)}"))
     if view.grams is not None and view.filament_mm is not None:
         amount = format_filament(view.grams, view.filament_mm, view.price, view.currency)
         rows.append(("filament", amount))
@@ -115,18 +115,20 @@ def _times(view: api.JobView) -> list[tuple[str, str]]:
     """List how long a job takes, and how well it uses its printers."""
     rows: list[tuple[str, str]] = []
     if view.estimated_s is not None:
-        rows.append(("parallel printing time, expected", span(view.estimated_s)))
+        rows.append(("parallel printing time, expected", format_duration(view.estimated_s)))
     if view.elapsed_s is not None:
         reached = view.state in (JobState.PRINTED, JobState.DONE)
         ended = "parallel printing time, actual" if reached else "printed for"
         deviation = ""
         if reached and view.estimated_s:
             deviation = f"  ({format_deviation(view.elapsed_s / view.estimated_s - 1)} of expected)"
-        rows.append((ended if view.state.ended else "printing for", span(view.elapsed_s) + deviation))
+        rows.append(
+            (ended if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)
+        )
     if view.eta and view.state == JobState.PRINTING:
         rows.append(("ends", format_time(view.eta)))
     if view.serial_s is not None:
-        rows.append(("single large printer", span(view.serial_s)))
+        rows.append(("single large printer", format_duration(view.serial_s)))
     if view.speedup is not None:
         rows.append(("speed-up", f"{view.speedup:.1f}"))
     if view.utilisation is not None:
@@ -144,7 +146,7 @@ def _parts_table(view: api.JobView) -> Table:
             part.id,
             plate.printer,
             _part_state(part),
-            span(plate.estimated_s),
+            format_duration(plate.estimated_s),
             format_time(last.started if last else None),
             format_time(last.ended if last else None),
             format_filament(plate.grams, plate.filament_mm, plate.price, view.currency),

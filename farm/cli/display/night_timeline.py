@@ -10,7 +10,7 @@ from rich.text import Text
 from farm import api
 from farm.cli.display.console import ERROR, make_table, open_console
 from farm.cli.display.format import format_time
-from farm.text import count, span
+from farm.text import format_count, format_duration
 
 _WIDTH = 64  # characters of a row of the chart
 
@@ -30,7 +30,7 @@ def render_night(view: api.Night) -> RenderableType:
             slot.printer,
             format_time(slot.starts),
             format_time(slot.ends),
-            span(duration_s),
+            format_duration(duration_s),
             f"{slot.grams:.0f}",
             _money(slot.price, view.currency),
         )
@@ -40,8 +40,8 @@ def render_night(view: api.Night) -> RenderableType:
     rows.append(Text())
     rows.append(
         Text(
-            f"{count(len(view.slots), 'plate')}, {span(view.makespan_s)} (lower bound "
-            f"{span(view.lower_bound_s)}), {view.grams:.0f} g{price}"
+            f"{format_count(len(view.slots), 'plate')}, {format_duration(view.makespan_s)} (lower bound "
+            f"{format_duration(view.lower_bound_s)}), {view.grams:.0f} g{price}"
         )
     )
     if view.left:

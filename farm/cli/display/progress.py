@@ -16,7 +16,7 @@ from farm.cli.display.console import open_console
 from farm.cli.display.format import format_cached, format_filament, format_planning
 from farm.errors import DaemonUnreachable
 from farm.model import JobState, PlanStep, PrintState
-from farm.text import count, span
+from farm.text import format_count, format_duration
 
 T = TypeVar("T")
 _RESTART_S = 60.0  # within which a restarted daemon answers again
@@ -80,14 +80,16 @@ class ProgressLines:
         if view.progress is not None:
             slicing = view.progress.step is PlanStep.SLICING
             self._say(
-                f"slicing {count(view.progress.of, 'plate')}" if slicing else format_planning(view.progress)
+                f"slicing {format_count(view.progress.of, 'plate')}"
+                if slicing
+                else format_planning(view.progress)
             )
         if view.estimated_s is not None:
             amount = format_filament(view.grams or 0.0, view.filament_mm or 0.0, view.price, view.currency)
-            parts = count(len(view.parts), "part")
+            parts = format_count(len(view.parts), "part")
             cached = sum(plate.cached for plate in view.plates)
             sliced = f"; {format_cached(cached)}" if cached else ""
-            self._say(f"planned: {parts}, expected {span(view.estimated_s)}, {amount}{sliced}")
+            self._say(f"planned: {parts}, expected {format_duration(view.estimated_s)}, {amount}{sliced}")
         if view.printed:
             self._say(f"printed {view.printed} of {len(view.plates)} parts")
         for attempt in view.prints:

@@ -14,7 +14,7 @@ from farm import api
 from farm.cli.display.console import ERROR, HEADING, NOTE, URGENT, make_table
 from farm.cli.display.format import format_deviation, format_planning, format_share, format_time
 from farm.model import Bed, HoldCode, JobState, Link, PrintState
-from farm.text import count, mass, span
+from farm.text import format_count, format_duration, format_mass
 
 _INDENT = 9  # columns of DO NOW, NIGHT and JOB
 _TASK_GAP = "     "  # between two tasks on one line
@@ -67,7 +67,7 @@ def _task_lines(todo: list[api.Todo], width: int) -> list[Text]:
     """List everything that waits for a person, on as few lines as possible."""
     others = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
-        f"clear {count(len(item.printers), 'bed')}: {shorten_names(item.printers)}"
+        f"clear {format_count(len(item.printers), 'bed')}: {shorten_names(item.printers)}"
         if item.code == "clear"
         else item.text
         for item in sorted(others, key=lambda item: item.code == "clear")
@@ -95,9 +95,13 @@ def format_night(view: api.NightView) -> str:
     """Count what became of the plates since the afternoon before."""
     rest = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
     counts = "".join(f", {count} {words}" for words, count in rest.items() if count)
-    waste = f" + {mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
-    plates = f"{view.printed} of {count(view.plates, 'plate')} printed" if view.plates else "nothing printed"
-    return f"{plates}{counts}; {mass(view.grams)}{waste}"
+    waste = f" + {format_mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
+    plates = (
+        f"{view.printed} of {format_count(view.plates, 'plate')} printed"
+        if view.plates
+        else "nothing printed"
+    )
+    return f"{plates}{counts}; {format_mass(view.grams)}{waste}"
 
 
 def _job_lines(job: api.JobView, width: int) -> list[Text]:
@@ -128,16 +132,16 @@ def _job_facts(job: api.JobView) -> list[str]:
         parts[0] = f"{job.state}, {parts[0]}"
     if job.paused:
         parts.append(f"paused, `farm resume {job.id}`")
-    parts.append(f"expected {span(job.estimated_s)}")
+    parts.append(f"expected {format_duration(job.estimated_s)}")
     if job.elapsed_s is not None and job.current_s is not None:
-        parts[-1] += f", {'actual' if JobState(job.state).ended else 'now'} {span(job.current_s)}"
+        parts[-1] += f", {'actual' if JobState(job.state).ended else 'now'} {format_duration(job.current_s)}"
     if job.state == JobState.PRINTING and job.eta:
         parts[-1] += f" (ends {format_time(job.eta)})"
     if job.speedup and job.utilisation:
-        single = f"single printer {span(job.serial_s)}, speed-up {job.speedup:.1f}"
+        single = f"single printer {format_duration(job.serial_s)}, speed-up {job.speedup:.1f}"
         parts.append(f"{single}, utilisation {format_share(job.utilisation)}")
     if job.wasted_s > 0:
-        parts.append(f"wasted {span(job.wasted_s)}, {mass(job.wasted_grams)}")
+        parts.append(f"wasted {format_duration(job.wasted_s)}, {format_mass(job.wasted_grams)}")
     if job.hold is not None:
         parts.append(job.hold.text)
     if job.submitted_by:
@@ -152,7 +156,7 @@ def _printers_table(printers: list[api.PrinterView], now: datetime) -> Table:
         state, last = _STATES.get(printer.state, printer.state), printer.last
         if printer.print is not None:
             part = printer.print.plate
-            ends = f"in {span(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
+            ends = f"in {format_duration(printer.print.remaining_s)} ({format_share(printer.print.progress)})"
         elif last is not None and printer.bed != Bed.CLEAR:
             part, ends = last.plate, f"at {_format_end(last.ended, now)}"
             deviation = format_deviation(last.off) if last.off is not None else ""

@@ -18,7 +18,7 @@ from farm.state.books import Books, changed
 from farm.state.events import BooksRestored, Event
 from farm.state.lifecycles import InvalidTransition
 from farm.state.storage.migrations import CHANGED, COPIED, FORM, STEPS, TABLES, WRITTEN
-from farm.text import first_of
+from farm.text import describe_first_error
 
 E = TypeVar("E", bound=Entity)
 
@@ -119,7 +119,7 @@ def _read_rows(db: sqlite3.Connection, kind: type[E]) -> list[E]:
             entities.append(kind.model_validate_json(body))
         except ValidationError as error:
             raise StoreError(
-                f"the database cannot be read: {TABLES[kind]} {key}, {first_of(error.errors())}; "
+                f"the database cannot be read: {TABLES[kind]} {key}, {describe_first_error(error.errors())}; "
                 "was it written by another version of farm?"
             ) from error
     return entities

@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from farm import api
 from farm.model import PrintState
-from farm.text import span
+from farm.text import format_duration
 from farm.views.report.gantt import Bar, lay_out_gantt, list_bars, outcome_of
 
 
@@ -111,9 +111,9 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
 def _compare_times(last: api.PrintView | None, expected_s: float) -> str:
     """Write how long a part printed, and how long it was expected to."""
     if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
-        return f"expected {span(expected_s)}"
+        return f"expected {format_duration(expected_s)}"
     reached = datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)
-    return f"{span(reached.total_seconds())}, expected {span(expected_s)}"
+    return f"{format_duration(reached.total_seconds())}, expected {format_duration(expected_s)}"
 
 
 def _data_url(png: bytes) -> str:

@@ -4,7 +4,7 @@ import pytest
 
 from farm.cli.display.format import format_filament, format_planning, format_time
 from farm.model import PlanProgress, PlanStep
-from farm.text import span
+from farm.text import format_duration
 
 
 @pytest.mark.parametrize(
@@ -20,7 +20,7 @@ from farm.text import span
     ],
 )
 def test_spans(seconds, words):
-    assert span(seconds) == words
+    assert format_duration(seconds) == words
 
 
 def test_filament_has_a_price_where_one_is_known():
