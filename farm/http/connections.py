@@ -12,7 +12,6 @@ import math
 import resource
 import socket
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import Protocol, cast
 
 import uvicorn
@@ -131,13 +130,17 @@ class BoundedServer(uvicorn.Server):
         while True:
             try:
                 connection, _ = await loop.sock_accept(listening)
-            except OSError as error:
-                self._rate_limited_log.warn(f"no connection can be accepted: {error}", loop.time())
+            except Exception as error:  # this task accepts alone: without it nobody is answered any more
+                self._rate_limited_log.warn(f"no connection can be accepted: {error!r}", loop.time())
                 await asyncio.sleep(_SWEEP_S)
                 continue
-            with suppress(OSError):  # it is gone again
+            try:
                 await self._make_room()
                 await loop.connect_accepted_socket(self._protocol, connection)
+            except Exception as error:
+                connection.close()
+                if not isinstance(error, OSError):  # which says that the client is gone again
+                    self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def _make_room(self) -> None:
         """Wait until there are fewer than `most`; whoever has owed a request longest has to go."""

@@ -178,6 +178,36 @@ def test_where_no_descriptor_is_left_it_is_said_once_and_tried_again(tmp_path, m
     assert len([record for record in caplog.records if "accepted" in record.getMessage()]) == 1
 
 
+def test_no_error_ends_accepting_and_each_is_logged(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(connections, "_SWEEP_S", 0.01)
+    monkeypatch.setattr(connections, "_LOG_EVERY_S", 0.0)
+
+    async def story(server, path):
+        loop, make = asyncio.get_running_loop(), server._protocol
+        accept, faults = loop.sock_accept, [MemoryError("no room"), ValueError("no socket")]
+
+        async def failing(listening):
+            if faults:
+                raise faults.pop()
+            return await accept(listening)
+
+        def broken():
+            server._protocol = make
+            raise RuntimeError("no protocol")
+
+        monkeypatch.setattr(loop, "sock_accept", failing)
+        server._protocol = broken
+        assert await ask(path) == b""  # by the accept that was under way: refused
+        assert b"well" in await ask(path, WHOLE)
+        assert not faults
+
+    with caplog.at_level(logging.WARNING, logger="farm"):
+        serve(tmp_path, 4, story)
+    said = " ".join(record.getMessage() for record in caplog.records)
+    for words in ("no socket", "no room", "no protocol"):
+        assert words in said
+
+
 @pytest.mark.system
 def test_an_agent_that_is_killed_is_started_again_although_idle_clients_want_all_descriptors(tmp_path):
     farm = RealFarm(tmp_path, {"um2-01": ("ultimaker2_plus", "sim://ultimaker2_plus")})
