@@ -36,6 +36,8 @@ _HOW = {
     "operators": "a group of this host, like farm-staff",
 }
 """How the keys are written that have a pattern."""
+_MOVED_MODULES = {"drivers.bridge": "drivers.remote.bridge"}
+"""Modules that a fleet file of an earlier version may name, and where they are."""
 Group = Annotated[str, Field(pattern=r"^[a-z_][a-z0-9_-]{0,31}$")]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -127,6 +129,14 @@ class PrinterSection(_Section):
         if value.startswith("socket://"):
             raise ValueError("socket:// has no DTR, so a board could not be stopped: use rfc2217://HOST:PORT")
         raise ValueError(f"{value!r} is not a port: use a device path, rfc2217://HOST:PORT or sim://MODEL")
+
+    @field_validator("host_command")
+    @classmethod
+    def _present(cls, value: str) -> str:
+        for old, new in _MOVED_MODULES.items():
+            if old in value.split():
+                raise ValueError(f"{old} has moved: write {value.replace(old, new)!r}")
+        return value
 
     @field_validator("power_off_cmd")
     @classmethod

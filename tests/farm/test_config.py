@@ -118,6 +118,11 @@ def test_the_repositorys_own_fleet_is_good():
             GOOD.replace("colour: blue", "host: a b"),
             "must be a host as ssh knows it, like user@pc-b, not 'a b'",
         ),
+        (
+            GOOD.replace("colour: red", "host_command: /srv/farm/bin/python -m drivers.bridge"),
+            "fleet.yaml:3: defaults.host_command: drivers.bridge has moved: "
+            "write '/srv/farm/bin/python -m drivers.remote.bridge'",
+        ),
         (GOOD.replace("colour: blue", "nozzle_mm: 0"), "printers.1.nozzle_mm: must be more than 0"),
         (GOOD.replace("colour: blue", "volume_mm: [200, 200]"), "volume_mm.2: is one value short"),
         (GOOD.replace("colour: blue", "volume_mm: [1, 2, 3, 4]"), "volume_mm: has too many values"),
