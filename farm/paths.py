@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from farm.errors import FarmError
+from farm.errors import FarmError, Refused
 
 SHARED_SOCKET = Path("/run/farm/farm.sock")
 """Of the farm that all users of a host share (`deploy/systemd`)."""
@@ -101,6 +102,11 @@ def find_places(
 
     Where a state folder was named but no socket, the socket lies in that folder, so that two farms on one
     host never meet. Where nothing was named, and this user has no farm that is up, it is the shared one's.
+
+    Raises
+    ------
+    Refused
+        Where the socket has to lie in the system's temporary folder, and another user could put one there.
     """
     home = Path(env.get("HOME", "/"))
     named = state or (Path(env["FARM_STATE"]) if env.get("FARM_STATE") else None)
@@ -116,7 +122,8 @@ def find_places(
     socket = socket.absolute()
     if len(os.fsencode(socket)) > _LONGEST_SOCKET_PATH:
         digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
-        base = Path(env.get("XDG_RUNTIME_DIR") or Path(tempfile.gettempdir()) / f"farm-{os.getuid()}")
+        runtime = env.get("XDG_RUNTIME_DIR")
+        base = Path(runtime) if runtime else _make_private_folder(f"farm-{os.getuid()}")
         socket = base / f"farm-{digest}.sock"
     if fleet is None and env.get("FARM_FLEET"):
         fleet = Path(env["FARM_FLEET"])
@@ -125,6 +132,30 @@ def find_places(
         candidates = (Path("fleet.yaml"), config, Path("/etc/farm/fleet.yaml"))
         fleet = next((path for path in candidates if path.is_file()), candidates[0])
     return Places(StateFolder(root), socket, fleet.absolute())
+
+
+def _make_private_folder(name: str) -> Path:
+    """Create a folder in the system's temporary folder, for this user alone; there, others cannot replace it.
+
+    Raises
+    ------
+    Refused
+        Where what has this name belongs to another user, or can be changed by others.
+    """
+    folder = Path(tempfile.gettempdir()) / name
+    how = "remove it, or name a shorter --socket"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        found = folder.lstat()
+    except OSError as error:
+        raise Refused(f"{folder} cannot be used for the farm's socket ({error}): {how}") from error
+    if not stat.S_ISDIR(found.st_mode):
+        raise Refused(f"{folder} is no folder, so the farm's socket cannot be trusted there: {how}")
+    if found.st_uid != os.getuid():
+        raise Refused(f"{folder} belongs to another user, who could answer for the farm: {how}")
+    if found.st_mode & 0o077:
+        raise Refused(f"{folder} is open to other users (mode {found.st_mode & 0o777:o}): {how}")
+    return folder
 
 
 def read_anchor(path: Path) -> tuple[float, float] | None:

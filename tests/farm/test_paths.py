@@ -1,5 +1,7 @@
 """Where a farm keeps its things: flags, then environment, then XDG folders."""
 
+import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,47 @@ def test_a_socket_path_that_is_too_long_for_the_kernel_is_replaced_by_a_short_on
     assert sockets[0] != sockets[1]
     assert all(len(str(socket)) < 100 for socket in sockets)
     assert find_places(deep[0], None, None, env).socket == sockets[0]
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """The system's temporary folder, and where a socket lies there whose path is too long."""
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    folder = tmp_path / f"farm-{os.getuid()}"
+    return folder, lambda: find_places(Path("/" + "a" * 120), None, None, {"HOME": "/home/ann"}).socket
+
+
+def test_without_a_runtime_folder_a_long_path_s_socket_lies_in_a_folder_of_one_s_own(temporary):
+    folder, find_socket = temporary
+    assert find_socket().parent == folder
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert find_socket().parent == folder  # it is there now
+
+
+@pytest.mark.parametrize(
+    ("prepare", "why"),
+    [
+        (lambda folder: folder.mkdir(mode=0o755), "is open to other users .mode 755."),
+        (lambda folder: folder.mkdir(mode=0o710), "is open to other users .mode 710."),
+        (lambda folder: folder.symlink_to(folder.parent), "is no folder"),
+        (lambda folder: folder.touch(), "cannot be used"),
+    ],
+)
+def test_a_temporary_folder_that_others_may_have_made_is_refused(temporary, prepare, why):
+    folder, find_socket = temporary
+    prepare(folder)
+    with pytest.raises(Refused, match=f"{folder} {why}.*name a shorter --socket"):
+        find_socket()
+
+
+def test_a_temporary_folder_of_another_user_is_refused(temporary, monkeypatch):
+    folder, find_socket = temporary
+    find_socket()
+    own = os.getuid()
+    monkeypatch.setattr("os.getuid", lambda: own + 1)
+    folder.rename(folder.with_name(f"farm-{own + 1}"))
+    with pytest.raises(Refused, match="belongs to another user"):
+        find_socket()
 
 
 def test_who_has_no_farm_of_their_own_finds_the_one_that_is_shared(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -87,6 +88,7 @@ def _start_daemon(places: Places, client: Client) -> None:
     command += ["--state", str(places.state.root)]
     command += ["--socket", str(places.socket)]
     command += ["--fleet", str(places.fleet)]
+    places.state.log.touch(mode=0o600)
     with places.state.log.open("ab") as log:
         start = log.tell()
         child = subprocess.Popen(
@@ -113,6 +115,7 @@ def daemon(places: Places) -> None:
     """Run the daemon in the foreground (`farm up` runs it in the background)."""
     from farm.daemon import run
 
+    os.umask(0o077)  # the state folder may have been there, open to all: what is written into it is not
     run(_load_fleet(places), places)
 
 

@@ -136,6 +136,7 @@ class Store:
         self._path = path
         self._count: int | None = None  # a descriptor
         new = not path.exists() or not path.stat().st_size
+        _make_private(path)
         try:
             self._db = sqlite3.connect(path, isolation_level=None)
             self._db.create_function("crc32", 1, zlib.crc32, deterministic=True)
@@ -287,6 +288,18 @@ class Store:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _make_private(path: Path) -> None:
+    """Keep books for their owner; what SQLite creates beside them has their mode.
+
+    Books of an older farm may be readable by all, in a folder that is open to all.
+    """
+    with suppress(OSError):  # where they cannot be created, SQLite says so
+        os.close(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600))
+    for suffix in ("", "-wal", "-shm"):
+        with suppress(OSError):  # not there, or another user's
+            path.with_name(path.name + suffix).chmod(0o600)
 
 
 def _key(entity: Entity) -> str:

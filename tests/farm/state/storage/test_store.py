@@ -1,5 +1,7 @@
 """The store: what was committed is there, what could not be committed is not."""
 
+import os
+import stat
 import zlib
 
 import pytest
@@ -34,6 +36,24 @@ def test_the_store_gives_back_what_was_committed(tmp_path):
     with Store(tmp_path / "farm.db") as store:
         assert store.load() == books
         assert [kind for _, kind, _ in store.events()][-1] == "JobPlanned"
+
+
+def test_books_in_a_folder_that_is_open_to_all_are_their_owner_s_alone(tmp_path):
+    """Also those of an older farm, which are there already."""
+    tmp_path.chmod(0o755)
+    old = os.umask(0o022)
+    try:
+        for _ in range(2):
+            with Store(tmp_path / "farm.db") as store:
+                before = Books()
+                after, _ = apply(fleet()[0], before)
+                store.commit(fleet()[0], before, after)
+                modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()}
+                assert {"farm.db", "farm.db-wal", "farm.db-shm"} <= set(modes)
+                assert set(modes.values()) == {0o600}, modes
+            (tmp_path / "farm.db").chmod(0o644)
+    finally:
+        os.umask(old)
 
 
 def test_an_event_that_cannot_be_written_leaves_nothing(tmp_path):
