@@ -31,8 +31,8 @@ from drivers.records.journal import JOURNAL
 from drivers.remote.client import kill as kill_agent
 from farm import api
 from farm.cli.client.daemon_client import Client
-from farm.config import load_fleet
 from farm.errors import DaemonUnreachable, FarmError
+from farm.fleet_file import load_fleet
 from farm.model import Bed, Job, JobOptions, PrintState
 from farm.paths import StateFolder
 from farm.planning.inspection.fleet_check import find_mistake

@@ -21,7 +21,7 @@ import farm
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
 from drivers.remote.client import AgentClient, alive
-from farm.config import Fleet, PrinterSection, load_fleet
+from farm.config import Fleet, PrinterSection
 from farm.doctor.facts import (
     AgentFacts,
     BooksFacts,
@@ -34,6 +34,7 @@ from farm.doctor.facts import (
     UserFacts,
 )
 from farm.errors import FarmError
+from farm.fleet_file import load_fleet
 from farm.model import Job
 from farm.paths import Places, StateFolder, read_anchor
 from farm.planning.inspection.fleet_check import find_mistake

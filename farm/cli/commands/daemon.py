@@ -16,8 +16,9 @@ from farm.cli import completion
 from farm.cli.client.daemon_client import Client
 from farm.cli.display.console import print_notice
 from farm.cli.options import placed
-from farm.config import Fleet, load_fleet
+from farm.config import Fleet
 from farm.errors import DaemonUnreachable, FarmError
+from farm.fleet_file import load_fleet
 from farm.paths import Places
 from farm.text import format_count
 

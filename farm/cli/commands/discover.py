@@ -13,8 +13,9 @@ from drivers.ports.port import NET
 from drivers.printers import PROFILES
 from farm.cli.display.console import print_json
 from farm.cli.options import Json, placed
-from farm.config import PrinterSection, load_fleet
+from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
+from farm.fleet_file import load_fleet
 from farm.paths import Places
 
 _MODEL = "ultimaker2_plus"

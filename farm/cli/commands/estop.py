@@ -19,8 +19,8 @@ from farm.cli.client import estop_socket
 from farm.cli.client.estop_socket import Said, Say
 from farm.cli.display.console import print_json
 from farm.cli.options import Json, placed
-from farm.config import load_fleet
 from farm.errors import FarmError, FleetFileError, NoSuchThing
+from farm.fleet_file import load_fleet
 from farm.paths import Places
 from farm.text import flatten_text
 

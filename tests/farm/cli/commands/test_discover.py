@@ -9,7 +9,7 @@ from drivers import discovery
 from drivers.discovery import Plugged
 from drivers.printers import PROFILES
 from farm.cli.main import app
-from farm.config import load_fleet
+from farm.fleet_file import load_fleet
 
 
 def test_the_lines_for_new_printers_are_those_of_a_fleet_file(

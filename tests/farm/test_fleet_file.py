@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from farm.config import load_fleet
 from farm.errors import ExitCode, FleetFileError
+from farm.fleet_file import load_fleet
 from farm.planning.inspection.fleet_check import find_mistake
 
 MODELS = frozenset({"ultimaker2_plus", "ultimaker2_extended_plus"})

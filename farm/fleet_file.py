@@ -1,0 +1,241 @@
+"""Reader of `fleet.yaml`, with errors that name file, line and field, and say what to write instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+from yaml.constructor import ConstructorError
+
+from farm.config import ComputeSection, FieldError, Fleet, FleetSection, Place, PrinterSection
+from farm.errors import FleetFileError
+
+_MUST_BE = {
+    "int": "a whole number",
+    "float": "a number",
+    "finite": "a number",
+    "decimal": "a number",
+    "bool": "true or false",
+    "string": "text; put it in quotes",
+    "tuple": "a list: [..., ...]",
+    "list": "a list: [..., ...]",
+    "model": "keys with values: {key: value}",
+    "dict": "keys with values: {key: value}",
+}
+_LIMITS = {
+    "greater_than": "more than {gt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "less_than": "less than {lt:g}",
+    "less_than_equal": "at most {le:g}",
+    "string_too_short": "at least {min_length} characters long",
+    "string_too_long": "at most {max_length} characters long",
+}
+_PATTERNS = {
+    "name": "letters, digits, '.', '_' and '-', 41 at most, the first a letter or a digit",
+    "host": "a host as ssh knows it, like user@pc-b",
+    "group": "a group of this host, like farm",
+    "operators": "a group of this host, like farm-staff",
+}
+"""Descriptions of the keys that must match a pattern."""
+
+Check = Callable[[PrinterSection], "tuple[str, str] | None"]
+"""Checks a printer: returns the wrong key and what to write instead; None where all is well."""
+
+
+def load_fleet(path: Path, models: frozenset[str], check: Check = lambda _: None) -> Fleet:
+    """Read and check a fleet file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    models
+        The printer models that the drivers know.
+    check
+        Checks each printer whose keys are valid.
+
+    Raises
+    ------
+    FleetFileError
+        With file, line and field of the first mistake, and what to write instead.
+    """
+    document, raw = _parse(path, _read(path))
+    values = _fill_in_defaults(document, raw)
+    for index, printer in enumerate(values["printers"]):
+        model = printer.get("model") if isinstance(printer, dict) else None
+        if isinstance(model, str) and model not in models:
+            known = f"{model!r} is not one of the printers that can be driven: {', '.join(sorted(models))}"
+            raise document.error_at(("printers", index, "model"), known)
+    try:
+        fleet = Fleet.model_validate(values)
+    except ValidationError as error:
+        raise document.describe(error.errors()[0]) from error
+    for index, section in enumerate(fleet.printers):
+        found = check(section)
+        if found is not None:
+            raise document.error_at(("printers", index, found[0]), found[1])
+    return fleet
+
+
+@dataclass(frozen=True, slots=True)
+class _Document:
+    """A fleet file as YAML nodes, which know their lines."""
+
+    path: Path
+    node: yaml.Node | None
+
+    def error_at(self, place: Place, message: str) -> FleetFileError:
+        """Make an error of one line: the file, the line of the value, the field, and the message."""
+        source = self._find_source(place)
+        field = ".".join(map(str, source))
+        text = f"{field}: {message}" if field else message
+        return FleetFileError(f"{self.path}:{self.line_of(source)}: {text}")
+
+    def describe(self, error: ErrorDetails) -> FleetFileError:
+        """Make an error in plain words from one of pydantic's."""
+        cause = error.get("ctx", {}).get("error")
+        place = cause.place if isinstance(cause, FieldError) else error["loc"]
+        if error["type"] == "extra_forbidden":
+            section = _section_of(self._find_source(place))
+            known = [*section.model_fields, *(["defaults"] if section is Fleet else [])]
+            return self.error_at(place, f"unknown key; known are {', '.join(known)}")
+        return self.error_at(place, _reword(error, _PATTERNS.get(str(place[-1])) if place else None))
+
+    def line_of(self, place: Place) -> int:
+        """Find the line (from 1) of the deepest node on the way to `place`."""
+        line, node = 1, self.node
+        for step in place:
+            node = _child(node, step)
+            if node is None:
+                break
+            line = node.start_mark.line + 1
+        return line
+
+    def find_duplicate(self) -> Place | None:
+        """Find a key that appears twice in one mapping, of which YAML silently takes the last."""
+        visited: set[int] = set()  # an alias may lead to a node again, even to one that contains it
+
+        def search(node: yaml.Node | None, place: Place) -> Place | None:
+            if id(node) in visited:
+                return None
+            visited.add(id(node))
+            keys: set[Any] = set()
+            for key, child in _children(node):
+                here = (*place, key)
+                if key in keys:
+                    return here
+                keys.add(key)
+                found = search(child, here)
+                if found is not None:
+                    return found
+            return None
+
+        return search(self.node, ())
+
+    def _find_source(self, place: Place) -> Place:
+        """Find where a value comes from: a printer's key may be in `defaults`."""
+        if len(place) < 3 or place[0] != "printers":
+            return place
+        own = _child(_child(self.node, "printers"), place[1])
+        shared = _child(self.node, "defaults")
+        if _child(own, place[2]) is None and _child(shared, place[2]) is not None:
+            return ("defaults", *place[2:])
+        return place
+
+
+class _Loader(yaml.SafeLoader):
+    """Names the line of a value that cannot be what it looks like, such as a 30th of February."""
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> object:
+        try:
+            return super().construct_object(node, deep)
+        except (ValueError, LookupError) as error:
+            raise ConstructorError(None, None, str(error), node.start_mark) from error
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise FleetFileError(
+            f"{path}: no such file; write one with the printers that `farm discover` lists, or give "
+            "yours with --fleet"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        why = (error.strerror if isinstance(error, OSError) else None) or error
+        raise FleetFileError(f"{path}: cannot be read ({why}); give another file with --fleet") from error
+
+
+def _parse(path: Path, text: str) -> tuple[_Document, Any]:
+    """Parse YAML into nodes and values."""
+    try:
+        document = _Document(path, yaml.compose(text, Loader=yaml.SafeLoader))
+        raw = yaml.load(text, Loader=_Loader)  # a SafeLoader
+        duplicate = document.find_duplicate()
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{path}:{mark.line + 1}" if mark else str(path)
+        what = " ".join(str(getattr(error, "problem", None) or error).split())
+        raise FleetFileError(f"{where}: not YAML: {what}") from error
+    except RecursionError as error:
+        raise FleetFileError(f"{path}: nested too deeply; see the example in the README") from error
+    if duplicate is not None:
+        raise document.error_at(duplicate, "appears twice")
+    return document, raw
+
+
+def _fill_in_defaults(document: _Document, raw: Any) -> dict[str, Any]:
+    """Return the values of the file, with `defaults` in each printer."""
+    if not isinstance(raw, dict) or not isinstance(raw.get("printers"), list):
+        raise FleetFileError(f"{document.path}: needs a list `printers`; see the example in the README")
+    defaults = raw.pop("defaults", None) or {}
+    if not isinstance(defaults, dict):
+        line = document.line_of(("defaults",))
+        raise FleetFileError(f"{document.path}:{line}: `defaults` must hold printer keys")
+    values = {str(key): value for key, value in raw.items() if value is not None}
+    values["printers"] = [
+        {**defaults, **printer} if isinstance(printer, dict) else printer for printer in raw["printers"]
+    ]
+    return values
+
+
+def _reword(error: ErrorDetails, pattern: str | None) -> str:
+    """Describe an error in plain words instead of pydantic's; `pattern` describes what is allowed."""
+    kind, context = error["type"], error.get("ctx", {})
+    if kind == "missing":
+        return "is missing" if isinstance(error["loc"][-1], str) else "is one value short"
+    if kind == "string_pattern_mismatch":
+        return f"must be {pattern or 'written differently'}, not {str(error['input'])!r}"
+    if kind == "invalid_key":
+        return "a key must be text"
+    if kind in _LIMITS:
+        return f"must be {_LIMITS[kind].format(**context)}"
+    if kind == "too_long":
+        return "has too many values"
+    must_be = _MUST_BE.get(kind.partition("_")[0])
+    return f"must be {must_be}" if must_be else error["msg"].removeprefix("Value error, ")
+
+
+def _section_of(place: Place) -> type[BaseModel]:
+    """Return the record to which a key belongs."""
+    if place[:2] == ("fleet", "compute") and len(place) > 2:
+        return ComputeSection
+    owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
+    owners |= {"printers": PrinterSection, "defaults": PrinterSection}
+    return owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet
+
+
+def _child(node: yaml.Node | None, step: str | int) -> yaml.Node | None:
+    return next((child for key, child in _children(node) if key == step), None)
+
+
+def _children(node: yaml.Node | None) -> Iterator[tuple[Any, yaml.Node]]:
+    if isinstance(node, yaml.MappingNode):
+        yield from ((key.value, value) for key, value in node.value)
+    elif isinstance(node, yaml.SequenceNode):
+        yield from enumerate(node.value)
