@@ -20,7 +20,7 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, AgentTooOld, DriverError
 from drivers.remote import client as agents
 from drivers.remote.client import AgentClient, alive, spawn
-from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_print, to_farm_snapshot
+from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_print, to_trusted_snapshot
 from farm.agents.remote import load_route
 from farm.config import PrinterSection
 from farm.errors import FarmError
@@ -34,7 +34,6 @@ _SILENCE_S = 30.0  # wall seconds; an agent that is well says something every 5
 _END_S = 30.0  # wall seconds for an idle agent to end
 _LONGEST_WAIT_S = 15.0  # wall seconds between two tries to reach an agent
 _STEADY_S = 30.0  # wall seconds after which a connection that ends was a good one
-_OLD = "its agent is of an older version: replace it by `farm up --replace {}`"
 _PIECE_BYTES = 32 * 1024  # of a file on its route there; an agent takes lines of 64 KiB
 _START_S = 120.0  # wall seconds; a start that takes longer on its route is decided anew
 _CLEARED = ("cleared", "")  # the key of a pending `BedCleared`
@@ -211,17 +210,10 @@ class AgentConnection:
             log.exception("%s: booking what its agent said", self._name)
 
     def _trusted(self, said: m.Snapshot) -> AgentSnapshot:
-        """Return a snapshot as far as it can be trusted: of this printer alone, whatever it names."""
-        changes: dict[str, object] = {"printer": self._name}
-        if self._section is None or not self._section.simulated:
-            changes["bed_clear"] = None  # only an emulator can tell
-        if _CLEARED in self._pending:
-            changes["doubt"] = changes["alarm"] = (
-                None  # a person has just dispelled it: this was on its route meanwhile
-            )
-        if said.protocol < m.StartPrint.needed and said.print is None:
-            changes |= {"link": Link.FAULT, "reason": _OLD.format(self._name), "outdated": True}
-        return to_farm_snapshot(said, self._clock).model_copy(update=changes)
+        """Return a snapshot without what its agent cannot know."""
+        simulated = self._section is not None and self._section.simulated
+        cleared = _CLEARED in self._pending
+        return to_trusted_snapshot(said, self._clock, self._name, simulated, cleared)
 
     def _has_our_port(self, said: m.Snapshot) -> bool:
         """Tell whether the agent has the port of `fleet.yaml`; an idle one that has not is replaced."""

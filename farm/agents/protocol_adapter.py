@@ -14,6 +14,7 @@ from farm.text import flatten_text
 
 _CLOCKS_APART_S = 60.0  # wall seconds; no word that is still heard is as old as that
 _LATEST_S = datetime(9000, 1, 1, tzinfo=UTC).timestamp()
+_OUTDATED = "its agent is of an older version: replace it by `farm up --replace {}`"
 _PHASES = {
     m.PrintPhase.SPOOLED: PrintState.ASSIGNED,
     m.PrintPhase.CONNECTING: PrintState.HEATING,
@@ -116,6 +117,41 @@ def to_farm_snapshot(said: m.Snapshot, clock: Clock) -> AgentSnapshot:
         alarm=_line(said.alarm),
         reset_verified=said.reset_verified,
         print=None if said.print is None else to_farm_print(said.print, clock_offset_s(said, clock)),
+    )
+
+
+def to_trusted_snapshot(
+    said: m.Snapshot, clock: Clock, printer: str, simulated: bool, bed_cleared: bool
+) -> AgentSnapshot:
+    """Return an agent's snapshot as the farm's record, without the fields that its agent cannot know.
+
+    Parameters
+    ----------
+    said
+        The agent's snapshot.
+    clock
+        The farm's clock.
+    printer
+        The printer of this connection, whatever the snapshot names.
+    simulated
+        Whether the printer is an emulator, which alone can see its bed.
+    bed_cleared
+        Whether a person has cleared the bed and the agent has not confirmed it yet: its alarm and its doubt
+        about the bed are out of date.
+    """
+    snapshot = to_farm_snapshot(said, clock)
+    outdated = said.protocol < m.StartPrint.needed and said.print is None
+    return AgentSnapshot(
+        **{
+            **dict(snapshot),
+            "printer": printer,
+            "bed_clear": snapshot.bed_clear if simulated else None,
+            "bed_unknown_reason": None if bed_cleared else snapshot.bed_unknown_reason,
+            "alarm": None if bed_cleared else snapshot.alarm,
+            "link": Link.FAULT if outdated else snapshot.link,
+            "reason": _OUTDATED.format(printer) if outdated else snapshot.reason,
+            "outdated": outdated,
+        }
     )
 
 

@@ -1,4 +1,4 @@
-"""Dry runs: jobs of which only the plan is wanted, for as long as somebody list_requests for it."""
+"""Dry runs: jobs that are planned and never printed, cancelled once nobody asks for the plan."""
 
 from __future__ import annotations
 

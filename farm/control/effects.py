@@ -29,7 +29,7 @@ class Effects(Protocol):
     """Performs effects: it starts things and returns at once."""
 
     def perform(self, effect: Effect, books: Books) -> None:
-        """Start what the effect list_requests for; `books` are as committed."""
+        """Start what the effect asks for; `books` are as committed."""
 
 
 class FarmEffects:

@@ -1,0 +1,44 @@
+"""Snapshots of agents as the farm's records."""
+
+import pytest
+
+from drivers import messages as m
+from drivers.clock import Clock
+from farm.agents.protocol_adapter import to_trusted_snapshot
+from farm.model import Link
+
+CLOCK = Clock(1.0, 0.0)
+
+
+def snapshot(**fields):
+    return m.Snapshot.model_validate(
+        {"printer": "a", "agent_pid": 7, "link": "ready", "protocol": m.PROTOCOL, **fields}
+    )
+
+
+def trusted(said, simulated=False, bed_cleared=False):
+    return to_trusted_snapshot(said, CLOCK, "a", simulated, bed_cleared)
+
+
+@pytest.mark.parametrize("field", ["alarm", "bed_unknown_reason"])
+def test_a_cleared_bed_is_not_doubted_by_a_snapshot_that_was_sent_before(field):
+    """Such a snapshot left its agent before the command arrived: the alarm in it is out of date."""
+    said = snapshot(alarm="the nozzle stays hot", doubt="the board was reset")
+    assert getattr(trusted(said), field) is not None
+    assert getattr(trusted(said, bed_cleared=True), field) is None
+
+
+def test_only_an_emulator_sees_its_bed():
+    said = snapshot(bed_clear=True)
+    assert trusted(said, simulated=True).bed_clear is True
+    assert trusted(said).bed_clear is None
+
+
+def test_an_agent_speaks_for_its_own_printer_alone():
+    assert trusted(snapshot(printer="b")).printer == "a"
+
+
+def test_an_idle_agent_of_an_older_version_gets_no_prints():
+    old = trusted(snapshot(protocol=m.StartPrint.needed - 1))
+    assert (old.link, old.outdated) == (Link.FAULT, True)
+    assert "farm up --replace a" in old.reason
