@@ -1,0 +1,146 @@
+"""A daemon that counts its CPU by event and its bytes by commit: `python -m bench.measured_daemon FOLDER`."""
+
+from __future__ import annotations
+
+import cProfile
+import json
+import random
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from drivers.printers import PROFILES
+from farm.config import load_fleet
+from farm.control.controller import Controller
+from farm.daemon import Daemon, run
+from farm.model import Job, JobOptions, Part, PartGeometry, Plate
+from farm.paths import Places, StateFolder
+from farm.state import events as ev
+from farm.state.books import Books, changed
+from farm.state.storage.store import Store
+from farm.state.transitions import apply
+
+MEASURES = "measures.json"
+PLATES_OF_A_JOB = 20
+
+
+def fill_books(path: Path, printers: list[str], plates: int) -> None:
+    """Write books with planned jobs of `plates` plates in all: some for tall printers, some with a limit."""
+    rng, store, books = random.Random(1), Store(path), Books()
+    for number in range(1, -(-plates // PLATES_OF_A_JOB) + 1):
+        count = min(PLATES_OF_A_JOB, plates - (number - 1) * PLATES_OF_A_JOB)
+        options = JobOptions(printers=4 if number % 10 == 0 else None)
+        job = Job(
+            id=number, request_id=f"request-{number}", name="bunny.stl", model_file="m.npz", options=options,
+            submitted_s=float(number),
+        )  # fmt: skip
+        for event in (
+            ev.JobSubmitted(at_s=float(number), job=job),
+            ev.PlanningStarted(at_s=float(number), job=number),
+            plan(number, count, printers, rng),
+        ):
+            after, _ = apply(event, books)
+            store.commit(event, books, after)
+            books = after
+    store.close()
+
+
+def plan(number: int, count: int, printers: list[str], rng: random.Random) -> ev.JobPlanned:
+    """Return the plan of one job."""
+    parts, plates = [], []
+    for at in range(1, count + 1):
+        sliced_s, top = rng.uniform(3600.0, 36000.0), (40.0, 40.0, rng.uniform(50.0, 190.0))
+        geometry = PartGeometry(to_model=(1.0,) * 16, min_mm=(-40.0, -40.0, 0.0), max_mm=top, volume_mm3=1e5)
+        name, part = f"{number}/{at:02d}", f"{number}/p{at:02d}"
+        parts.append(Part(id=part, job=number, plate=name, file="p.stl", geometry=geometry))
+        plates.append(
+            Plate(
+                id=name, job=number, parts=(part,), gcode="g.gcode", sha256="0" * 64, sliced_s=sliced_s,
+                expected_s=sliced_s + 300.0, grams=90.0, filament_mm=11000.0, layers=500,
+                min_mm=(-40.0, -40.0, 0.2), max_mm=top, material="generic_pla", nozzle_mm=0.4,
+                kin=PROFILES["ultimaker2_plus"].kin, printer=printers[rng.randrange(len(printers))],
+            )
+        )  # fmt: skip
+    return ev.JobPlanned(
+        at_s=float(number), job=number, parts=tuple(parts), plates=tuple(plates), repairs=(), scale=1.0,
+        serial_s=9e5, expected_s=36000.0, picture=None,
+    )  # fmt: skip
+
+
+class Measures:
+    """CPU seconds of events, reports and turns of the timer; bytes of commits.
+
+    `start_bytes` are those of the largest commit of each event that starts a print.
+    """
+
+    def __init__(self) -> None:
+        self.event_s: list[float] = []
+        self.report_s: list[float] = []
+        self.timer_s: list[float] = []
+        self.commit_bytes: list[int] = []
+        self.start_bytes: list[int] = []
+        self._depth, self._own_s, self._starts = 0, 0.0, False
+
+    def timed(self, method: Callable[..., Any], quiet_s: list[float]) -> Callable[..., Any]:
+        """Time the outermost call: as an event where it commits something, else for `quiet_s`."""
+
+        def call(*args: Any, **named: Any) -> Any:
+            self._depth += 1
+            commits, own_s, begun_s = len(self.commit_bytes), self._own_s, time.thread_time()
+            try:
+                return method(*args, **named)
+            finally:
+                self._depth -= 1
+                if not self._depth:
+                    took_s = time.thread_time() - begun_s - (self._own_s - own_s)
+                    (self.event_s if len(self.commit_bytes) > commits else quiet_s).append(took_s)
+                    if self._starts:
+                        self.start_bytes.append(max(self.commit_bytes[commits:]))
+                    self._starts = False
+
+        return call
+
+    def weighed(self, commit: Callable[..., None]) -> Callable[..., None]:
+        """Weigh what each commit writes, at no cost to its event."""
+
+        def call(store: Store, event: ev.Event, before: Books, after: Books) -> None:
+            commit(store, event, before, after)
+            begun_s = time.thread_time()
+            texts = [entity.model_dump_json() for entity in changed(before, after)]
+            size = len(event.model_dump_json()) + sum(map(len, texts))
+            self.commit_bytes.append(size)
+            self._starts = self._starts or isinstance(event, ev.PlateAssigned)
+            self._own_s += time.thread_time() - begun_s
+
+        return call
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # its server ends at one, then passes it on
+    measures = Measures()
+    Store.commit = measures.weighed(Store.commit)  # type: ignore[method-assign]
+    for name in ("handle", "on_refusal", "on_plan"):
+        setattr(Controller, name, measures.timed(getattr(Controller, name), []))
+    Controller.on_snapshot = measures.timed(Controller.on_snapshot, measures.report_s)  # type: ignore[method-assign]
+    Daemon._schedule = measures.timed(Daemon._schedule, measures.timer_s)  # type: ignore[method-assign]
+    places = Places(StateFolder(folder), folder / "farm.sock", folder / "fleet.yaml")
+    fleet = load_fleet(places.fleet, frozenset(PROFILES))
+    profile = cProfile.Profile(time.thread_time) if len(sys.argv) > 2 else None
+    try:
+        if profile is None:
+            run(fleet, places)
+        else:
+            profile.runcall(run, fleet, places)
+    finally:
+        if profile is not None:
+            profile.dump_stats(sys.argv[2])
+        lists = {name: value for name, value in vars(measures).items() if isinstance(value, list)}
+        (folder / MEASURES).write_text(json.dumps(lists))
+
+
+if __name__ == "__main__":
+    main()

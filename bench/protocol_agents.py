@@ -1,0 +1,148 @@
+"""Agents that only speak the protocol: many in one process, with no printer behind them.
+
+Each holds its folder's lock and listens on its own socket, so that a daemon takes it for an agent of this
+host that it has no need to start. A print begins and ends when it is told so (`ProtocolAgents.end`).
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drivers import messages as m
+from drivers.agent.server import Server
+from drivers.clock import Clock
+from drivers.locks import AGENT_LOCK, hold
+from farm.paths import StateFolder
+
+MODEL = "ultimaker2_plus"
+PORT = f"sim://{MODEL}"
+_IDLE_TURNS = 5
+
+
+@dataclass(slots=True)
+class _Agent:
+    name: str
+    clock: Clock
+    server: Server = field(init=False)
+    print: m.PrintSnapshot | None = None
+    nozzle_c: float = 25.0
+    bed_clear: bool = True
+
+    def snapshot(self) -> m.Snapshot:
+        busy = self.print is not None and not self.print.phase.ended
+        return m.Snapshot(
+            protocol=m.PROTOCOL,
+            printer=self.name,
+            agent_pid=os.getpid(),
+            now_s=self.clock.now(),
+            model=MODEL,
+            port=PORT,
+            link=m.LinkState.BUSY if busy else m.LinkState.READY,
+            nozzle=m.Heater(now_c=self.nozzle_c, target_c=210.0 if busy else 0.0),
+            bed=m.Heater(now_c=60.0 if busy else 25.0, target_c=60.0 if busy else 0.0),
+            heaters_off=not busy,
+            filament=m.Filament.AT_NOZZLE if busy else m.Filament.PARKED,
+            bed_clear=self.bed_clear,
+            print=self.print,
+        )
+
+    def answer(self, request: m.Request) -> m.Reply:
+        match request:
+            case m.StartPrint() if self.print is None:
+                self.print = m.PrintSnapshot(
+                    print_id=request.print_id,
+                    phase=m.PrintPhase.HEATING,
+                    print_time_s=request.print_time_s,
+                    started_s=self.clock.now(),
+                    ends_by_s=request.ends_by_s,
+                    sha256=request.sha256,
+                    layers=500,
+                )
+            case m.ForgetPrint() if self.print is not None and self.print.print_id == request.print_id:
+                self.print = None
+            case m.BedCleared():
+                self.bed_clear = True
+        return m.Reply(id=request.id, snapshot=self.snapshot())
+
+
+class ProtocolAgents:
+    """A fleet of them, on one selector."""
+
+    def __init__(self, state: StateFolder, names: list[str], clock: Clock) -> None:
+        self._selector = selectors.DefaultSelector()
+        self._agents = {name: _Agent(name, clock) for name in names}
+        self._clock = clock
+        self._locks = []
+        for agent in self._agents.values():
+            folder: Path = state.agent(agent.name)
+            folder.mkdir(parents=True)
+            self._locks.append(hold(folder / AGENT_LOCK))
+            agent.server = Server(folder, self._selector, agent.answer, agent.snapshot)
+
+    @property
+    def printing(self) -> list[str]:
+        """The printers with an open print."""
+        return [n for n, a in self._agents.items() if a.print is not None and not a.print.phase.ended]
+
+    def is_forgotten(self, name: str) -> bool:
+        """Tell whether the daemon has booked the end of a print."""
+        return self._agents[name].print is None
+
+    def begin(self) -> None:
+        """Have every print that heats go on to its first layer, and say so."""
+        for agent in self._agents.values():
+            if agent.print is not None and agent.print.phase is m.PrintPhase.HEATING:
+                agent.server.push(agent.snapshot())
+                self._change(agent, phase=m.PrintPhase.PRINTING, extruded=True, layer=1)
+
+    def end(self, name: str) -> None:
+        """End a print as done."""
+        agent = self._agents[name]
+        agent.bed_clear = False
+        self._change(agent, phase=m.PrintPhase.DONE, ended_s=self._clock.now())
+
+    def report_temperatures(self, name: str) -> None:
+        """Push one report: other temperatures, more progress."""
+        agent = self._agents[name]
+        agent.nozzle_c = 209.0 + time.monotonic() % 2.0
+        if agent.print is not None and not agent.print.phase.ended:
+            self._change(agent, progress_s=agent.print.progress_s + 1.0)
+        else:
+            agent.server.push(agent.snapshot())
+
+    def _change(self, agent: _Agent, **changes: object) -> None:
+        assert agent.print is not None
+        agent.print = agent.print.model_copy(update=changes)
+        agent.server.push(agent.snapshot())
+
+    def serve(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Answer and report for so many wall seconds, or until it is so; tell whether it is.
+
+        As real ones do, agents report once a second where they print, else every fifth one.
+        """
+        names, printing = list(self._agents), set(self.printing)
+        begun_s, spoken = time.monotonic(), 0
+        while (passed_s := time.monotonic() - begun_s) < seconds:
+            if until():
+                return True
+            for key, mask in self._selector.select(0.02):
+                key.data(mask)
+            for number in range(spoken, due := int(passed_s * len(names))):
+                turn, at = divmod(number, len(names))
+                if names[at] in printing or (turn + at) % _IDLE_TURNS == 0:
+                    self.report_temperatures(names[at])
+            spoken = due
+        return until()
+
+    def close(self) -> None:
+        """Let go of sockets and locks."""
+        for agent in self._agents.values():
+            agent.server.close()
+        for descriptor in self._locks:
+            if descriptor is not None:
+                os.close(descriptor)
