@@ -1,7 +1,7 @@
 """CuraEngine as a process with limits on time, memory and output.
 
-A run that is killed with its worker leaves its folder ``farm-engine-*`` in the temporary folder: who ends the
-worker cleans that up (the daemon gives each worker a temporary folder of its own).
+A run that is killed with its worker leaves its folder ``farm-engine-*`` in the temporary folder. The process
+that ends the worker removes it (the daemon gives each worker a temporary folder of its own).
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from pathlib import Path
 from slicing.errors import EngineCrashed, EngineFailed, EngineMissing, EngineOutOfMemory, EngineTimeout
 
 MEMORY_BYTES = 4 * 2**30
-"""What a run may use beside its threads' stacks; a part that fills a bed needs about 0.4 GB."""
+"""Memory of a run beside its threads' stacks; a part that fills a bed needs about 0.4 GB."""
 LAYER_BYTES = 10 * 2**20
 """Address space that it reserves for each layer (8.7 MiB measured, a stack; next to none of it is used)."""
 OUTPUT_BYTES = 2 * 2**30
 """The largest file that it may write; a part that fills a bed has 0.07 GB of G-code."""
 _LOG_BYTES = 2**20
-"""What is kept of each end of its log."""
+"""Size of each end of the log that is kept."""
 _PR_SET_PDEATHSIG = 1
 _UNKNOWN = "Unknown exception"
 _PROGRESS = re.compile(rb"Progress:[^:\n]+:\d+:\d+ *\t([\d.]+)%")
@@ -41,7 +41,31 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)
-class EngineRun:
+class EngineLimits:
+    """Limits of one run.
+
+    Attributes
+    ----------
+    layers
+        Number of layers at most; each takes `LAYER_BYTES` of address space.
+    timeout_s
+        Wall seconds before the run is stopped, with all of its processes.
+    memory_bytes
+        Memory beside that of the layers.
+    """
+
+    layers: int
+    timeout_s: float
+    memory_bytes: int = MEMORY_BYTES
+
+    @property
+    def address_space_bytes(self) -> int:
+        """Limit on the address space of the process."""
+        return self.memory_bytes + self.layers * LAYER_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class EngineOutput:
     """Output of CuraEngine: the G-code, and its log (both output streams)."""
 
     gcode: bytes
@@ -53,13 +77,10 @@ def run_engine(
     stl: Path,
     global_: Mapping[str, str],
     extruder: Mapping[str, str],
-    *,
-    layers: int,
-    timeout_s: float,
-    memory_bytes: int = MEMORY_BYTES,
+    limits: EngineLimits,
     progress: Progress | None = None,
-) -> EngineRun:
-    """Slice an STL with settings that are resolved.
+) -> EngineOutput:
+    """Slice an STL with resolved settings.
 
     The settings go as flat JSON files whose values are strings: the engine cuts JSON numbers to six digits.
     The extruder's come after ``-e0``, and all before ``-l``: elsewhere the engine ignores them in silence.
@@ -72,12 +93,8 @@ def run_engine(
         Binary STL in its printing pose.
     global_, extruder
         Every setting of both scopes, as text.
-    layers
-        Number of layers at most; the memory limit depends on it.
-    timeout_s
-        Wall seconds before the run is stopped, with all of its processes.
-    memory_bytes
-        What it may use beside `LAYER_BYTES` for each layer.
+    limits
+        Limits on time and memory.
     progress
         Called now and then with the share that is done, 0 to 1.
 
@@ -97,23 +114,20 @@ def run_engine(
             (folder / f"{scope}.json").write_text(json.dumps(settings), encoding="utf-8")
         options = ["-v", *(["-p"] if progress else []), "-m1"]
         arguments = ["slice", *options, "-j", "global.json", "-e0", "-j", "extruder.json"]
-        arguments += ["-o", "part.gcode", "-l", "part.stl"]
-        call = partial(
-            _call, [str(engine), *arguments], folder, memory_bytes + layers * LAYER_BYTES, timeout_s, progress
-        )
-        code, log = call()
-        if code > 0 and _UNKNOWN in log:  # seen on a machine under load; once more, and it worked
-            code, log = call()
+        command = [str(engine), *arguments, "-o", "part.gcode", "-l", "part.stl"]
+        code, log = _run_process(command, folder, limits, progress)
+        if code > 0 and _UNKNOWN in log:  # seen on a machine under load, where a second run succeeded
+            code, log = _run_process(command, folder, limits, progress)
         if code != 0:
-            raise _failure(code, log, memory_bytes)
+            raise _engine_error(code, log, limits.memory_bytes)
         written = folder / "part.gcode"
-        return EngineRun(written.read_bytes() if written.is_file() else b"", log)
+        return EngineOutput(written.read_bytes() if written.is_file() else b"", log)
 
 
-def _call(
-    command: list[str], folder: Path, memory_bytes: int, timeout_s: float, progress: Progress | None
+def _run_process(
+    command: list[str], folder: Path, limits: EngineLimits, progress: Progress | None
 ) -> tuple[int, str]:
-    """Run it to its end; return its exit code and its log."""
+    """Run a command to its end; return its exit code and its log."""
     try:
         process = subprocess.Popen(
             command,
@@ -123,14 +137,14 @@ def _call(
             stderr=subprocess.STDOUT,
             bufsize=0,
             start_new_session=True,
-            preexec_fn=partial(_limit_child, memory_bytes, os.getpid()),
+            preexec_fn=partial(_limit_child, limits.address_space_bytes, os.getpid()),
         )
     except OSError as error:
         raise EngineMissing(
             f"{command[0]} cannot be started: {error.strerror}; set FARM_CURA_ENGINE"
         ) from error
     try:
-        log = _read_log(process, timeout_s, progress)
+        log = _read_log(process, limits.timeout_s, progress)
     finally:
         # The leader is not reaped yet, so its group cannot be another's; whatever it started goes with it.
         os.killpg(process.pid, signal.SIGKILL)
@@ -141,7 +155,7 @@ def _call(
 
 
 def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Progress | None) -> str:
-    """Read its log until it ends; of a flood only the beginning and the end are kept."""
+    """Read the log of a process until it ends; of a very long log only the two ends are kept."""
     assert process.stdout is not None
     pipe, ended = process.stdout.fileno(), os.pidfd_open(process.pid)
     os.set_blocking(pipe, False)
@@ -154,7 +168,7 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
             running = True
             while running:
                 ready = [key.fd for key, _ in selector.select(max(0.0, deadline_s - time.monotonic()))]
-                running = ended not in ready  # its last words are in the pipe then
+                running = ended not in ready  # the rest of its log is in the pipe then
                 if running and time.monotonic() >= deadline_s:
                     raise EngineTimeout(f"CuraEngine did not finish within {timeout_s:g} s; {_SMALLER}")
                 said = _read(pipe)
@@ -171,15 +185,15 @@ def _read_log(process: subprocess.Popen[bytes], timeout_s: float, progress: Prog
 
 
 def _read(pipe: int) -> bytes:
-    """Read a pipe, which holds 64 KiB; empty where nothing is in it, or it is closed."""
+    """Read a pipe, which holds 64 KiB; empty where there is nothing in it, or it is closed."""
     try:
         return os.read(pipe, 1 << 16)
     except BlockingIOError:
         return b""
 
 
-def _failure(code: int, log: str, memory_bytes: int) -> EngineFailed:
-    """Make an error of an exit code and a log; a signal is a negative code."""
+def _engine_error(code: int, log: str, memory_bytes: int) -> EngineFailed:
+    """Build the error for an exit code and a log; a signal is a negative code."""
     lines = log.splitlines()
     said = next((line.strip() for line in reversed(lines) if "ERROR" in line or "xception" in line), None)
     said = said or (lines[-1].strip() if lines else "its log is empty")
@@ -188,8 +202,8 @@ def _failure(code: int, log: str, memory_bytes: int) -> EngineFailed:
         return EngineOutOfMemory(f"CuraEngine needs more than {memory_bytes / 2**30:.1f} GB; {_SMALLER}")
     if code == -signal.SIGKILL:
         return EngineOutOfMemory(
-            f"CuraEngine was killed ({name}), which is what a machine does that runs out of memory; "
-            "let fewer workers slice at a time"
+            f"CuraEngine was killed ({name}), which happens where a machine runs out of memory; "
+            "slice with fewer workers at a time"
         )
     if code == -signal.SIGXFSZ:
         return EngineCrashed(f"CuraEngine wrote more than {OUTPUT_BYTES / 2**30:.0f} GB; {_SMALLER}")
@@ -208,7 +222,7 @@ def _failure(code: int, log: str, memory_bytes: int) -> EngineFailed:
 def _limit_child(memory_bytes: int, parent: int) -> None:
     """Limit the child process: lowest priority, bounded memory and output, killed with its parent."""
     os.nice(19)
-    # Who asked may have a limit of its own, in which the stacks would count in full.
+    # The parent may have a limit of its own, in which the stacks would count in full.
     data = resource.getrlimit(resource.RLIMIT_DATA)[1]
     resource.setrlimit(resource.RLIMIT_DATA, (data, data))
     for limit, most in (
@@ -220,13 +234,13 @@ def _limit_child(memory_bytes: int, parent: int) -> None:
         most = most if hard == resource.RLIM_INFINITY else min(most, hard)
         resource.setrlimit(limit, (most, most))
     _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it was gone before it could be asked to tell
+    if os.getppid() != parent:  # the parent ended before the signal was set up
         os._exit(1)
 
 
 @lru_cache(maxsize=4)
 def engine_version(engine: Path) -> str:
-    """Ask for the program's version, like ``Cura_SteamEngine version 4.13.0``; raises EngineMissing."""
+    """Read the program's version, like ``Cura_SteamEngine version 4.13.0``; raises EngineMissing."""
     try:
         shown = subprocess.run([str(engine), "help"], capture_output=True, text=True, timeout=30, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:
@@ -245,7 +259,7 @@ def check_versions(engine: Path, extruder: Mapping[str, str]) -> None:
     """
     version = engine_version(engine)
     found = re.search(r"version (\d+)\.", version)
-    if found is None:  # a build of one's own
+    if found is None:  # built by its user
         return
     files = 5 if "inset_direction" in extruder else 4
     if (int(found[1]) >= 5) != (files >= 5):

@@ -10,7 +10,7 @@ import re
 
 from slicing.errors import GcodeRefused
 
-LONGEST = 1 << 16
+MAX_LINE_BYTES = 1 << 16
 """Bytes of a line; the longest that slicers write are comments that hold a whole script."""
 MOST = {"E": 1e8}
 MOST_MM = 1e4
@@ -35,7 +35,7 @@ Line = tuple[str, str, bytes]
 """Code like ``G1`` (empty where there is none), what follows it, and the comment."""
 
 
-def split(raw: bytes, number: int) -> Line:
+def split_line(raw: bytes, number: int) -> Line:
     """Take a line apart: code, words and comment. Line numbers and checksums are checked and taken off.
 
     Parameters
@@ -50,8 +50,10 @@ def split(raw: bytes, number: int) -> Line:
     GcodeRefused
         Where the line is no G-code, or was damaged.
     """
-    if len(raw) >= LONGEST:
-        raise GcodeRefused(f"line {number} is longer than {LONGEST} characters: is this a G-code file?")
+    if len(raw) >= MAX_LINE_BYTES:
+        raise GcodeRefused(
+            f"line {number} is longer than {MAX_LINE_BYTES} characters: is this a G-code file?"
+        )
     command, _, comment = raw.removeprefix(_BYTE_ORDER_MARK).partition(b";")
     if b"\0" in raw:
         raise GcodeRefused(f"line {number}: not plain text: is this a G-code file?")
@@ -73,11 +75,13 @@ def split(raw: bytes, number: int) -> Line:
         return "", "", comment.strip()
     code = _CODE.match(text)
     if code is None:
-        raise GcodeRefused(f"line {number}: {shown(text)} is no command that this printer knows: take it out")
+        raise GcodeRefused(
+            f"line {number}: {quote_text(text)} is no command that this printer knows: take it out"
+        )
     return code[1] + code[2], text[code.end() :], comment.strip()
 
 
-def plain_move(raw: bytes) -> Words | None:
+def parse_plain_move(raw: bytes) -> Words | None:
     """Read a straight move in the form that slicers nearly always write; None for any other line."""
     if _PLAIN_MOVE.match(raw) is None:
         return None
@@ -86,7 +90,7 @@ def plain_move(raw: bytes) -> Words | None:
     return given if len(given) == len(parts) - 1 else None
 
 
-def words(rest: str, number: int) -> Words:
+def parse_words(rest: str, number: int) -> Words:
     """Read what follows a code, as letter -> number.
 
     Parameters
@@ -104,11 +108,11 @@ def words(rest: str, number: int) -> Words:
     found: Words = {}
     at = 0
     if _RUN_TOGETHER.search(rest):  # the firmware reads X1E5 as a power of ten
-        raise GcodeRefused(f"line {number}: write a blank before each E: {shown(rest)} is not clear")
+        raise GcodeRefused(f"line {number}: write a blank before each E: {quote_text(rest)} is not clear")
     while at < len(rest) and (word := _WORD.match(rest, at)) is not None:
         letter, digits = word.groups()
         if letter in found:
-            raise GcodeRefused(f"line {number}: {letter} stands twice in {shown(rest)}: take one out")
+            raise GcodeRefused(f"line {number}: {letter} stands twice in {quote_text(rest)}: take one out")
         value = float(digits)
         if abs(value) > _most(letter):
             raise GcodeRefused(
@@ -117,11 +121,11 @@ def words(rest: str, number: int) -> Words:
         found[letter] = value
         at = word.end()
     if rest[at:].strip():
-        raise GcodeRefused(f"line {number}: {shown(rest[at:])} cannot be read: is the file damaged?")
+        raise GcodeRefused(f"line {number}: {quote_text(rest[at:])} cannot be read: is the file damaged?")
     return found
 
 
-def shown(text: str) -> str:
+def quote_text(text: str) -> str:
     """Quote a line's text for a message, 40 characters at most."""
     text = text.strip()
     return repr(text if len(text) <= 40 else text[:39] + "…")

@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from slicing.checks import Unprinted, add_times, check_outline, output, read_toolpath, wall_layout
-from slicing.engine import Progress, check_versions, run_engine
+from slicing.checks import Unprinted, add_times, check_outline, output, read_toolpath, read_wall_layout
+from slicing.engine import EngineLimits, Progress, check_versions, run_engine
 from slicing.errors import Rule, SliceRejected, SlicingError
-from slicing.mesh_waves import add_waves
+from slicing.mesh import Floats, add_waves, read_triangles, write_triangles
 from slicing.settings import EngineSettings
 from slicing.slice_store import CheckedSlice, StoredSlice, write_atomically
-from slicing.stl import Floats, read_triangles, write_triangles
 
 _ON_BED_MM = 0.02
 _RETRIES = ((0.0, 0.0), (1e-4, 0.005), (-3e-4, -0.02), (5e-4, -0.03))
@@ -160,35 +159,29 @@ def _add_wave(request: PlateRequest, corners: Floats, folder: Path) -> PlateRequ
 def _slice_once(request: PlateRequest, corners: Floats, progress: Progress | None) -> CheckedSlice:
     settings = request.settings
     height_mm = float(corners[..., 2].max())
-    run = run_engine(
-        request.engine,
-        request.stl,
-        settings.global_,
-        settings.extruder,
-        layers=math.ceil(height_mm / settings.layer_height_mm) + 1,
-        timeout_s=request.timeout_s,
-        progress=progress,
-    )
+    layers = math.ceil(height_mm / settings.layer_height_mm) + 1
+    limits = EngineLimits(layers, request.timeout_s)
+    run = run_engine(request.engine, request.stl, settings.global_, settings.extruder, limits, progress)
     output.check_log(run.log)
     path = read_toolpath(run.gcode)
-    limits, code = settings.printer.limits, settings.printer.code
-    facts = output.gather_facts(path, limits.min_extrusion_c)
-    removed, lines = output.count_removed_layers(run.log), wall_layout(settings)
-    output.check(
+    min_extrusion_c = settings.printer.limits.min_extrusion_c
+    facts = output.gather_facts(path, min_extrusion_c)
+    removed, layout = output.count_removed_layers(run.log), read_wall_layout(settings)
+    output.check_facts(
         facts,
         height_mm=height_mm,
         cut_mm=removed * settings.layer_height_mm,
-        top_checked=lines is not None,
+        top_checked=layout is not None,
         layer_height_mm=max(settings.layer_height_mm, settings.layer_height_0_mm),
-        min_extrusion_c=limits.min_extrusion_c,
+        min_extrusion_c=min_extrusion_c,
     )
-    output.check_parking(facts, code.parked_mm)
+    output.check_parking(facts, settings.printer.code.parked_mm)
     unprinted: tuple[Unprinted, ...] = ()
-    if lines is not None:
+    if layout is not None:
         unprinted = check_outline(
             path,
             corners,
-            lines,
+            layout,
             removed=removed,
             centre_mm=_centre(settings),
             filament_mm2=settings.filament_mm2,

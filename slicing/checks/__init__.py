@@ -4,7 +4,7 @@ from slicing.checks.outline import Unprinted, check_outline
 from slicing.checks.output import GcodeFacts
 from slicing.checks.timeline import add_times
 from slicing.checks.toolpath import Toolpath, read_toolpath
-from slicing.checks.walls import WallLayout, wall_layout
+from slicing.checks.walls import WallLayout, read_wall_layout
 
 __all__ = [
     "GcodeFacts",
@@ -14,5 +14,5 @@ __all__ = [
     "add_times",
     "check_outline",
     "read_toolpath",
-    "wall_layout",
+    "read_wall_layout",
 ]

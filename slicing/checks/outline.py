@@ -1,8 +1,8 @@
 """Comparison of each layer's printed outline with the mesh's section: what is missing, and what is too much.
 
-Two steps. The areas and first moments of all sections and of all printed outlines are compared in one go, by
-Green's theorem over segments. Only where a layer differs it is compared as polygons, which show where, and
-whether what is missing is thinner than two lines can be: that is reported, anything else is refused.
+First the areas and first moments of all sections and of all printed outlines are compared at once, by Green's
+theorem over segments. Only the layers that differ are compared as polygons, which show the place, and whether
+the missing part is thinner than two lines: that is reported, anything else is refused.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ import numpy.typing as npt
 import shapely
 from shapely import Geometry
 
-from slicing.checks.section import Floats, Rings, cut, measure
+from slicing.checks.section import Floats, Rings, cut_sections, measure_rings
 from slicing.checks.toolpath import Toolpath
 from slicing.checks.walls import TOLERANCE_MM, WallLayout, Walls
 from slicing.errors import Rule, SliceRejected
 
 SLACK_MM2, SLACK_MM = 0.5, 0.005
-"""What the area of a layer may be off by before its polygons are compared: so much, and so much for each mm
-of outline. Sound models stay within it in nearly all layers."""
-WALL_MM2 = 5.0
+"""Differences of a layer's area up to which its polygons are not compared: a constant, and a part for each mm
+of outline. Sound models stay within them in nearly all layers."""
+MIN_WALL_MM2 = 5.0
 """Smallest wall that is reported."""
-GRAVE_MM2 = 1.0
-"""Smallest piece for which a slice is refused."""
+MIN_REFUSED_MM2 = 1.0
+"""Smallest missing or extra piece for which a slice is refused."""
 LOST_MM2, LOST_SHARE = 50.0, 0.02
-"""What the inner walls may enclose less than they must: so much, and a share of the layer. A corner that the
-engine loses is 2000 mm2."""
+"""Area by which the inner walls may enclose less than expected: a constant, and a share of the layer. A
+corner that the engine loses is 2000 mm2."""
 TIP_MM = 1.0
 """A sharp edge or a tip may end this much early."""
 EXACT_LAYERS = 24
-"""How many of the layers that differ are looked at; the others count as those between them."""
+"""Number of differing layers that are compared as polygons; the others count as those next to them."""
 _PLANE_MM = 0.005  # the engine rounds to 0.001 mm, which tilts what is nearly flat
 _SPECK_MM2 = 0.2
 
@@ -44,11 +44,11 @@ class Unprinted:
     Attributes
     ----------
     area_mm2
-        Of the wall, seen from its side.
+        Area of the wall, seen from its side.
     from_z_mm, to_z_mm
-        Between which heights.
+        Heights between which it stands.
     x_mm, y_mm
-        Its middle, from the bed's centre.
+        Middle of the wall, from the bed's centre.
     """
 
     area_mm2: float
@@ -67,7 +67,7 @@ class Unprinted:
 def check_outline(
     path: Toolpath,
     corners: Floats,
-    lines: WallLayout,
+    layout: WallLayout,
     *,
     removed: int,
     centre_mm: tuple[float, float],
@@ -81,8 +81,10 @@ def check_outline(
         The G-code.
     corners
         (n, 3 corners, xyz) The mesh that was sliced, in mm from the bed's centre.
+    layout
+        Position of the outer wall in the model.
     removed
-        How many layers the engine took away below the first that is not empty; it put the others down.
+        Number of empty layers at the bottom that the engine took away; it put the others down.
     centre_mm
         The bed's centre in the printer's coordinates.
     filament_mm2
@@ -100,36 +102,47 @@ def check_outline(
         of the model is too thin.
     """
     if removed:  # what is printed first is not the layer that was grown as the first
-        lines = replace(lines, offset_0_mm=lines.offset_mm)
-    if np.linalg.det(corners).sum() < 0:  # inside out, which the engine does not mind
+        layout = replace(layout, offset_0_mm=layout.offset_mm)
+    if np.linalg.det(corners).sum() < 0:  # inside out, which the engine accepts
         corners = corners[:, ::-1]
-    walls = Walls.of(path, lines, centre_mm, filament_mm2)
+    walls = Walls.of(path, layout, centre_mm, filament_mm2)
+    z_mm = _section_heights_mm(corners, walls, layout, removed)
+    differ, off_mm2 = _find_differing_layers(corners, z_mm, walls, layout)
+    if not len(differ):
+        return ()
+    sampled = _sample(differ, off_mm2)
+    sections = _Sections(corners, layout)
+    thin = [piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, layout)]
+    return _join_pieces(thin, layout, len(differ) / len(sampled))
+
+
+def _section_heights_mm(corners: Floats, walls: Walls, layout: WallLayout, removed: int) -> Floats:
+    """Compute the heights (layers,) at which the engine cut the model for the layers that it printed."""
     height_mm = float(corners[..., 2].max())
-    count = max(
-        1,
-        int((height_mm - lines.layer_height_0_mm) / lines.layer_height_mm + 0.5) + 1 - removed,
-        int(walls.layer.max(initial=-1)) + 1,
-    )
-    z_mm = lines.section_mm(count + removed)[removed:]
-    model = _expand(measure(cut(corners, z_mm), count), lines)
+    planned = int((height_mm - layout.layer_height_0_mm) / layout.layer_height_mm + 0.5) + 1
+    count = max(1, planned - removed, int(walls.layer.max(initial=-1)) + 1)
+    return layout.section_mm(count + removed)[removed:]
+
+
+def _find_differing_layers(
+    corners: Floats, z_mm: Floats, walls: Walls, layout: WallLayout
+) -> tuple[npt.NDArray[np.intp], Floats]:
+    """Find the layers (k,) whose area or centroid is off, and the area in mm2 by which each is off."""
+    count = len(z_mm)
+    model = _expand(measure_rings(cut_sections(corners, z_mm), count), layout)
     printed = walls.rings(count)
-    off_mm2 = printed.area_mm2 - model.area_mm2
-    _check_areas(model, printed, walls, lines)
-    slack_mm2 = SLACK_MM2 + (SLACK_MM + lines.slack_mm) * model.length_mm
+    _check_areas(model, printed, walls, layout)
+    off_mm2 = np.abs(printed.area_mm2 - model.area_mm2)
+    slack_mm2 = SLACK_MM2 + (SLACK_MM + layout.slack_mm) * model.length_mm
     away_mm3 = np.abs(printed.moment_mm3 - model.moment_mm3).max(axis=1)
     reach_mm = np.abs(corners[..., :2]).max() + TIP_MM
-    differ = np.abs(off_mm2) > slack_mm2
-    differ |= away_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2
-    found = np.flatnonzero(differ)
-    if not len(found):
-        return ()
-    sampled = _sample(found, np.abs(off_mm2[found]))
-    sections = _Sections(corners, lines)
-    thin = [piece for layer in sampled for piece in _compare(int(layer), z_mm, walls, sections, lines)]
-    return _join_pieces(thin, lines, len(found) / len(sampled))
+    differ = np.flatnonzero(
+        (off_mm2 > slack_mm2) | (away_mm3 > slack_mm2 * reach_mm + TOLERANCE_MM * model.area_mm2)
+    )
+    return differ, off_mm2[differ]
 
 
-def _check_areas(model: Rings, printed: Rings, walls: Walls, lines: WallLayout) -> None:
+def _check_areas(model: Rings, printed: Rings, walls: Walls, layout: WallLayout) -> None:
     """Refuse a slice of which most is missing, or a layer whose inner walls lost a corner."""
     share = printed.area_mm2.sum() / max(model.area_mm2.sum(), _SPECK_MM2)
     if share < 0.5:
@@ -138,26 +151,26 @@ def _check_areas(model: Rings, printed: Rings, walls: Walls, lines: WallLayout) 
             f"{100 - 100 * share:.0f} % of the model is missing: its walls are too thin to print, or its "
             "mesh is broken; thicken them, scale it up, take a finer nozzle, or repair it",
         )
-    lost_mm2 = walls.lost_mm2(lines, len(model.area_mm2))
+    lost_mm2 = walls.lost_mm2(layout, len(model.area_mm2))
     lacking = np.flatnonzero(lost_mm2 > LOST_MM2 + LOST_SHARE * model.area_mm2)
     if len(lacking):
         layer = int(lacking[0])
         raise SliceRejected(
             Rule.OUTLINE,
-            f"layer {layer} (Z {lines.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
+            f"layer {layer} (Z {layout.top_mm(layer):.2f} mm) lacks {lost_mm2[layer]:.0f} mm2 within its "
             "inner walls; repair the mesh, or scale it by a thousandth",
         )
 
 
-def _expand(model: Rings, lines: WallLayout) -> Rings:
+def _expand(model: Rings, layout: WallLayout) -> Rings:
     """Grow sections by the engine's horizontal expansion, to first order."""
-    offset = np.full(len(model.area_mm2), lines.offset_mm)
-    offset[:1] = lines.offset_0_mm
+    offset = np.full(len(model.area_mm2), layout.offset_mm)
+    offset[:1] = layout.offset_0_mm
     return Rings(model.area_mm2 + offset * model.length_mm, model.length_mm, model.moment_mm3)
 
 
 def _sample(found: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp]:
-    """At most `EXACT_LAYERS` of them: the worst, and others in even steps."""
+    """Choose at most `EXACT_LAYERS` of the layers: the worst, and others in even steps."""
     if len(found) <= EXACT_LAYERS:
         return found
     worst = found[np.argsort(off_mm2)[-EXACT_LAYERS // 4 :]]
@@ -168,13 +181,13 @@ def _sample(found: npt.NDArray[np.intp], off_mm2: Floats) -> npt.NDArray[np.intp
 class _Sections:
     """Sections of the model as polygons."""
 
-    def __init__(self, corners: Floats, lines: WallLayout) -> None:
+    def __init__(self, corners: Floats, layout: WallLayout) -> None:
         self._corners = corners
-        self._lines = lines
+        self._layout = layout
 
     def at(self, z_mm: float, layer: int) -> Geometry:
         """Cut the model at a height where its winding number is positive, grown as in `layer`."""
-        pieces = list(cut(self._corners, np.array([z_mm])))
+        pieces = list(cut_sections(self._corners, np.array([z_mm])))
         if not pieces:
             return shapely.Polygon()
         start = np.concatenate([piece[1] for piece in pieces])
@@ -185,7 +198,7 @@ class _Sections:
         faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(net)))
         points = shapely.get_coordinates(shapely.point_on_surface(faces))
         solid = [face for face, (x, y) in zip(faces, points, strict=True) if _winding(start, end, x, y) > 0]
-        offset = self._lines.offset_0_mm if layer == 0 else self._lines.offset_mm
+        offset = self._layout.offset_0_mm if layer == 0 else self._layout.offset_mm
         return shapely.union_all(solid).buffer(offset, join_style="mitre")
 
 
@@ -199,14 +212,14 @@ def _winding(start: Floats, end: Floats, x: float, y: float) -> int:
 
 
 def _compare(
-    layer: int, z_mm: Floats, walls: Walls, sections: _Sections, lines: WallLayout
+    layer: int, z_mm: Floats, walls: Walls, sections: _Sections, layout: WallLayout
 ) -> list[tuple[int, Geometry]]:
     """Find thin pieces that are missing in a layer, each with the layer; refuse anything else."""
     near = [sections.at(float(z_mm[layer]) + side, layer) for side in (-_PLANE_MM, _PLANE_MM)]
     printed = walls.printed(layer, shapely.union_all(near))
-    tolerance_mm = TOLERANCE_MM + lines.slack_mm
+    tolerance_mm = TOLERANCE_MM + layout.slack_mm
     extra = _worst(printed.difference(shapely.union_all(near).buffer(tolerance_mm)))
-    where = f"layer {layer} (Z {lines.top_mm(layer):.2f} mm)"
+    where = f"layer {layer} (Z {layout.top_mm(layer):.2f} mm)"
     if extra is not None:
         raise SliceRejected(
             Rule.OUTLINE,
@@ -216,7 +229,7 @@ def _compare(
     missing = sure.difference(printed.buffer(tolerance_mm))
     if missing.area > _SPECK_MM2:
         missing = missing.difference(walls.filling(layer, missing.bounds).buffer(tolerance_mm))
-    two_lines_mm = float(lines.reach_mm(np.array([layer], np.int32))[0]) + 0.03
+    two_lines_mm = float(layout.reach_mm(np.array([layer], np.int32))[0]) + 0.03
     thick = sure.buffer(-two_lines_mm).buffer(two_lines_mm)
     gone = _worst(missing.intersection(thick))
     if gone is not None:
@@ -235,7 +248,7 @@ def _compare(
 def _worst(shape: Geometry) -> Geometry | None:
     """Find the largest piece that is more than a sliver; None where there is none."""
     core = shape.buffer(-TOLERANCE_MM / 2).buffer(TOLERANCE_MM / 2)
-    pieces = [piece for piece in shapely.get_parts(core) if piece.area > GRAVE_MM2]
+    pieces = [piece for piece in shapely.get_parts(core) if piece.area > MIN_REFUSED_MM2]
     return max(pieces, key=lambda piece: float(piece.area), default=None)
 
 
@@ -245,7 +258,7 @@ def _at(shape: Geometry) -> str:
 
 
 def _join_pieces(
-    pieces: list[tuple[int, Geometry]], lines: WallLayout, share: float
+    pieces: list[tuple[int, Geometry]], layout: WallLayout, share: float
 ) -> tuple[Unprinted, ...]:
     """Join pieces above one another to walls, the largest first."""
     if not pieces:
@@ -257,9 +270,9 @@ def _join_pieces(
         of = [(layer, piece) for layer, piece in pieces if shadow.intersects(piece)]
         layers = [layer for layer, _ in of]
         box = shadow.bounds
-        low_mm, high_mm = lines.top_mm(min(layers) - 1) if min(layers) else 0.0, lines.top_mm(max(layers))
-        side_mm2 = sum(piece.length / 2 for _, piece in of) * lines.layer_height_mm * share
-        if high_mm - low_mm < TIP_MM or side_mm2 < WALL_MM2:
+        low_mm, high_mm = layout.top_mm(min(layers) - 1) if min(layers) else 0.0, layout.top_mm(max(layers))
+        side_mm2 = sum(piece.length / 2 for _, piece in of) * layout.layer_height_mm * share
+        if high_mm - low_mm < TIP_MM or side_mm2 < MIN_WALL_MM2:
             continue
         middle = ((box[0] + box[2]) / 2, (box[1] + box[3]) / 2)
         walls.append(Unprinted(float(side_mm2), low_mm, high_mm, *middle))

@@ -65,10 +65,10 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     homed = next((command.move for command in path.commands if command.code == "G28"), len(moved))
     cold, heaters_off = _heat(path, pushed_mm > 0, min_extrusion_c)
     return GcodeFacts(
-        flavour=_noted(path, "FLAVOR:"),
-        sliced_s=float(_noted(path, "TIME_ELAPSED:") or 0.0),
+        flavour=_last_comment(path, "FLAVOR:"),
+        sliced_s=float(_last_comment(path, "TIME_ELAPSED:") or 0.0),
         filament_mm=float(pushed_mm[prints].sum()),
-        layer_count=int(_noted(path, "LAYER_COUNT:") or 0),
+        layer_count=int(_last_comment(path, "LAYER_COUNT:") or 0),
         layers=len(np.unique(layers)),
         top_layer=int(layers[-1]) if len(layers) else -1,
         min_mm=(float(low[0]), float(low[1]), float(low[2])),
@@ -81,7 +81,7 @@ def gather_facts(path: Toolpath, min_extrusion_c: float) -> GcodeFacts:
     )
 
 
-def _noted(path: Toolpath, name: str) -> str:
+def _last_comment(path: Toolpath, name: str) -> str:
     """Read the last comment of a name; empty where there is none."""
     return next((n.text[len(name) :] for n in reversed(path.notes) if n.text.startswith(name)), "")
 
@@ -117,7 +117,7 @@ def check_log(log: str) -> None:
         raise SliceRejected(Rule.BROKEN_MESH, f"CuraEngine says {warning.strip()!r}; repair the mesh")
 
 
-def check(
+def check_facts(
     facts: GcodeFacts,
     *,
     height_mm: float,

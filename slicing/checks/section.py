@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 _CHUNK = 400_000
-"""Segments at a time, which bounds the memory: about 100 MB."""
+"""Number of segments that are cut at a time, which takes about 100 MB of memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +24,11 @@ class Rings:
     Attributes
     ----------
     area_mm2
-        (k,) Enclosed, holes taken off.
+        (k,) Enclosed area, without holes.
     length_mm
-        (k,) Of all rings.
+        (k,) Length of all rings.
     moment_mm3
-        (k, 2) The area times its centroid.
+        (k, 2) Area times centroid.
     """
 
     area_mm2: Floats
@@ -36,13 +36,13 @@ class Rings:
     moment_mm3: Floats
 
 
-def measure(segments: Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]], count: int) -> Rings:
-    """Add up directed segments to rings.
+def measure_rings(segments: Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]], count: int) -> Rings:
+    """Sum directed segments into the area, length and moment of the rings at each height.
 
     Parameters
     ----------
     segments
-        Chunks as `cut` yields them: (m,) index of the height, (m, 2) start and end in mm.
+        Chunks as `cut_sections` yields them: (m,) index of the height, (m, 2) start and end in mm.
     count
         Number of heights, k.
     """
@@ -56,7 +56,7 @@ def measure(segments: Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]], cou
     return Rings(area, length, moment)
 
 
-def cut(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]]:
+def cut_sections(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np.intp], Floats, Floats]]:
     """Cut a mesh by horizontal planes.
 
     Parameters
@@ -91,7 +91,7 @@ def cut(corners: Floats, z_mm: Floats) -> Iterator[tuple[npt.NDArray[np.intp], F
 
 
 def _segments(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
-    """(m, 2) Start and end; each triangle (m, 3, 3) has a corner at or below its plane and one above."""
+    """Cut each triangle (m, 3, 3) at its plane, with corners on both sides: start and end (m, 2) in mm."""
     above = corners[..., 2] > z_mm[:, None]
     alone_above = above.sum(axis=1) == 1
     alone = np.where(alone_above, above.argmax(axis=1), above.argmin(axis=1))
@@ -103,7 +103,7 @@ def _segments(corners: Floats, z_mm: Floats) -> tuple[Floats, Floats]:
 
 
 def _crossing(a: Floats, b: Floats, z_mm: Floats) -> Floats:
-    """(m, 2) Where edges cross their planes; the same to the last bit whichever end is named first."""
+    """Find the points (m, 2) at which edges cross their planes, bit-equal whichever end comes first."""
     swap = (a[:, 2] > b[:, 2])[:, None]
     low, high = np.where(swap, b, a), np.where(swap, a, b)
     share = (z_mm - low[:, 2]) / (high[:, 2] - low[:, 2])

@@ -1,7 +1,7 @@
-"""A G-code file as columns of numbers: one row for each move, and what stands between the moves.
+"""G-code file as columns of numbers: one row for each move, and the lines between the moves.
 
 CuraEngine writes tens of thousands of moves in a second, so they are read by the column: a regular expression
-takes whole blocks of plain moves, and only the few other lines are looked at one by one.
+takes whole blocks of plain moves, and only the few other lines are read one by one.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from slicing.errors import GcodeRefused, Rule, SliceRejected
-from slicing.gcode_lines import PLAIN_MOVE, Words, split, words
+from slicing.gcode_lines import PLAIN_MOVE, Words, parse_words, split_line
 
 Floats = npt.NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _AXES = b"XYZE"
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A comment: after how many moves it stands, at which byte of the file, and its text without ``;``."""
+    """Comment: the number of moves before it, its offset in the file, and its text without ``;``."""
 
     move: int
     offset: int
@@ -37,7 +37,7 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A line that is no move: after how many moves it stands, its code (``G28``), and its words."""
+    """Line other than a move: the number of moves before it, its code (``G28``), and its words."""
 
     move: int
     code: str
@@ -46,7 +46,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Toolpath:
-    """Moves (G0, G1) of a file and the lines between them, as the firmware would take them.
+    """Moves (G0, G1) of a file and the lines between them, as the firmware reads them.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Toolpath:
     layer
         (n,) The number of the ``;LAYER:`` above a move; `NO_LAYER` before the first.
     feature
-        (n,) Where in `features` the ``;TYPE:`` above a move stands.
+        (n,) Index in `features` of the ``;TYPE:`` above a move.
     """
 
     before: Floats
@@ -71,12 +71,12 @@ class Toolpath:
 
     @property
     def pushed_mm(self) -> Floats:
-        """(n,) Filament that a move pushes; negative where it draws back."""
+        """Filament (n,) in mm that each move pushes; negative where it draws back."""
         return self.after[:, 3] - self.before[:, 3]
 
     @property
     def moved(self) -> npt.NDArray[np.bool_]:
-        """(n,) True where the head moves."""
+        """Mask (n,) of the moves that move the head."""
         return np.asarray((self.after[:, :3] != self.before[:, :3]).any(axis=1))
 
     def is_feature(self, name: str) -> npt.NDArray[np.bool_]:
@@ -103,30 +103,8 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     SliceRejected
         `FLAVOUR` where the firmware would read a line in another way, or not at all.
     """
-    blocks: list[bytes] = []
-    notes: list[Note] = []
-    commands: list[Command] = []
-    moves = number = 0
-    for match in _BLOCK.finditer(gcode):
-        block, line = match.groups()
-        blocks.append(block)
-        moves += block.count(b"\n")
-        number += block.count(b"\n") + 1
-        if line.startswith(b";"):
-            notes.append(Note(moves, match.start(2), line[1:].decode("utf-8", "replace").strip()))
-            continue
-        try:
-            code, rest, _ = split(line, number)
-            given = words(rest, number)
-        except GcodeRefused as error:
-            raise SliceRejected(Rule.FLAVOUR, str(error)) from error
-        if code in ("G0", "G1"):
-            plain = "".join(f" {letter}{value:.9f}" for letter, value in given.items() if letter in "XYZEF")
-            blocks.append(b"G%b\n" % plain.encode())
-            moves += 1
-        elif code:
-            commands.append(Command(moves, code, given))
-    columns = _columns(b"".join(blocks), moves)
+    text, moves, notes, commands = _split_file(gcode)
+    columns = _columns(text, moves)
     before, after = _positions(columns, commands)
     features = ("", *dict.fromkeys(note.text[5:] for note in notes if note.text.startswith("TYPE:")))
     return Toolpath(
@@ -141,8 +119,36 @@ def read_toolpath(gcode: bytes) -> Toolpath:
     )
 
 
+def _split_file(gcode: bytes) -> tuple[bytes, int, list[Note], list[Command]]:
+    """Split a file into its moves, each in the form of `PLAIN_MOVE`, their number, comments and commands."""
+    blocks: list[bytes] = []
+    notes: list[Note] = []
+    commands: list[Command] = []
+    moves = number = 0
+    for match in _BLOCK.finditer(gcode):
+        block, line = match.groups()
+        blocks.append(block)
+        moves += block.count(b"\n")
+        number += block.count(b"\n") + 1
+        if line.startswith(b";"):
+            notes.append(Note(moves, match.start(2), line[1:].decode("utf-8", "replace").strip()))
+            continue
+        try:
+            code, rest, _ = split_line(line, number)
+            given = parse_words(rest, number)
+        except GcodeRefused as error:
+            raise SliceRejected(Rule.FLAVOUR, str(error)) from error
+        if code in ("G0", "G1"):
+            plain = "".join(f" {letter}{value:.9f}" for letter, value in given.items() if letter in "XYZEF")
+            blocks.append(b"G%b\n" % plain.encode())
+            moves += 1
+        elif code:
+            commands.append(Command(moves, code, given))
+    return b"".join(blocks), moves, notes, commands
+
+
 def _columns(text: bytes, moves: int) -> dict[int, Floats]:
-    """Read the number (n,) that each move names, for each letter; NaN where it names none."""
+    """Read the number (n,) that each move gives, for each letter; NaN where it gives none."""
     raw = np.frombuffer(text, np.uint8)
     letters = raw[raw >= ord("E")]  # E to Z: the letters, and nothing else in a plain move
     numbers = _numbers(text)
@@ -159,7 +165,7 @@ def _columns(text: bytes, moves: int) -> dict[int, Floats]:
 
 
 def _numbers(text: bytes) -> Floats:
-    """All numbers of plain moves, in their order, without those of the Gs."""
+    """Parse all numbers of plain moves in their order, without those of the Gs."""
     bare = text.replace(b"G0", b"").replace(b"G1", b"").translate(_SPACED)
     if not bare.strip():
         return np.empty(0)
@@ -167,7 +173,7 @@ def _numbers(text: bytes) -> Floats:
 
 
 def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple[Floats, Floats]:
-    """(n, 4) Where each move begins and ends, through the modes that commands set."""
+    """Find the points (n, 4) where each move begins and ends, by the modes that commands set."""
     moves = len(columns[ord("X")])
     before, after = np.empty((moves, 4)), np.empty((moves, 4))
     here = [0.0] * 4
@@ -207,7 +213,7 @@ def _positions(columns: dict[int, Floats], commands: Iterable[Command]) -> tuple
 
 
 def _filled(column: Floats, first: float) -> Floats:
-    """Each NaN becomes the number before it; `first` where there is none."""
+    """Replace each NaN by the number before it, or by `first` where there is none."""
     known = ~np.isnan(column)
     last = np.maximum.accumulate(np.where(known, np.arange(len(column)), -1)) if len(column) else known
     return np.where(last < 0, first, column[last])

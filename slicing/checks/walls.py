@@ -10,7 +10,7 @@ import numpy.typing as npt
 import shapely
 from shapely import Geometry
 
-from slicing.checks.section import Floats, Rings, measure
+from slicing.checks.section import Floats, Rings, measure_rings
 from slicing.checks.toolpath import Toolpath
 from slicing.settings import EngineSettings
 
@@ -59,7 +59,7 @@ class WallLayout:
         return self.layer_height_0_mm + layer * self.layer_height_mm
 
 
-def wall_layout(settings: EngineSettings) -> WallLayout | None:
+def read_wall_layout(settings: EngineSettings) -> WallLayout | None:
     """Read the outer wall's layout from settings; None where it does not follow the model's outline."""
     scopes = (settings.extruder, settings.global_)
 
@@ -102,16 +102,16 @@ class Walls:
 
     @classmethod
     def of(
-        cls, path: Toolpath, lines: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
+        cls, path: Toolpath, layout: WallLayout, centre_mm: tuple[float, float], filament_mm2: float
     ) -> Walls:
         """Pick the walls out of a toolpath, with the parameters of `check_outline`."""
         pushed_mm = path.pushed_mm
         way_mm = np.hypot(*(path.after[:, :2] - path.before[:, :2]).T)
         prints = (pushed_mm > 0) & (way_mm > 0) & (path.layer >= 0)
-        height_mm = np.where(path.layer == 0, lines.layer_height_0_mm, lines.layer_height_mm)
+        height_mm = np.where(path.layer == 0, layout.layer_height_0_mm, layout.layer_height_mm)
         half_mm = np.zeros(len(way_mm))
         half_mm[prints] = (pushed_mm * filament_mm2)[prints] / (way_mm * height_mm)[prints] / 2
-        half_mm = np.minimum(half_mm, lines.width_mm)  # more is a blob, and covers nothing
+        half_mm = np.minimum(half_mm, layout.width_mm)  # more is a blob, and covers nothing
         at = np.flatnonzero(prints & path.is_feature("WALL-OUTER"))
         start, end = path.before[at, :2] - centre_mm, path.after[at, :2] - centre_mm
         layer = path.layer[at]
@@ -131,14 +131,16 @@ class Walls:
         own &= prints
         ends = (path.before[own, :2] - centre_mm, path.after[own, :2] - centre_mm)
         others = np.column_stack((*ends, path.layer[own], half_mm[own])).astype(np.float64)
-        reach_mm = np.where(closed, lines.reach_mm(layer), half)
+        reach_mm = np.where(closed, layout.reach_mm(layer), half)
         inner = others[path.is_feature("WALL-INNER")[own]][:, :5]
         return cls(start, end, layer, run, closed, 2 * half, reach_mm, others, inner)
 
     def rings(self, count: int) -> Rings:
         """Sum up the area within the outer edge of the outer wall, to first order, for `count` layers."""
         ring = self.closed
-        inside = measure(iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count)
+        inside = measure_rings(
+            iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count
+        )
         # An engine may go round the other way; all rings of a layer then do.
         turn = np.where(inside.area_mm2 < 0, -1.0, 1.0)
         band_mm2 = np.hypot(*(self.end - self.start).T) * self.half_mm * np.where(ring, 1.0, 2.0)
@@ -150,7 +152,7 @@ class Walls:
             moment[:, axis] += np.bincount(self.layer, band_mm2 * middle, count)
         return Rings(area, inside.length_mm, moment)
 
-    def lost_mm2(self, lines: WallLayout, count: int) -> Floats:
+    def lost_mm2(self, layout: WallLayout, count: int) -> Floats:
         """Compute the area (count,) that the inner walls of each layer enclose less than they must.
 
         What is d further in than a ring encloses less by d times the ring's length at most. 0 where an inner
@@ -159,12 +161,14 @@ class Walls:
         start, end, layer = self.inner[:, :2], self.inner[:, 2:4], self.inner[:, 4].astype(np.int32)
         bridges, run, closed = _runs(start, end, layer)
         broken = np.bincount(layer, ~closed[run], count) + np.bincount(layer[bridges], minlength=count) > 0
-        inner = measure(iter([(layer.astype(np.intp), start, end)]), count)
+        inner = measure_rings(iter([(layer.astype(np.intp), start, end)]), count)
         ring = self.closed
-        outer = measure(iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count)
+        outer = measure_rings(
+            iter([(self.layer[ring].astype(np.intp), self.start[ring], self.end[ring])]), count
+        )
         must_mm2 = np.zeros(count)
-        for number in range(1, lines.inner_walls + 1):
-            further_mm = number * lines.step_mm
+        for number in range(1, layout.inner_walls + 1):
+            further_mm = number * layout.step_mm
             must_mm2 += np.maximum(0.0, np.abs(outer.area_mm2) - further_mm * outer.length_mm)
         return np.where(broken, 0.0, must_mm2 - np.abs(inner.area_mm2))
 

@@ -1,8 +1,8 @@
 """A person's own G-code: read by the firmware's rules, and written anew so that the farm can print it."""
 
-from slicing.gcode_lines import LONGEST, shown
-from slicing.own_gcode.accept import ForeignGcode, accept
+from slicing.gcode_lines import MAX_LINE_BYTES, quote_text
+from slicing.own_gcode.acceptance import AcceptedGcode, accept_gcode
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch
 
-__all__ = ["LONGEST", "ForeignGcode", "PrintTarget", "Stopwatch", "accept", "shown"]
+__all__ = ["MAX_LINE_BYTES", "AcceptedGcode", "PrintTarget", "Stopwatch", "accept_gcode", "quote_text"]

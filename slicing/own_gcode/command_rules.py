@@ -83,22 +83,22 @@ _REASONS = {
 }
 
 
-END = frozenset(("G28", "M84", "M18", "M81", "M2"))
+END_COMMANDS = frozenset(("G28", "M84", "M18", "M81", "M2"))
 """Show, where they stand after all that is printed, that the file has come to its end script."""
 
 
-def needless(code: str, rest: str) -> bool:
+def is_needless(code: str, rest: str) -> bool:
     """Tell whether a command changes nothing in a print; `rest` is what follows its code."""
     return code in NEEDLESS or (code == "M200" and _IN_MM.fullmatch(rest) is not None)
 
 
-def refusal(code: str) -> str | None:
+def find_refusal(code: str) -> str | None:
     """Find why a command is refused wherever it stands; None where it is not."""
     if code[0] == "T" and code != "T0":
         return "asks for another extruder, and there is one: slice for a single extruder"
     return REFUSED.get(code)
 
 
-def refusal_in_print(code: str) -> str:
+def find_refusal_in_print(code: str) -> str:
     """Find why a command that is not printed makes the farm refuse a print."""
     return _REASONS.get(code, "is not on the list of commands that are printed: take it out")

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
-from slicing.gcode_lines import Words, plain_move, split, words
+from slicing.gcode_lines import Words, parse_plain_move, parse_words, split_line
 from slicing.own_gcode import command_rules
-from slicing.own_gcode.arcs import Arc
 from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.head import MOST_SECTION, Head
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.survey import Survey, is_layer
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Writer
+
+Point = tuple[float, float]
 
 MOST_DWELL_S = 60.0
 """In one place: the nozzle is hot, and a cancelled print has to wait for its end."""
@@ -24,13 +27,16 @@ MOST_ARC_MM = 700.0
 """Once round the whole bed."""
 ARC_TOLERANCE_MM = 0.2
 """Difference of an arc's radius between its start and its end."""
+LONGEST_CHORD_MM = 1.0
+"""Straight moves of an arc are no longer: the firmware's ``MM_PER_ARC_SEGMENT``."""
+CHORD_DEVIATION_MM = 0.01
 _FIRST_MM_S = 25.0  # of the firmware, before the first F
 _NO_FAN = b"M107"
 _FEATURE = re.compile(rb"TYPE:[A-Z-]{1,20}\Z")  # Cura's comments on what it prints
 
 
 class Interpreter:
-    """Printer's modes and temperatures, line by line; from `survey.begins` on, lines are printed.
+    """Printer's modes and temperatures, line by line; from `survey.first_line` on, lines are printed.
 
     Parameters
     ----------
@@ -90,29 +96,29 @@ class Interpreter:
             Where the line cannot be read, or must not be printed.
         """
         self._objections.line = number
-        if number != self._survey.begins and (move := plain_move(raw)) is not None:
+        if number != self._survey.first_line and (move := parse_plain_move(raw)) is not None:
             self._move(move)
             return
-        code, rest, comment = split(raw, number)
-        if number == self._survey.begins:
+        code, rest, comment = split_line(raw, number)
+        if number == self._survey.first_line:
             self._begin()
         if self._printing and is_layer(comment):
             self._writer.layer()
         elif self._printing and _FEATURE.match(comment):
             self._writer.line(b";" + comment)
-        if not code or command_rules.needless(code, rest):
+        if not code or command_rules.is_needless(code, rest):
             return
-        if (reason := command_rules.refusal(code)) is not None:
+        if (reason := command_rules.find_refusal(code)) is not None:
             raise GcodeRefused(f"line {number}: {code} {reason}")
         if code in command_rules.NOT_TAKEN_OVER:
             self.left_out[code] = command_rules.NOT_TAKEN_OVER[code]
         elif code in command_rules.PRINTED:
-            self._carry_out(code, words(rest, number))
+            self._carry_out(code, parse_words(rest, number))
         elif code == "G28" and not self._printing:
             self.head.forget_position()
         elif self._printing:
-            reason = f"{code} {command_rules.refusal_in_print(code)}"
-            self._objections.add_end(reason, ends_print=code in command_rules.END)
+            reason = f"{code} {command_rules.find_refusal_in_print(code)}"
+            self._objections.add_end(reason, ends_print=code in command_rules.END_COMMANDS)
 
     def finish(self) -> None:
         """Check the file's end.
@@ -292,3 +298,52 @@ class Interpreter:
         per_minute = given.get("F", 0.0)
         if per_minute > 0:  # the firmware, too, goes on as before at F0
             self._speed_mm_s = per_minute / 60
+
+
+@dataclass(frozen=True, slots=True)
+class Arc:
+    """Arc from `start` round `centre` to `end`, in mm; a whole circle where start and end are the same."""
+
+    start: Point
+    end: Point
+    centre: Point
+    clockwise: bool
+
+    @property
+    def radius_mm(self) -> float:
+        return math.dist(self.start, self.centre)
+
+    @property
+    def end_radius_mm(self) -> float:
+        return math.dist(self.end, self.centre)
+
+    @property
+    def turn(self) -> float:
+        """Angle swept, in radians; negative clockwise."""
+        turn = (self._angle(self.end) - self._angle(self.start)) % math.tau
+        if self.clockwise:
+            return turn - math.tau
+        return turn or math.tau
+
+    @property
+    def length_mm(self) -> float:
+        return abs(self.turn) * self.radius_mm
+
+    def points(self) -> Iterator[tuple[Point, float]]:
+        """Yield the end of each straight move, and the share of the arc done there; `end` is the last."""
+        radius_mm, turn, first = self.radius_mm, self.turn, self._angle(self.start)
+        step_mm = max(0.05, min(LONGEST_CHORD_MM, math.sqrt(8 * radius_mm * CHORD_DEVIATION_MM)))
+        count = max(1, math.ceil(self.length_mm / step_mm))
+        for i in range(1, count):
+            angle = first + turn * i / count
+            yield self._at(angle, radius_mm), i / count
+        yield self.end, 1.0
+
+    def _angle(self, point: Point) -> float:
+        return math.atan2(point[1] - self.centre[1], point[0] - self.centre[0])
+
+    def _at(self, angle: float, radius_mm: float) -> Point:
+        return (
+            self.centre[0] + radius_mm * math.cos(angle),
+            self.centre[1] + radius_mm * math.sin(angle),
+        )

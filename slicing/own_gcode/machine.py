@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
-from slicing.gcode_lines import shown
+from slicing.gcode_lines import quote_text
 from slicing.own_gcode.target import PrintTarget
 
 _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
@@ -106,14 +106,14 @@ def check_machine(
         number, code = machine.start
         why = f"line {number}: {code} {FOREIGN_START[code]}"
     elif machine.bed_corner not in (None, "0x0"):
-        why = f"its bed begins at {shown(machine.bed_corner or '')}"
+        why = f"its bed begins at {quote_text(machine.bed_corner or '')}"
     elif machine.filament_mm is None and not usual:
         filament = f"filament of {target.filament_mm:.4g} mm"
         why = f"its lines have {section_ratio:.1f} times the usual section, with {filament}"
     if why is not None:
-        raise GcodeRefused(f"it was sliced for {shown(name)} ({why}): slice it for the {title}")
+        raise GcodeRefused(f"it was sliced for {quote_text(name)} ({why}): slice it for the {title}")
     return (
-        f"Warning: it was sliced for {shown(name)}. What it prints fits the {title}, by its size, its "
+        f"Warning: it was sliced for {quote_text(name)}. What it prints fits the {title}, by its size, its "
         "filament and its start; speeds and temperatures are that machine's.",
     )
 

@@ -1,4 +1,4 @@
-"""Finds a file's facts, and where its print begins, before a line of it is carried out."""
+"""Survey of a file before a line of it is carried out: its facts, and where its print begins."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from slicing.errors import GcodeRefused
-from slicing.gcode_lines import plain_move, split
+from slicing.gcode_lines import parse_plain_move, split_line
 from slicing.own_gcode import command_rules
 from slicing.own_gcode.completeness import Completeness
 from slicing.own_gcode.machine import FOREIGN_START, Machine, find_machine
@@ -36,15 +36,15 @@ class Survey:
     Attributes
     ----------
     ulticode
-        The file is UltiGCode: E in mm3, and no start of its own.
+        Whether the file is UltiGCode: E in mm3, and no start of its own.
     nozzle_mm
-        The nozzle that it was sliced for; None where it does not say.
-    begins
-        The number of the line with which the print begins.
+        Nozzle that the file was sliced for; None where it does not say.
+    first_line
+        Number of the line with which the print begins.
     marks_layers
-        Whether comments say where layers begin.
+        Whether comments mark where layers begin.
     closed
-        Whether the slicer's closing mark stands behind all that is printed; False for a slicer without one.
+        Whether the slicer's closing mark comes after all that is printed; False for a slicer without one.
     machine
         The machine that it was sliced for.
     warning
@@ -53,7 +53,7 @@ class Survey:
 
     ulticode: bool
     nozzle_mm: float | None
-    begins: int
+    first_line: int
     marks_layers: bool
     closed: bool
     machine: Machine
@@ -65,7 +65,7 @@ def is_layer(comment: bytes) -> bool:
     return _LAYER.match(comment) is not None
 
 
-def survey(lines: Iterable[bytes], filament_mm: float) -> Survey:
+def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
     """Find a file's facts in one pass.
 
     Parameters
@@ -81,52 +81,96 @@ def survey(lines: Iterable[bytes], filament_mm: float) -> Survey:
         Where the file is for another kind of printer, the start of its print cannot be found, or its end is
         missing.
     """
-    facts: dict[str, bytes] = {}
-    layer = waited = homed = ready = 0
-    prints = number = 0
-    raw = b"\n"
-    completeness = Completeness()
-    start: tuple[int, str] | None = None
+    scan = _Scan()
     for number, raw in enumerate(lines, 1):
-        if (move := plain_move(raw)) is not None:
-            prints = number if "E" in move and ("X" in move or "Y" in move) else prints
-            continue
-        code, rest, comment = split(raw, number)
-        if comment:
-            completeness.read(comment, number)
-            if is_layer(comment):
-                layer = layer or number
-                completeness.count_layer()
-            elif (fact := _FACT.match(comment)) is not None:
-                facts[fact[1].decode().lower()] = fact[2].strip()
-        if not code or command_rules.needless(code, rest):
-            continue
-        if (why := command_rules.refusal(code)) is not None:
-            raise GcodeRefused(f"line {number}: {code} {why}")
-        if code in ("G0", "G1", "G2", "G3"):
-            prints = number if "E" in rest and ("X" in rest or "Y" in rest) else prints
-        elif not prints:
-            start = (number, code) if start is None and code in FOREIGN_START else start
-            waited = number if code == "M109" else waited
-            homed = number if code == "G28" else homed
-            ready = number if code in ("M109", "M190", "G28") else ready
-    ulticode = _is_ulticode(facts, filament_mm)
-    if not layer and (ulticode or not (waited and homed)):
+        scan.read(raw, number)
+    ulticode = _is_ulticode(scan.facts, filament_mm)
+    if not scan.layer and (ulticode or not (scan.waited and scan.homed)):
         raise GcodeRefused(
             "the start of its print cannot be found: let your slicer write ;LAYER:0 where a layer begins "
             "(as layer change G-code), or have a start script that homes (G28) and heats the nozzle (M109)"
         )
-    if (missing := completeness.missing(raw, number, prints)) is not None:
-        raise GcodeRefused(f"line {number}: the file ends here, but not its print: {missing}; {INCOMPLETE}")
+    missing = scan.completeness.missing(scan.last, scan.number, scan.prints)
+    if missing is not None:
+        raise GcodeRefused(
+            f"line {scan.number}: the file ends here, but not its print: {missing}; {INCOMPLETE}"
+        )
     return Survey(
         ulticode=ulticode,
-        nozzle_mm=_number(facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
-        begins=layer or ready + 1,
-        marks_layers=bool(layer),
-        closed=bool(completeness.closed(prints)),
-        warning=completeness.warning(),
-        machine=find_machine(facts, _number(facts, *_FILAMENT), start),
+        nozzle_mm=_number(scan.facts, "nozzle_diameter", "extruderdiameter", "nozzle diameter #1"),
+        first_line=scan.layer or scan.ready + 1,
+        marks_layers=bool(scan.layer),
+        closed=bool(scan.completeness.closed(scan.prints)),
+        warning=scan.completeness.warning(),
+        machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.start),
     )
+
+
+class _Scan:
+    """Facts of a file, gathered line by line; line numbers are 0 where there is no such line.
+
+    Attributes
+    ----------
+    facts
+        Facts in comments: name in lower case -> value as written.
+    layer
+        First line that marks a layer.
+    waited, homed, ready
+        Last line before the print that waits for the nozzle, that homes, and that does one of these or waits
+        for the bed.
+    prints
+        Last line that extrudes while the head moves.
+    number, last
+        Number of the last line, and the line itself.
+    start
+        First line and command that only another machine has; None where there is none.
+    """
+
+    def __init__(self) -> None:
+        self.facts: dict[str, bytes] = {}
+        self.layer = self.waited = self.homed = self.ready = self.prints = self.number = 0
+        self.last = b"\n"
+        self.completeness = Completeness()
+        self.start: tuple[int, str] | None = None
+
+    def read(self, raw: bytes, number: int) -> None:
+        """Read one line."""
+        self.number, self.last = number, raw
+        if (move := parse_plain_move(raw)) is not None:
+            if "E" in move and ("X" in move or "Y" in move):
+                self.prints = number
+            return
+        code, rest, comment = split_line(raw, number)
+        if comment:
+            self._read_comment(comment)
+        if not code or command_rules.is_needless(code, rest):
+            return
+        if (why := command_rules.find_refusal(code)) is not None:
+            raise GcodeRefused(f"line {number}: {code} {why}")
+        if code in ("G0", "G1", "G2", "G3"):
+            if "E" in rest and ("X" in rest or "Y" in rest):
+                self.prints = number
+        elif not self.prints:
+            self._read_start(code)
+
+    def _read_comment(self, comment: bytes) -> None:
+        self.completeness.read(comment, self.number)
+        if is_layer(comment):
+            self.layer = self.layer or self.number
+            self.completeness.count_layer()
+        elif (fact := _FACT.match(comment)) is not None:
+            self.facts[fact[1].decode().lower()] = fact[2].strip()
+
+    def _read_start(self, code: str) -> None:
+        """Read a command before the first line that prints."""
+        if self.start is None and code in FOREIGN_START:
+            self.start = (self.number, code)
+        if code == "M109":
+            self.waited = self.number
+        if code == "G28":
+            self.homed = self.number
+        if code in ("M109", "M190", "G28"):
+            self.ready = self.number
 
 
 def _is_ulticode(facts: dict[str, bytes], filament_mm: float) -> bool:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from slicing.errors import BadSetting, DefinitionError, nearest
+from slicing.errors import BadSetting, DefinitionError, suggest_names
 from slicing.settings.formula import Formula
 
 
@@ -52,7 +52,7 @@ class Setting:
     enabled: Any = True
 
 
-def merge(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
+def merge_definitions(chain: Sequence[Mapping[str, Any]]) -> dict[str, Setting]:
     """Merge the settings of a definition that inherits.
 
     Parameters
@@ -133,7 +133,7 @@ def parse_value(setting: Setting, raw: Any) -> Any:
                     raise ValueError
                 return int(number) if whole else number
             case SettingType.ENUM if text not in setting.options:
-                hint = nearest(text, setting.options) or f"; one of {', '.join(setting.options)}"
+                hint = suggest_names(text, setting.options) or f"; one of {', '.join(setting.options)}"
                 raise BadSetting(f"{setting.key}={_shown(text)}: there is no such choice{hint}")
             case SettingType.STR if any(ord(letter) < ord(" ") for letter in text.replace("\n", "")):
                 raise ValueError

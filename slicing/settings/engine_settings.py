@@ -1,4 +1,4 @@
-"""CuraEngine's input: every value of both stacks as text, and the numbers that others need of them."""
+"""Input of CuraEngine: every value of both stacks as text, and the numbers that other packages use."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 
 from slicing.errors import BadSetting
 from slicing.printer import PrinterModel
+from slicing.settings.material import NO_SHRINKAGE, shrinkage_factors
 from slicing.settings.resolver import Resolver, Scope
-from slicing.settings.shrinkage import NONE, shrinkage_factors
 
 SHRINKAGE = (
     "material_shrinkage_percentage",
@@ -29,9 +29,28 @@ _DIRECTIONS = {
 }
 
 
+# Numbers of `EngineSettings` that are Cura's values as they are.
+_KEYS = {
+    "layer_height_mm": "layer_height",
+    "layer_height_0_mm": "layer_height_0",
+    "line_width_mm": "wall_line_width_x",
+    "line_width_0_mm": "wall_line_width_0",
+    "support_angle_deg": "support_angle",
+    "speed_wall_0_mm_s": "speed_wall_0",
+    "speed_wall_x_mm_s": "speed_wall_x",
+    "speed_infill_mm_s": "speed_infill",
+    "speed_topbottom_mm_s": "speed_topbottom",
+    "speed_support_mm_s": "speed_support",
+    "speed_layer_0_mm_s": "speed_layer_0",
+    "speed_travel_mm_s": "speed_travel",
+    "nozzle_c": "material_print_temperature_layer_0",
+    "filament_diameter_mm": "material_diameter",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class EngineSettings:
-    """Every setting as CuraEngine reads it, and the numbers that others need."""
+    """Every setting as CuraEngine reads it, and the numbers that other packages use."""
 
     printer: PrinterModel
     global_: dict[str, str]
@@ -83,7 +102,7 @@ def shrinkage_scale(resolver: Resolver, kind: str) -> tuple[float, float]:
         float(resolver.value(Scope.GLOBAL, key)) / 100 if key in known else None for key in SHRINKAGE
     )
     scale = (xy or both or 1.0, z or both or 1.0)
-    return shrinkage_factors(kind) if scale == NONE else scale
+    return shrinkage_factors(kind) if scale == NO_SHRINKAGE else scale
 
 
 def build_engine_settings(
@@ -98,7 +117,7 @@ def build_engine_settings(
     resolver
         All settings.
     density_g_cm3
-        Of the material.
+        Density of the material.
     scale
         Factors (XY, Z) by which parts are printed larger.
 
@@ -108,56 +127,51 @@ def build_engine_settings(
         Where a raft is asked for.
     """
     global_, extruder = _scope_texts(resolver)
-
-    def number(key: str) -> float:
-        return float(resolver.value(Scope.EXTRUDER, key))
-
-    def flag(key: str) -> bool:
-        return bool(resolver.value(Scope.EXTRUDER, key))
-
     if global_["adhesion_type"] == "raft":
         raise BadSetting("adhesion_type=raft: a raft is not supported; set it to brim, or take quality glue")
-    diameter_mm = number("material_diameter")
-    filament_mm2 = math.pi * diameter_mm**2 / 4
-    nozzle_c = number("material_print_temperature_layer_0")
-    bed_c = number("material_bed_temperature_layer_0") if flag("machine_heated_bed") else 0.0
-    # The engine's Marlin header does not name the nozzle: a reader of the file could not know it.
-    nozzle = f";NOZZLE_DIAMETER:{number('machine_nozzle_size'):g}"
-    global_["machine_start_gcode"] = f"{nozzle}\n{printer.code.start_code(nozzle_c, bed_c, filament_mm2)}"
-    retracted_mm = number("retraction_amount") if flag("retraction_enable") else 0.0
-    global_["machine_end_gcode"] = printer.code.end_code(retracted_mm)
+    values = _ExtruderValues(resolver)
+    support = values.flag("support_enable")
     directions = _DIRECTIONS.get(extruder["infill_pattern"], 1)
-    support = flag("support_enable")
-    return EngineSettings(
+    settings = EngineSettings(
         printer=printer,
         global_=global_,
         extruder=extruder,
-        layer_height_mm=number("layer_height"),
-        layer_height_0_mm=number("layer_height_0"),
-        line_width_mm=number("wall_line_width_x"),
-        line_width_0_mm=number("wall_line_width_0"),
-        wall_count=int(number("wall_line_count")),
-        top_layers=int(number("top_layers")),
-        bottom_layers=int(number("bottom_layers")),
-        infill_line_distance_mm=number("infill_line_distance") / directions,
+        wall_count=int(values.number("wall_line_count")),
+        top_layers=int(values.number("top_layers")),
+        bottom_layers=int(values.number("bottom_layers")),
+        infill_line_distance_mm=values.number("infill_line_distance") / directions,
         support_enabled=support,
-        support_angle_deg=number("support_angle"),
-        support_line_distance_mm=number("support_line_distance") if support else 0.0,
-        speed_wall_0_mm_s=number("speed_wall_0"),
-        speed_wall_x_mm_s=number("speed_wall_x"),
-        speed_infill_mm_s=number("speed_infill"),
-        speed_topbottom_mm_s=number("speed_topbottom"),
-        speed_support_mm_s=number("speed_support"),
-        speed_layer_0_mm_s=number("speed_layer_0"),
-        speed_travel_mm_s=number("speed_travel"),
-        brim_width_mm=_brim_mm(global_["adhesion_type"], number),
-        nozzle_c=nozzle_c,
-        bed_c=bed_c,
+        support_line_distance_mm=values.number("support_line_distance") if support else 0.0,
+        brim_width_mm=_brim_mm(global_["adhesion_type"], values),
+        bed_c=values.number("material_bed_temperature_layer_0") if values.flag("machine_heated_bed") else 0.0,
         density_g_cm3=density_g_cm3,
-        filament_diameter_mm=diameter_mm,
         scale_xy=scale[0],
         scale_z=scale[1],
+        **{name: values.number(key) for name, key in _KEYS.items()},
     )
+    retracted_mm = values.number("retraction_amount") if values.flag("retraction_enable") else 0.0
+    global_["machine_start_gcode"] = _start_code(settings, values.number("machine_nozzle_size"))
+    global_["machine_end_gcode"] = printer.code.end_code(retracted_mm)
+    return settings
+
+
+def _start_code(settings: EngineSettings, nozzle_mm: float) -> str:
+    """Write the start code, and the nozzle, which the engine's Marlin header does not name."""
+    code = settings.printer.code.start_code(settings.nozzle_c, settings.bed_c, settings.filament_mm2)
+    return f";NOZZLE_DIAMETER:{nozzle_mm:g}\n{code}"
+
+
+@dataclass(frozen=True, slots=True)
+class _ExtruderValues:
+    """Values of the extruder's stack by Cura's keys."""
+
+    resolver: Resolver
+
+    def number(self, key: str) -> float:
+        return float(self.resolver.value(Scope.EXTRUDER, key))
+
+    def flag(self, key: str) -> bool:
+        return bool(self.resolver.value(Scope.EXTRUDER, key))
 
 
 def _scope_texts(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
@@ -173,13 +187,14 @@ def _scope_texts(resolver: Resolver) -> tuple[dict[str, str], dict[str, str]]:
     return global_, extruder
 
 
-def _brim_mm(adhesion: str, number: Any) -> float:
-    line_mm = number("skirt_brim_line_width") * number("initial_layer_line_width_factor") / 100
+def _brim_mm(adhesion: str, values: _ExtruderValues) -> float:
+    """Compute the width of a brim, or of a skirt with its gap; 0 for neither."""
+    width_mm = values.number("skirt_brim_line_width") * values.number("initial_layer_line_width_factor") / 100
     match adhesion:
         case "brim":
-            return round(float(number("brim_line_count") * line_mm), 6)
+            return round(values.number("brim_line_count") * width_mm, 6)
         case "skirt":
-            return round(float(number("skirt_gap") + number("skirt_line_count") * line_mm), 6)
+            return round(values.number("skirt_gap") + values.number("skirt_line_count") * width_mm, 6)
     return 0.0
 
 

@@ -72,13 +72,15 @@ def _parse(text: str) -> ast.expr:
         raise DefinitionError(f"Cura's formula {text!r} is not an expression") from None
 
 
-def evaluate(
+def evaluate_formula(
     formula: Formula, lookup: Callable[[str], Any], functions: Mapping[str, Callable[..., Any]]
 ) -> Any:
-    """The value of a formula.
+    """Compute the value of a formula.
 
     Parameters
     ----------
+    formula
+        The expression.
     lookup
         The value of a setting by its key; raises KeyError for a key that does not exist.
     functions
@@ -87,62 +89,83 @@ def evaluate(
     Raises
     ------
     DefinitionError
-        Where the formula has anything that is not allowed, or cannot be worked out.
+        Where the formula has anything that is not allowed, or cannot be computed.
     """
+    try:
+        return _Evaluator(lookup, functions).value(_parse(formula.text))
+    except (ArithmeticError, TypeError, ValueError) as error:
+        raise DefinitionError(f"Cura's formula {formula.text!r} cannot be computed: {error}") from error
 
-    def name(key: str) -> Any:
-        if key in functions:
-            return functions[key]
-        if key in _FUNCTIONS:
-            return _FUNCTIONS[key]
-        try:
-            return lookup(key)
-        except KeyError:
-            raise DefinitionError(f"no setting is called {key!r}") from None
 
-    def value(node: ast.expr) -> Any:
+@dataclass(frozen=True, slots=True)
+class _Evaluator:
+    """Evaluator of parsed expressions; see `evaluate_formula` for its attributes."""
+
+    lookup: Callable[[str], Any]
+    functions: Mapping[str, Callable[..., Any]]
+
+    def value(self, node: ast.expr) -> Any:
+        """Compute the value of a node; raises DefinitionError for a form that is not allowed."""
         match node:
             case ast.Constant(value=constant) if isinstance(constant, bool | int | float | str | None):
                 return constant
-            case ast.Name(id=key):
-                return name(key)
+            case ast.Name(id=name):
+                return self._named(name)
             case ast.Attribute(value=ast.Name(id="math"), attr=attribute) if attribute in _MATH:
                 return getattr(math, attribute)
             case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
-                return _BINARY[type(op)](value(left), value(right))
+                return _BINARY[type(op)](self.value(left), self.value(right))
             case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
-                return _UNARY[type(op)](value(operand))
+                return _UNARY[type(op)](self.value(operand))
             case ast.BoolOp(op=op, values=parts):
-                result = value(parts[0])
-                for part in parts[1:]:
-                    if bool(result) == isinstance(op, ast.Or):
-                        break
-                    result = value(part)
-                return result
+                return self._connected(isinstance(op, ast.Or), parts)
             case ast.Compare(left=left, ops=ops, comparators=rights) if all(
                 type(op) in _COMPARE for op in ops
             ):
-                here = value(left)
-                for comparison, right in zip(ops, rights, strict=True):
-                    there = value(right)
-                    if not _COMPARE[type(comparison)](here, there):
-                        return False
-                    here = there
-                return True
+                return self._compared(left, ops, rights)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                return value(body) if value(test) else value(orelse)
+                return self.value(body if self.value(test) else orelse)
             case ast.List(elts=items):
-                return [value(item) for item in items]
+                return [self.value(item) for item in items]
             case ast.Tuple(elts=items):
-                return tuple(value(item) for item in items)
+                return tuple(self.value(item) for item in items)
             case ast.Call(func=function, args=arguments, keywords=[]):
-                called = value(function)
-                if not callable(called):
-                    raise DefinitionError(f"{ast.unparse(function)} is no function")
-                return called(*(value(argument) for argument in arguments))
+                return self._called(function, arguments)
         raise DefinitionError(f"{ast.unparse(node)!r} is not allowed in a formula")
 
-    try:
-        return value(_parse(formula.text))
-    except (ArithmeticError, TypeError, ValueError) as error:
-        raise DefinitionError(f"Cura's formula {formula.text!r} cannot be worked out: {error}") from error
+    def _named(self, name: str) -> Any:
+        """Find a function or a setting by its name."""
+        if name in self.functions:
+            return self.functions[name]
+        if name in _FUNCTIONS:
+            return _FUNCTIONS[name]
+        try:
+            return self.lookup(name)
+        except KeyError:
+            raise DefinitionError(f"no setting is called {name!r}") from None
+
+    def _connected(self, is_or: bool, parts: list[ast.expr]) -> Any:
+        """Compute ``a and b`` or ``a or b``: the first part that decides it, else the last."""
+        result = self.value(parts[0])
+        for part in parts[1:]:
+            if bool(result) == is_or:
+                break
+            result = self.value(part)
+        return result
+
+    def _compared(self, left: ast.expr, ops: list[ast.cmpop], rights: list[ast.expr]) -> bool:
+        """Compute a chain of comparisons, like ``a < b <= c``."""
+        low = self.value(left)
+        for op, right in zip(ops, rights, strict=True):
+            high = self.value(right)
+            if not _COMPARE[type(op)](low, high):
+                return False
+            low = high
+        return True
+
+    def _called(self, function: ast.expr, arguments: list[ast.expr]) -> Any:
+        """Call a function that is allowed."""
+        called = self.value(function)
+        if not callable(called):
+            raise DefinitionError(f"{ast.unparse(function)} is not a function")
+        return called(*(self.value(argument) for argument in arguments))

@@ -30,7 +30,7 @@ class LayerHeights:
     other_mm: float
 
 
-def printed_mm(height_mm: float, heights: LayerHeights) -> float:
+def printed_height_mm(height_mm: float, heights: LayerHeights) -> float:
     """Compute the top of the last layer that CuraEngine prints of a part with a flat top.
 
     Parameters

@@ -83,7 +83,7 @@ _RESERVED_STARTS: Mapping[str, str] = {
 }
 
 
-def reserved_reason(key: str) -> str | None:
+def find_reserved_reason(key: str) -> str | None:
     """Give the reason why a person must not set a key; None where one may."""
     if "_extruder_nr" in key:
         return _ONE_EXTRUDER
@@ -102,7 +102,7 @@ class Violation:
     is_farm_limit: bool  # Cura's own profiles have to keep it too
 
 
-def violations(
+def find_violations(
     resolver: Resolver, printer: PrinterModel, chosen: Collection[str] = ()
 ) -> Iterator[Violation]:
     """Find values beyond their limits in both stacks.
@@ -118,12 +118,12 @@ def violations(
     """
     for scope in Scope:
         for key in {**dict.fromkeys(chosen), **dict.fromkeys(resolver.keys(scope))}:
-            for found in _violations(resolver, printer, scope, key):
+            for found in _check_value(resolver, printer, scope, key):
                 if key in chosen or found.is_farm_limit or resolver.is_enabled(key):
                     yield found
 
 
-def _violations(resolver: Resolver, printer: PrinterModel, scope: Scope, key: str) -> Iterator[Violation]:
+def _check_value(resolver: Resolver, printer: PrinterModel, scope: Scope, key: str) -> Iterator[Violation]:
     setting = resolver.setting(key)
     value = resolver.value(scope, key)
     if value is None and setting.default is None:

@@ -1,9 +1,9 @@
-"""Material files: Cura's names for their settings, and the sections for one printer and nozzle."""
+"""Materials: Cura's files of them, read for one printer and nozzle, and their shrinkage."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from slicing.errors import BadSetting
@@ -39,6 +39,30 @@ _KEYS = {
 }
 _GRAPH, _GRAPH_KEY = "processing temperature graph", "material_flow_temp_graph"
 _WORDS = {"yes": "True", "no": "False"}  # where the setting is one of Cura's
+
+NO_SHRINKAGE = (1.0, 1.0)
+# Factors (XY, Z) by which parts are printed larger. Material files of Cura 4.13 and 5.0 give 100 % or none.
+# PLA, Tough PLA and PETG are Cura 5.0's own figures, from its profiles for the Ultimaker S3 and S5. The
+# others are [assumed]: typical shrinkage of printed parts, below what data sheets give for moulded ones;
+# across layers half of that along them, as Cura has it for PLA.
+_SHRINKAGE: Mapping[str, tuple[float, float]] = {
+    kind: (1 + xy_percent / 100, 1 + z_percent / 100)
+    for kind, xy_percent, z_percent in (
+        ("PLA", 0.2, 0.1),
+        ("Tough PLA", 0.3, 0.1),
+        ("PETG", 0.5, 0.1),
+        ("ABS", 0.7, 0.35),
+        ("ASA", 0.6, 0.3),
+        ("HIPS", 0.6, 0.3),
+        ("CPE", 0.4, 0.2),
+        ("CPE+", 0.5, 0.25),
+        ("PC", 0.6, 0.3),
+        ("Nylon", 1.0, 0.5),
+        ("PP", 1.8, 0.9),
+        ("TPU", 0.6, 0.3),
+        ("TPU 95A", 0.6, 0.3),
+    )
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,3 +138,8 @@ def _printer_sections(settings: ET.Element, product: str, hotend: str) -> Iterat
         if product in products:
             yield machine
             yield from (h for h in machine.findall("m:hotend", _SPACE) if h.get("id") == hotend)
+
+
+def shrinkage_factors(kind: str) -> tuple[float, float]:
+    """Find the factors (XY, Z) by which parts of a kind of material are printed larger; 1 where unknown."""
+    return _SHRINKAGE.get(kind, NO_SHRINKAGE)

@@ -13,7 +13,7 @@ from slicing.settings.definitions import parse_value
 from slicing.settings.engine_settings import SHRINKAGE, EngineSettings, build_engine_settings, shrinkage_scale
 from slicing.settings.formula import Formula
 from slicing.settings.layer_heights import LayerHeights, fit_heights
-from slicing.settings.limits import LAYER_SHARE, Violation, reserved_reason, violations
+from slicing.settings.limits import LAYER_SHARE, Violation, find_reserved_reason, find_violations
 from slicing.settings.qualities import DEFAULT_QUALITY, FARM_QUALITIES, SUPPORTED
 from slicing.settings.resolver import Layer, Place, Resolver
 from slicing.settings.resources import Resources
@@ -141,7 +141,7 @@ def _resolve(
     resolver = _resolver(stacks, lookup, part, heights)
     user_keys = [key for key, _ in lookup.overrides]
     try:
-        for found in violations(resolver, lookup.printer, chosen=user_keys):
+        for found in find_violations(resolver, lookup.printer, chosen=user_keys):
             if found.is_farm_limit or not _is_cura_value(found, resources, lookup):
                 raise BadSetting(_refusal(found, lookup))
     except DefinitionError as error:
@@ -187,7 +187,7 @@ def _resolver(
     resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, layers)
     for key, raw in lookup.overrides:
         setting = resolver.setting(key)
-        why = reserved_reason(key)
+        why = find_reserved_reason(key)
         if why is not None:
             raise BadSetting(f"{key}: {why}")
         user[key] = parse_value(setting, raw)

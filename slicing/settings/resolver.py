@@ -18,9 +18,9 @@ from collections.abc import Callable, Mapping
 from enum import IntEnum, StrEnum
 from typing import Any
 
-from slicing.errors import BadSetting, DefinitionError, nearest
+from slicing.errors import BadSetting, DefinitionError, suggest_names
 from slicing.settings.definitions import Setting
-from slicing.settings.formula import Formula, evaluate
+from slicing.settings.formula import Formula, evaluate_formula
 
 Layer = Mapping[str, Any]
 """A profile: a value or a Formula for each key that it sets."""
@@ -82,7 +82,7 @@ class Resolver:
         machine, extruder = self._definitions[Scope.GLOBAL], self._definitions[Scope.EXTRUDER]
         found = machine.get(key) or extruder.get(key)
         if found is None:
-            raise BadSetting(f"{key}: Cura has no such setting{nearest(key, (*machine, *extruder))}")
+            raise BadSetting(f"{key}: Cura has no such setting{suggest_names(key, (*machine, *extruder))}")
         return found
 
     def keys(self, scope: Scope) -> list[str]:
@@ -199,6 +199,6 @@ class Resolver:
 
     def _evaluate(self, scope: Scope, key: str, formula: Formula) -> Any:
         try:
-            return evaluate(formula, lambda name: self.value(scope, name), self._functions)
+            return evaluate_formula(formula, lambda name: self.value(scope, name), self._functions)
         except DefinitionError as error:
             raise DefinitionError(f"{key}: {error}") from error

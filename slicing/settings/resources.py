@@ -13,8 +13,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, nearest
-from slicing.settings.definitions import Setting, merge
+from slicing.errors import BadSetting, EngineMissing, ResourcesMissing, suggest_names
+from slicing.settings.definitions import Setting, merge_definitions
 from slicing.settings.material import material_kind
 
 FOLDERS = ("definitions", "extruders", "variants", "quality", "materials")
@@ -131,12 +131,14 @@ def _machine(root: Path, model: str) -> Machine:
     folder = root / "definitions"
     known = {path.name.removesuffix(".def.json") for path in folder.glob("*.def.json")}
     if model not in known:
-        raise BadSetting(f"{model}: Cura has no such printer model{nearest(model, known)}")
+        raise BadSetting(f"{model}: Cura has no such printer model{suggest_names(model, known)}")
     chain = _chain(root, ("definitions",), model)
     metadata: dict[str, Any] = {}
     for file in chain:
         metadata |= file.get("metadata", {})
-    extruder = merge(_chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"]))
+    extruder = merge_definitions(
+        _chain(root, ("extruders", "definitions"), metadata["machine_extruder_trains"]["0"])
+    )
     return Machine(
         model=model,
         name=chain[-1]["name"],
@@ -146,7 +148,7 @@ def _machine(root: Path, model: str) -> Machine:
         excluded_materials=frozenset(metadata.get("exclude_materials", ())),
         nozzle_mm=float(extruder["machine_nozzle_size"].default),
         diameter_mm=float(extruder["material_diameter"].default),
-        settings=merge(chain),
+        settings=merge_definitions(chain),
         extruder=extruder,
     )
 
@@ -177,7 +179,7 @@ def _material(root: Path, name: str) -> ET.Element:
     known = {p.name.removesuffix(suffix) for p in path.parent.glob(f"*{suffix}")}
     if name not in known:
         generic = f"generic_{name.lower()}"  # PLA is the name of a kind, of which there is a generic one
-        hint = nearest(generic if generic in known else name, known)
+        hint = suggest_names(generic if generic in known else name, known)
         raise BadSetting(f"{name}: Cura has no such material{hint}")
     try:
         return ET.fromstring(path.read_text(encoding="utf-8"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from slicing.errors import BadSetting, nearest
+from slicing.errors import BadSetting, suggest_names
 from slicing.settings.definitions import parse_literal, parse_value
 from slicing.settings.formula import Formula
 from slicing.settings.material import Material, read_material
@@ -128,7 +128,7 @@ def _qualities(
         where = f"{material} and a nozzle of {hotend} on the {machine.name}"
         offer = f"there is {', '.join(have)}" if have else "take another material or nozzle"
         raise BadSetting(
-            f"quality {quality}: there is none for {where}{nearest(quality, have) or f'; {offer}'}"
+            f"quality {quality}: there is none for {where}{suggest_names(quality, have) or f'; {offer}'}"
         )
     return shared[base], own[base]
 

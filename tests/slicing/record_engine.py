@@ -17,7 +17,7 @@ from pathlib import Path
 
 import trimesh
 
-from slicing.engine import engine_version, run_engine
+from slicing.engine import EngineLimits, engine_version, run_engine
 from slicing.settings import SettingsRequest, find_engine, find_resources, resolve_settings
 from slicing_printers import UM2_PLUS
 
@@ -40,7 +40,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.stl"
         path.write_bytes(stl)
-        ran = run_engine(engine, path, settings.global_, settings.extruder, layers=30, timeout_s=60.0)
+        ran = run_engine(engine, path, settings.global_, settings.extruder, EngineLimits(30, 60.0))
     record = {
         "version": engine_version(engine),
         "settings": dataclasses.asdict(settings),

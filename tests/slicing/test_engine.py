@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from slicing import engine as engine_module
-from slicing.engine import check_versions, engine_version, run_engine
+from slicing.engine import MEMORY_BYTES, EngineLimits, check_versions, engine_version, run_engine
 from slicing.errors import (
     EngineCrashed,
     EngineFailed,
@@ -31,9 +31,10 @@ def run(tmp_path, script, monkeypatch):
     stl = tmp_path / "part.stl"
     stl.write_bytes(b"")
 
-    def call(body, *, timeout_s=60.0, **rest):
+    def call(body, *, timeout_s=60.0, memory_bytes=MEMORY_BYTES, progress=None):
+        limits = EngineLimits(1, timeout_s, memory_bytes)
         try:
-            return run_engine(script(body), stl, {"a": "1"}, {}, layers=1, timeout_s=timeout_s, **rest)
+            return run_engine(script(body), stl, {"a": "1"}, {}, limits, progress)
         finally:
             assert list(scratch.iterdir()) == []
 
@@ -138,15 +139,7 @@ def test_the_real_one_without_memory(engine, tmp_path, settings_of, cube_20):
     cube_20.export(stl)
     settings = settings_of()
     with pytest.raises(EngineOutOfMemory, match=r"0\.3 GB"):
-        run_engine(
-            engine,
-            stl,
-            settings.global_,
-            settings.extruder,
-            layers=1,
-            timeout_s=60.0,
-            memory_bytes=int(0.28 * 2**30),
-        )
+        run_engine(engine, stl, settings.global_, settings.extruder, EngineLimits(1, 60.0, int(0.28 * 2**30)))
 
 
 def test_progress_comes_from_what_it_says(run):
@@ -162,8 +155,9 @@ def test_it_dies_with_who_asked(tmp_path, script):
     asked = script(f"exec sleep 600 > {fifo}")
     code = (
         "import sys, pathlib\n"
-        "from slicing.engine import run_engine\n"
-        f"run_engine(pathlib.Path({str(asked)!r}), pathlib.Path('none'), {{}}, {{}}, layers=1, timeout_s=600)"
+        "from slicing.engine import EngineLimits, run_engine\n"
+        f"limits = EngineLimits(1, 600)\n"
+        f"run_engine(pathlib.Path({str(asked)!r}), pathlib.Path('none'), {{}}, {{}}, limits)"
     )
     with writers(fifo) as gone:
         root = Path(engine_module.__file__).parents[1]

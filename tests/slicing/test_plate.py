@@ -14,9 +14,9 @@ import trimesh
 from make_stl import stl_bytes
 from slicing import plate
 from slicing.errors import EngineFailed, EngineMissing, EngineTimeout, Rule, SliceRejected, SlicingError
+from slicing.mesh import read_triangles
 from slicing.plate import slice_plate
 from slicing.slice_store import write_atomically
-from slicing.stl import read_triangles
 
 
 def test_the_cube_of_50_mm_at_the_papers_settings(request_for, settings_of):

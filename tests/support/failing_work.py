@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 
 from farm.errors import FarmError
-from slicing.engine import run_engine
+from slicing.engine import EngineLimits, run_engine
 
 
 def die_once(marker):
@@ -81,4 +81,4 @@ def hang(folder):
     engine.write_text(f"#!/bin/sh\nexec 3>{folder / 'fifo'}\necho $$ >&3\nexec sleep 1000\n")
     engine.chmod(0o755)
     (folder / "part.stl").touch()
-    run_engine(engine, folder / "part.stl", {}, {}, layers=1, timeout_s=1000.0)
+    run_engine(engine, folder / "part.stl", {}, {}, EngineLimits(1, 1000.0))

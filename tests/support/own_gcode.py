@@ -9,7 +9,7 @@ from drivers.gcode.program import HeaterName, strip
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from make_gcode import FILAMENT_MM2, Summed
 from slicing.errors import GcodeRefused
-from slicing.own_gcode import PrintTarget, accept
+from slicing.own_gcode import PrintTarget, accept_gcode
 from slicing_printers import UM2_PLUS
 
 ON_THE_LIST = re.compile(
@@ -18,7 +18,7 @@ ON_THE_LIST = re.compile(
 
 
 def take(lines, stopwatch=None, end=b"\n", nozzle_mm=0.4):
-    return accept(
+    return accept_gcode(
         [line if isinstance(line, bytes) else line.encode() + end for line in lines],
         PrintTarget(UM2_PLUS, FILAMENT_MM2, nozzle_mm, nozzle_c=210.0, bed_c=65.0),
         stopwatch=stopwatch or Summed(),

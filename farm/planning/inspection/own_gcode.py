@@ -23,7 +23,7 @@ from farm.planning.plate_times import plate_seconds
 from farm.planning.printer_settings import matching_printers, printer_settings
 from farm.state.storage.file_store import sha256_of, store_file
 from slicing.errors import GcodeRefused
-from slicing.own_gcode import LONGEST, ForeignGcode, PrintTarget, accept, shown
+from slicing.own_gcode import MAX_LINE_BYTES, AcceptedGcode, PrintTarget, accept_gcode, quote_text
 from slicing.settings import EngineSettings, find_resources
 
 SUFFIXES = (".gcode", ".g", ".gco")
@@ -107,7 +107,7 @@ def plan_gcode(task: DecomposeTask, files: Path) -> Plan:
 
 
 def _book_gcode(
-    task: DecomposeTask, accepted: ForeignGcode, section: PrinterSection, files: Path
+    task: DecomposeTask, accepted: AcceptedGcode, section: PrinterSection, files: Path
 ) -> tuple[Part, Plate]:
     """Put the rewritten file into the store, and return its part and its plate."""
     own = _measure_needs(accepted, section)
@@ -156,11 +156,11 @@ def _common_nozzle_mm(printers: Sequence[PrinterSection]) -> float | None:
     return found.pop() if len(found) == 1 else None
 
 
-def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> ForeignGcode:
+def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name: str) -> AcceptedGcode:
     """Rewrite the file for a printer, and check that the result can be sent."""
     settings = _resolve_material(section)
     try:
-        accepted = accept(
+        accepted = accept_gcode(
             _Lines(path),
             PrintTarget(
                 printer=settings.printer,
@@ -183,13 +183,14 @@ def _resolve_material(section: PrinterSection) -> EngineSettings:
         return printer_settings(section, JobOptions().quality, find_resources())
 
 
-def _list_notices(accepted: ForeignGcode, section: PrinterSection) -> tuple[str, ...]:
+def _list_notices(accepted: AcceptedGcode, section: PrinterSection) -> tuple[str, ...]:
     """List what was changed, and warn where the file looks like one for another material."""
     notices = list(accepted.notices)
     own, kind = accepted.filament_type, find_resources().material_kind(section.material)
     if own is not None and kind is not None and _material_kind(own) != _material_kind(kind):
         notices.append(
-            f"Warning: it was sliced for {shown(own)}, and {section.name} has {section.material} ({kind})."
+            f"Warning: it was sliced for {quote_text(own)}, and {section.name} has {section.material} "
+            f"({kind})."
         )
     usual_c = _resolve_material(section).nozzle_c
     if abs(accepted.nozzle_c - usual_c) > _APART_C:
@@ -206,7 +207,7 @@ def _material_kind(kind: str) -> str:
     return _SAME_MATERIAL.get(first, first)
 
 
-def _measure_needs(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:
+def _measure_needs(accepted: AcceptedGcode, section: PrinterSection) -> OwnGcode:
     """Return the nozzle and the extent that the file needs, from the bed's centre."""
     width, depth = PROFILES[section.model].bed_mm
     (x0, y0, z0), (x1, y1, z1) = accepted.min_mm, accepted.max_mm
@@ -218,7 +219,7 @@ def _measure_needs(accepted: ForeignGcode, section: PrinterSection) -> OwnGcode:
 
 
 def _find_fitting_printer(
-    printers: Sequence[PrinterSection], accepted: ForeignGcode, name: str
+    printers: Sequence[PrinterSection], accepted: AcceptedGcode, name: str
 ) -> PrinterSection:
     obstacles = []
     for section in printers:
@@ -229,7 +230,7 @@ def _find_fitting_printer(
     raise FarmError(f"{name}: {obstacles[0]}", ErrorCode.NO_FIT)
 
 
-def _describe_obstacle(section: PrinterSection, accepted: ForeignGcode) -> str | None:
+def _describe_obstacle(section: PrinterSection, accepted: AcceptedGcode) -> str | None:
     """Describe why a printer cannot print the file; None where it can."""
     own = _measure_needs(accepted, section)
     if own.nozzle_mm not in (None, section.nozzle_mm):
@@ -283,5 +284,5 @@ class _Lines:
 
     def __iter__(self) -> Iterator[bytes]:
         with self.path.open("rb") as file:
-            while line := file.readline(LONGEST):
+            while line := file.readline(MAX_LINE_BYTES):
                 yield line

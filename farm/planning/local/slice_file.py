@@ -19,7 +19,7 @@ from farm.planning.parts.slice_part import settings_of, slice_part
 from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer
 from slicing.cache import trim_cache
-from slicing.errors import nearest
+from slicing.errors import suggest_names
 from slicing.plate import PlateResult
 from slicing.settings import EngineSettings, SettingsRequest, find_engine, find_resources, resolve_settings
 
@@ -131,7 +131,7 @@ def slice_to_file(
 
 def _find_printer(printer_model: str) -> Profile:
     if printer_model not in BEDS:
-        hint = nearest(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
+        hint = suggest_names(printer_model, BEDS) or f"; there is {', '.join(sorted(BEDS))}"
         raise FarmError(f"--printer-model {printer_model}: no such printer{hint}", ErrorCode.SETTINGS)
     return BEDS[printer_model]
 

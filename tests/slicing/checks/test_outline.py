@@ -8,7 +8,7 @@ import pytest
 import shapely
 import trimesh
 
-from slicing.checks import WallLayout, check_outline, read_toolpath, wall_layout
+from slicing.checks import WallLayout, check_outline, read_toolpath, read_wall_layout
 from slicing.errors import Rule, SliceRejected
 from slicing.plate import slice_plate
 
@@ -191,11 +191,11 @@ def test_a_wall_of_one_line_is_printed():
 )
 def test_settings_that_leave_the_outline(settings_of, setting):
     settings = settings_of()
-    assert wall_layout(settings) is not None
+    assert read_wall_layout(settings) is not None
     for scope in (settings.global_, settings.extruder):
         name = "global_" if scope is settings.global_ else "extruder"
-        assert wall_layout(replace(settings, **{name: scope | setting})) is None
-    assert wall_layout(replace(settings, wall_count=0)) is None
+        assert read_wall_layout(replace(settings, **{name: scope | setting})) is None
+    assert read_wall_layout(replace(settings, wall_count=0)) is None
 
 
 SPHERE = trimesh.creation.icosphere(3, 12)

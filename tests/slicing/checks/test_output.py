@@ -6,8 +6,8 @@ import pytest
 
 from slicing.checks import read_toolpath
 from slicing.checks.output import (
-    check,
     check_bed,
+    check_facts,
     check_log,
     check_parking,
     count_removed_layers,
@@ -50,7 +50,7 @@ BED = ((-20.0, -25.0, 20.0, 25.0, 205.0),)
 
 def checked(gcode, *, height_mm=0.4, cut_mm=0.0, top_checked=True, bed=BED):
     facts = gather_facts(read_toolpath(gcode), 170.0)
-    check(
+    check_facts(
         facts,
         height_mm=height_mm,
         cut_mm=cut_mm,

@@ -6,11 +6,11 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slicing.checks.section import cut, measure
+from slicing.checks.section import cut_sections, measure_rings
 
 
 def sections(mesh, z_mm):
-    return measure(cut(np.asarray(mesh.triangles, float), z_mm), len(z_mm))
+    return measure_rings(cut_sections(np.asarray(mesh.triangles, float), z_mm), len(z_mm))
 
 
 def test_a_box_with_a_hole():
@@ -40,7 +40,7 @@ def test_sections_add_up_to_volume_and_move_along(seed, x_mm, y_mm):
 def test_a_plane_through_corners_leaves_closed_rings():
     mesh = trimesh.creation.icosphere(2, 10)
     for z_mm in np.unique(mesh.vertices[:, 2].round(12))[1:-1]:
-        pieces = list(cut(np.asarray(mesh.triangles, float), np.array([z_mm])))
+        pieces = list(cut_sections(np.asarray(mesh.triangles, float), np.array([z_mm])))
         start = np.concatenate([piece[1] for piece in pieces])
         end = np.concatenate([piece[2] for piece in pieces])
         long = (start != end).any(axis=1)

@@ -9,7 +9,7 @@ import trimesh
 from make_gcode import after, marlin, square
 from make_stl import stl_bytes
 from own_gcode import refused, safe, take
-from slicing.engine import run_engine
+from slicing.engine import EngineLimits, run_engine
 from slicing.own_gcode.clearance import Clearance
 from slicing_printers import UM2_PLUS
 
@@ -116,7 +116,7 @@ def test_what_cura_slices_is_taken(model, style, engine, settings_of, tmp_path):
     stl, own = tmp_path / "model.stl", settings_of()
     stl.write_bytes(stl_bytes(MODELS[model]))
     told = [{**settings, **STYLES[style]} for settings in (own.global_, own.extruder)]
-    ran = run_engine(engine, stl, *told, layers=200, timeout_s=60.0)
+    ran = run_engine(engine, stl, *told, EngineLimits(200, 60.0))
     safe(take(ran.gcode.splitlines(keepends=True)))
 
 

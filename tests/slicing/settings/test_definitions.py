@@ -3,7 +3,7 @@
 import pytest
 
 from slicing.errors import BadSetting, DefinitionError
-from slicing.settings.definitions import fits_type, merge, parse_value
+from slicing.settings.definitions import fits_type, merge_definitions, parse_value
 from slicing.settings.formula import Formula
 from slicing.settings.resolver import Place, Resolver, Scope
 
@@ -54,7 +54,7 @@ def resolver(user=(), extruder=(), shared=()):
         Scope.GLOBAL: {Place.USER: user, Place.QUALITY: dict(shared)},
         Scope.EXTRUDER: {Place.USER: user, Place.MATERIAL: dict(extruder)},
     }
-    return Resolver(merge([ROOT, CHILD, GRANDCHILD]), merge([TRAIN]), layers)
+    return Resolver(merge_definitions([ROOT, CHILD, GRANDCHILD]), merge_definitions([TRAIN]), layers)
 
 
 def test_a_formula_of_a_parent_beats_a_plain_value_of_a_child():
@@ -177,10 +177,12 @@ def test_a_setting_counts_as_its_definition_says():
     extra = {
         "overrides": {"child": {"enabled": "flag and width > 1"}, "areas": {"enabled": "[x for x in y]"}}
     }
-    machine = merge([ROOT, extra])
+    machine = merge_definitions([ROOT, extra])
 
     def counts(key, **user):
-        return Resolver(machine, merge([TRAIN]), {Scope.EXTRUDER: {Place.USER: user}}).is_enabled(key)
+        return Resolver(machine, merge_definitions([TRAIN]), {Scope.EXTRUDER: {Place.USER: user}}).is_enabled(
+            key
+        )
 
     assert not counts("child")
     assert counts("child", flag=True, width=2.0)

@@ -7,13 +7,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slicing.errors import DefinitionError
-from slicing.settings.formula import Formula, evaluate
+from slicing.settings.formula import Formula, evaluate_formula
 
 SETTINGS = {"a": 3.0, "b": 4, "on": True, "kind": "zigzag", "list": [1, 2]}
 
 
 def run(text, **functions):
-    return evaluate(Formula(text), SETTINGS.__getitem__, functions)
+    return evaluate_formula(Formula(text), SETTINGS.__getitem__, functions)
 
 
 @pytest.mark.parametrize(

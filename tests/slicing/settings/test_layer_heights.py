@@ -8,7 +8,13 @@ from hypothesis import strategies as st
 
 from slicing.plate import slice_plate
 from slicing.settings import PartSettings, SettingsRequest, resolve_settings
-from slicing.settings.layer_heights import CERTAIN_LAYERS, EXACT_MM, LayerHeights, fit_heights, printed_mm
+from slicing.settings.layer_heights import (
+    CERTAIN_LAYERS,
+    EXACT_MM,
+    LayerHeights,
+    fit_heights,
+    printed_height_mm,
+)
 from slicing_printers import UM2_PLUS
 
 HIGHEST_MM = 320.0
@@ -38,7 +44,7 @@ def test_every_part_of_some_layers_is_printed_to_its_height(share, case):
     nozzle_mm, heights = case
     lowest_mm = CERTAIN_LAYERS * heights.other_mm
     height_mm = lowest_mm + share * (HIGHEST_MM - lowest_mm)
-    assert abs(printed_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= EXACT_MM
+    assert abs(printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= EXACT_MM
 
 
 @given(st.floats(1.0, HIGHEST_MM), cases)
@@ -47,7 +53,7 @@ def test_the_first_layer_changes_only_where_the_others_cannot_reach_the_height(h
     found = fitted(height_mm, nozzle_mm, heights)
     alone = fit_heights(height_mm, heights, most_first_mm=0.0)
     assert alone.first_mm == heights.first_mm
-    if abs(printed_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
+    if abs(printed_height_mm(height_mm, alone) - height_mm) <= EXACT_MM - 0.002:
         assert found == alone
     elif abs(found.first_mm / heights.first_mm - 1) > 0.04:
         first = round(1000 * heights.first_mm)
@@ -85,8 +91,8 @@ def reached(heights, low, high):
 @given(st.floats(0.01, HIGHEST_MM), cases)
 def test_a_fitted_height_is_never_further_off_than_the_plain_one(height_mm, case):
     nozzle_mm, heights = case
-    plain = abs(printed_mm(height_mm, heights) - height_mm)
-    assert abs(printed_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= max(
+    plain = abs(printed_height_mm(height_mm, heights) - height_mm)
+    assert abs(printed_height_mm(height_mm, fitted(height_mm, nozzle_mm, heights)) - height_mm) <= max(
         plain, EXACT_MM
     )
 
@@ -117,4 +123,4 @@ def test_the_engine_s_layers_are_those_of_the_model(request_for, settings_of, he
     heights = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
     box = trimesh.creation.box((8, 8, height_mm))
     printed = slice_plate(request_for(box, settings=settings)).height_mm
-    assert printed == pytest.approx(printed_mm(height_mm, heights), abs=1e-6)
+    assert printed == pytest.approx(printed_height_mm(height_mm, heights), abs=1e-6)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from slicing.errors import BadSetting
 from slicing.settings import SettingsRequest, resolve_settings
 from slicing.settings.definitions import SettingType
-from slicing.settings.limits import reserved_reason
+from slicing.settings.limits import find_reserved_reason
 from slicing_printers import UM2_PLUS
 
 LIMITS = UM2_PLUS.limits
@@ -64,7 +64,7 @@ def test_what_is_not_a_person_s_matter_is_reserved(resources, key, value, why):
 
 def test_hardly_anything_that_a_quality_sets_is_reserved(resources):
     keys = {key for quality in resources.profiles("quality", "ultimaker2_plus") for key in quality.values}
-    assert {key for key in keys if reserved_reason(key)} == {"acceleration_enabled", "jerk_enabled"}
+    assert {key for key in keys if find_reserved_reason(key)} == {"acceleration_enabled", "jerk_enabled"}
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import pytest
 
 from slicing.errors import BadSetting
 from slicing.settings import FARM_QUALITIES, SettingsRequest, resolve_settings
-from slicing.settings.limits import violations
+from slicing.settings.limits import find_violations
+from slicing.settings.material import shrinkage_factors
 from slicing.settings.resolver import Resolver
-from slicing.settings.shrinkage import shrinkage_factors
 from slicing.settings.stacks import find_stacks
 from slicing_printers import PRINTERS, UM2_PLUS
 
@@ -85,7 +85,9 @@ def test_what_cura_s_own_profiles_violate_is_known(resources, model):
                 except BadSetting:
                     continue
                 resolver = Resolver(stacks.machine.settings, stacks.machine.extruder, stacks.layers)
-                beyond |= {one.key for one in violations(resolver, PRINTERS[model]) if not one.is_farm_limit}
+                beyond |= {
+                    one.key for one in find_violations(resolver, PRINTERS[model]) if not one.is_farm_limit
+                }
     assert beyond <= CURA_S
 
 

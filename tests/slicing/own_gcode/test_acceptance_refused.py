@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from make_gcode import FILAMENT_MM2, after, as_bytes, marlin, square, ultigcode
 from own_gcode import body, followed, refused, safe, take
 from slicing.errors import GcodeRefused
-from slicing.own_gcode import LONGEST
+from slicing.own_gcode import MAX_LINE_BYTES
 
 
 @pytest.mark.parametrize("tail", [[], ["G1 E0 F1500"]])
@@ -86,7 +86,7 @@ def test_objects_one_after_the_other_are_printed_only_as_high_as_the_head_clears
         ("G1 Xé", "plain text"),
         ("M200", "mm3"),
         ("M200 D1.75", "mm3"),
-        (";" + "x" * LONGEST, "longer than"),
+        (";" + "x" * MAX_LINE_BYTES, "longer than"),
         ("(open", "no command"),
     ],
 )

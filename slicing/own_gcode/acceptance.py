@@ -1,4 +1,4 @@
-"""Turns a person's own G-code into a program that the farm can print, or refuses it with the reason."""
+"""Conversion of a person's own G-code into a program that the farm can print, or its refusal."""
 
 from __future__ import annotations
 
@@ -10,23 +10,22 @@ from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.extent import Extent
 from slicing.own_gcode.interpreter import Interpreter
 from slicing.own_gcode.machine import check_machine
-from slicing.own_gcode.survey import survey
+from slicing.own_gcode.survey import survey_lines
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch, Writer
 
 PLAUSIBLE = (0.2, 2.5)
-"""What may be extruded in the mean, as a multiple of a line's section (a nozzle wide, a layer high). Slicers
+"""Bounds of the mean section of the lines, as a multiple of a line a nozzle wide and a layer high. Slicers
 reach 2, and ironing may bring it far below 1; E in mm3 instead of mm gives about 6 (or 0.15), and filament of
 1.75 mm instead of 2.85 mm about 2.7."""
 HIGHEST_LAYER = 0.8
-"""Of the nozzle's diameter: higher lines do not hold."""
-
+"""As a share of the nozzle's diameter: higher lines do not hold."""
 SLACK_LAYERS = 1.25
-"""Of the highest layer: how far slicers go below the top while a layer is printed, as in a sloping seam."""
+"""Depth below the top, in highest layers, that slicers reach within a layer, as in a sloping seam."""
 
 
 @dataclass(frozen=True, slots=True)
-class ForeignGcode:
+class AcceptedGcode:
     """Accepted G-code, and the facts known of it.
 
     Attributes
@@ -34,23 +33,23 @@ class ForeignGcode:
     gcode
         The whole program, with the farm's own start and end.
     nozzle_mm
-        The nozzle that it was sliced for; None where it does not say.
+        Nozzle that the file was sliced for; None where it does not say.
     nozzle_c, bed_c
-        Of the first layer.
+        Temperatures of the first layer.
     print_time_s
-        By the stopwatch, without start and end.
+        Time by the stopwatch, without start and end.
     filament_mm
-        Without priming.
+        Length of filament, without priming.
     layers
-        As the file marks them, else as the heights at which it prints.
+        Number of layers that the file marks, else of heights at which it prints.
     min_mm, max_mm
-        Of all that it extrudes, in the printer's coordinates; in X and Y also of moves as low as clips.
+        Corners of all extrusion, in the printer's coordinates; in X and Y also of moves as low as clips.
     reach_min_mm, reach_max_mm
-        Of all moves.
+        Corners of all moves.
     filament_type
-        The material that it was sliced for, like PLA; None where it does not say.
+        Material that the file was sliced for, like PLA; None where it does not say.
     notices
-        What was changed, in sentences, and warnings.
+        Changes and warnings, a sentence each.
     """
 
     gcode: bytes
@@ -68,8 +67,8 @@ class ForeignGcode:
     notices: tuple[str, ...]
 
 
-def accept(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch) -> ForeignGcode:
-    """Read a file of the Marlin flavour or UltiGCode, and write the print in it anew.
+def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch) -> AcceptedGcode:
+    """Read a file of the Marlin flavour or UltiGCode, and rewrite its print.
 
     The file's own start and end are left out. What it prints between them keeps its path, speeds, fan and
     temperatures; moves become absolute, E counts mm of filament, arcs become straight moves of at most 1 mm,
@@ -78,18 +77,18 @@ def accept(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch)
     Parameters
     ----------
     lines
-        The file's lines. They are gone through twice: a list, or an object that opens its file anew.
+        The file's lines, read twice: a list, or an object that opens its file for each iteration.
     target
         Printer and material for which it is read.
     stopwatch
-        Fresh; it tells the time that the print takes, which makes the program's timeline.
+        A new one; it measures the time of the print, for the program's timeline.
 
     Raises
     ------
     GcodeRefused
         With the line, the reason, and what to do.
     """
-    found = survey(lines, target.filament_mm)
+    found = survey_lines(lines, target.filament_mm)
     line_mm = found.nozzle_mm or target.nozzle_mm
     if line_mm is None:
         raise GcodeRefused(
@@ -102,19 +101,17 @@ def accept(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch)
     for number, raw in enumerate(lines, 1):
         interpreter.run_line(raw, number)
     interpreter.finish()
-    nozzle_c, bed_c, extent = interpreter.nozzle_c, interpreter.bed_c, interpreter.head.extent
+    extent = interpreter.head.extent
     ratio = _section_ratio(extent, writer.layers, target, line_mm)
     missing = (found.warning,) if found.warning is not None else ()
     warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio, target)
-    seconds = writer.finish()
-    code = target.printer.code
-    start = f";FLAVOR:Marlin\n{code.start_code(nozzle_c, bed_c, target.filament_mm2)}\n"
-    return ForeignGcode(
-        gcode=start.encode() + writer.text + code.end_code(0.0).encode() + b"\n",
+    print_time_s = writer.finish()
+    return AcceptedGcode(
+        gcode=_add_start_and_end(writer.text, interpreter, target),
         nozzle_mm=found.nozzle_mm,
-        nozzle_c=nozzle_c,
-        bed_c=bed_c,
-        print_time_s=seconds,
+        nozzle_c=interpreter.nozzle_c,
+        bed_c=interpreter.bed_c,
+        print_time_s=print_time_s,
         filament_mm=extent.filament_mm,
         layers=writer.layers,
         min_mm=_three(extent.low),
@@ -126,8 +123,15 @@ def accept(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stopwatch)
     )
 
 
+def _add_start_and_end(printed: bytearray, interpreter: Interpreter, target: PrintTarget) -> bytes:
+    """Put the farm's start and end code around the lines that are printed."""
+    code = target.printer.code
+    start = code.start_code(interpreter.nozzle_c, interpreter.bed_c, target.filament_mm2)
+    return f";FLAVOR:Marlin\n{start}\n".encode() + printed + code.end_code(0.0).encode() + b"\n"
+
+
 def _section_ratio(extent: Extent, layers: int, target: PrintTarget, nozzle_mm: float) -> float:
-    """Section of the lines, as a multiple of a line's as wide as the nozzle and as high as a layer.
+    """Compute the mean section of the lines, over that of a line a nozzle wide and a layer high.
 
     Raises
     ------
