@@ -105,7 +105,7 @@ class PrintSnapshot(_Said):
     layer: int | None = None  # from 1, once the file's first has begun
     layers: int = 0
     z_mm: float | None = None  # of that layer
-    feature: str | None = None  # a value of `drivers.gcode.timeline.Feature`
+    feature: str | None = None  # a value of `drivers.gcode.Feature`
     extruded: bool = False  # something of this print may lie on the bed
     started_s: float | None = None  # farm clock, first command of this print
     ended_s: float | None = None  # farm clock, heaters off and the head still

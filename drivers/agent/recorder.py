@@ -8,7 +8,7 @@ from drivers.agent.alarm import Alarms
 from drivers.agent.board import UNWATCHED, Board
 from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
-from drivers.gcode.program import Program
+from drivers.gcode import Program
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.printers import Profile
 from drivers.records.journal import ESTOPPED, Journal
@@ -182,7 +182,7 @@ class Recorder:
         }
         if self._program is not None:
             known["line"] = context.streamed
-            mark = self._program.at(context.streamed)
+            mark = self._program.progress_at(context.streamed)
             known["progress_s"] = mark.seconds
             known["layers"] = self._program.layers
             if mark.layer is not None:

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from drivers.errors import AgentError, BadGcode
-from drivers.gcode.program import LONGEST_LINE_BYTES, Program, strip
+from drivers.gcode import LONGEST_LINE_BYTES, Program, read_program
 from drivers.printers import Profile
 
 _PRINT_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
@@ -83,7 +83,7 @@ class Spool:
                 # a file that is no text may be one line, and need not be in memory for that
                 lines = hashed(iter(lambda: raw.readline(LONGEST_LINE_BYTES + 1), b""))
                 try:
-                    program = strip(lines, self._profile, _Copy(path))
+                    program = read_program(lines, self._profile, _Copy(path))
                 except BadGcode as error:
                     refusal = error
                     deque(lines, maxlen=0)

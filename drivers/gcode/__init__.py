@@ -1,0 +1,30 @@
+"""G-code lines, programs and their timelines. Pure."""
+
+from drivers.gcode.filament_position import Moves, Point, measure_retraction, read_position
+from drivers.gcode.line import add_frame, checksum
+from drivers.gcode.program import (
+    LONGEST_LINE_BYTES,
+    Heat,
+    HeaterName,
+    Program,
+    ProgramStore,
+    read_program,
+)
+from drivers.gcode.timeline import Feature, Mark
+
+__all__ = [
+    "LONGEST_LINE_BYTES",
+    "Feature",
+    "Heat",
+    "HeaterName",
+    "Mark",
+    "Moves",
+    "Point",
+    "Program",
+    "ProgramStore",
+    "add_frame",
+    "checksum",
+    "measure_retraction",
+    "read_position",
+    "read_program",
+]

@@ -1,9 +1,8 @@
-"""Position of the filament in the middle of a file, by its lines and where the head stood. Pure.
+"""Position of the filament in the middle of a program, from its lines and the position of the head. Pure.
 
-The firmware acknowledges moves long before it makes them, so the last line that it took does not tell where
-a quick stop (M401) found the feeder. But M114 then tells the real place
-(docs/explanation/ultimaker2-serial.md, section 3.1), and of the last moves only those that lead through it
-can have been under way.
+The firmware acknowledges moves long before it makes them, so the last acknowledged line does not say where
+a quick stop (M401) stopped the feeder. But M114 then returns the real position
+(docs/explanation/ultimaker2-serial.md, section 3.1): the move that was interrupted passes through it.
 """
 
 from __future__ import annotations
@@ -15,23 +14,23 @@ from collections.abc import Sequence
 
 from drivers.gcode.program import Program
 
-AHEAD_LINES = 64  # planner and line buffer hold 24 moves, and not every line is a move
-WINDOW_LINES = 4096  # the filament was surely at the nozzle somewhere in so many lines
+BUFFERED_LINES = 64  # planner and line buffer hold 24 moves, and not every line is a move
+WINDOW_LINES = 4096  # somewhere in so many lines the filament was at the nozzle
 NEAR_MM = 1.0  # M114 rounds to 0.01
 
-_PLACE = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
+_POSITION = re.compile(rb"X:(-?[\d.]+)\s*Y:(-?[\d.]+)\s*Z:(-?[\d.]+)\s*E:(-?[\d.]+)")
 _WORD = re.compile(rb"([FXYZE])(-?[\d.]+)")
 _FEED = re.compile(rb"F([\d.]+)")
 _AXES = {b"X": 0, b"Y": 1, b"Z": 2, b"E": 3}
 _MOVES = (b"G0 ", b"G1 ", b"G2 ", b"G3 ")
 
 Point = Sequence[float]
-"""X, Y, Z, E in mm, as the file counts them; NaN where nobody knows."""
+"""X, Y, Z, E in mm, as the file counts them; NaN where unknown."""
 
 
-def place(said: bytes) -> Point | None:
-    """The answer to M114: the target of the last move, which after M401 is where the head stands."""
-    found = _PLACE.match(said)
+def read_position(answer: bytes) -> Point | None:
+    """Read the answer to M114: the target of the last move, and after M401 the position of the head."""
+    found = _POSITION.match(answer)
     if found is None:
         return None
     try:
@@ -40,54 +39,54 @@ def place(said: bytes) -> Point | None:
         return None
 
 
-def retracted_mm(program: Program, done: int, stood: Point | None = None) -> float:
-    """Compute how far behind the nozzle's tip the filament ends.
+def measure_retraction(program: Program, done: int, stopped_at: Point | None = None) -> float:
+    """Compute the distance from the nozzle's tip back to the end of the filament.
 
     Parameters
     ----------
     program
-        What is printed; the filament was at the nozzle when it began to extrude.
+        The program; the filament was at the nozzle when it began to extrude.
     done
-        Lines that were acknowledged.
-    stood
-        Where a quick stop found the head; None where all moves were made.
+        Number of lines that were acknowledged.
+    stopped_at
+        Position at which a quick stop left the head; None where all moves were made.
 
     Returns
     -------
     float
-        In mm, 0 at the tip. Exact but for a G92 among the last moves, which shifts what the firmware counts.
+        In mm, 0 at the tip. Exact but for a G92 among the last moves, which shifts the firmware's count.
     """
-    walk = Walk(program, done)
-    return walk.back_mm if stood is None else walk.back_at(stood)
+    moves = Moves(program, done)
+    return moves.retracted_mm if stopped_at is None else moves.find_retraction(stopped_at)
 
 
-class Walk:
-    """The last lines of those that are done, followed as the firmware does.
+class Moves:
+    """The last lines that are done, followed as the firmware does.
 
     Attributes
     ----------
     at
-        X, Y, Z, E as the file counts them; NaN where no line has said.
-    back_mm
-        How far behind the nozzle's tip the filament ends.
+        X, Y, Z, E as the file counts them; NaN where no line has set them.
+    retracted_mm
+        Distance from the nozzle's tip back to the end of the filament.
     feed_mm_min
         The last F; NaN where there was none.
     relative, relative_e
-        Whether G91, or M83, is in force.
+        True where G91, or M83, is in force.
     """
 
     def __init__(self, program: Program, done: int) -> None:
         start = max(0, done - WINDOW_LINES)
-        self.relative, self.relative_e = program.relative(start), program.relative_e(start)
-        if self.relative or self.relative_e:  # what E counts is the sum of all
+        self.relative, self.relative_e = program.is_relative(start), program.is_e_relative(start)
+        if self.relative or self.relative_e:  # the position is the sum of all lines before
             self.relative = self.relative_e = False
             start = 0
         self.at = [math.nan, math.nan, math.nan, math.nan if start else 0.0]
-        self.back_mm = 0.0
-        self.feed_mm_min = _last_feed(program, start)
-        # from, to, and how far back the filament was before
-        self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=AHEAD_LINES)
-        for first in range(start, done, WINDOW_LINES):  # never all lines of a long file at a time
+        self.retracted_mm = 0.0
+        self.feed_mm_min = _find_feed(program, start)
+        # start, end, and how far the filament was retracted at the start
+        self._moves: deque[tuple[list[float], list[float], float]] = deque(maxlen=BUFFERED_LINES)
+        for first in range(start, done, WINDOW_LINES):  # a long file is never read whole
             for line in program.lines(first, min(done, first + WINDOW_LINES)):
                 self._follow(line)
 
@@ -97,8 +96,8 @@ class Walk:
         elif line.startswith(b"G92 "):
             for letter, value in _WORD.findall(line):
                 if letter != b"F":
-                    self._count(_AXES[letter], float(value))
-        elif line.split(b" ", 1)[0] == b"G28":  # all moves before it were made
+                    self._set_count(_AXES[letter], float(value))
+        elif line.split(b" ", 1)[0] == b"G28":  # the moves before it are complete
             self._moves.clear()
             self.at[:3] = [math.nan] * 3
         elif line in (b"G90", b"G91"):
@@ -111,44 +110,45 @@ class Walk:
         after = before.copy()
         for letter, value in _WORD.findall(line):
             if letter == b"F":
-                if float(value) > 0:  # the firmware goes on as before otherwise
+                if float(value) > 0:  # else the firmware keeps the last one
                     self.feed_mm_min = float(value)
                 continue
             axis = _AXES[letter]
             relative = self.relative or (axis == 3 and self.relative_e)
             after[axis] = float(value) + (before[axis] if relative else 0.0)
-        self._moves.append((before, after, self.back_mm))
+        self._moves.append((before, after, self.retracted_mm))
         self.at = after
         fed_mm = after[3] - before[3]
         if not math.isnan(fed_mm):
-            self.back_mm = max(0.0, self.back_mm - fed_mm)
+            self.retracted_mm = max(0.0, self.retracted_mm - fed_mm)
 
-    def _count(self, axis: int, value: float) -> None:
-        """G92: the same place has another name from now on, in the moves under way as well."""
+    def _set_count(self, axis: int, value: float) -> None:
+        """Follow a G92: the same position has another number from now on, in the buffered moves as well."""
         shift = value - self.at[axis]
         self.at = self.at.copy()
         self.at[axis] = value
         self._moves = deque(
             (
-                (_shifted(before, axis, shift), _shifted(after, axis, shift), back_mm)
-                for before, after, back_mm in self._moves
+                (_shifted(before, axis, shift), _shifted(after, axis, shift), retracted_mm)
+                for before, after, retracted_mm in self._moves
             ),
-            AHEAD_LINES,
+            BUFFERED_LINES,
         )
 
-    def back_at(self, stood: Point) -> float:
-        """Compute it for where the head stood; by the last line where no move leads there."""
-        nearest_mm, found_mm = NEAR_MM, self.back_mm
-        for before, after, back_mm in self._moves:
-            away_mm = _distance(stood, before, after)
+    def find_retraction(self, stopped_at: Point) -> float:
+        """Compute `retracted_mm` for a stop in a buffered move; for the last line where none passes there."""
+        nearest_mm, found_mm = NEAR_MM, self.retracted_mm
+        for before, after, retracted_mm in self._moves:
+            away_mm = _distance(stopped_at, before, after)
             if away_mm < nearest_mm:
-                fed_mm = stood[3] - before[3]
-                nearest_mm, found_mm = away_mm, max(0.0, back_mm - (0.0 if math.isnan(fed_mm) else fed_mm))
+                fed_mm = stopped_at[3] - before[3]
+                nearest_mm = away_mm
+                found_mm = retracted_mm if math.isnan(fed_mm) else max(0.0, retracted_mm - fed_mm)
         return found_mm
 
 
-def _last_feed(program: Program, line: int) -> float:
-    """The last F before `line`; NaN where there was none."""
+def _find_feed(program: Program, line: int) -> float:
+    """Find the last F before `line`; NaN where there was none."""
     while line > 0:
         first = max(0, line - WINDOW_LINES)
         for move in reversed(program.lines(first, line)):
@@ -163,7 +163,7 @@ def _shifted(point: list[float], axis: int, by_mm: float) -> list[float]:
 
 
 def _distance(point: Point, start: Point, end: Point) -> float:
-    """From a point to a stretch, over the axes that are known."""
+    """Compute the distance from a point to a line segment, over the axes that are known."""
     known = [
         (p, b if math.isnan(a) else a, b)
         for p, a, b in zip(point, start, end, strict=True)

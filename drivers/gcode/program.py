@@ -1,7 +1,7 @@
-"""A G-code file made ready for the wire, and what has to be known of it beforehand.
+"""A G-code file made ready for the wire, with all that a print needs to know of it beforehand. Pure.
 
-Comments and blank lines go here, as the firmware drops a line with a comment and swallows the next one; what
-cannot be sent is refused with the number of its line (`command`).
+Comments and blank lines are removed: the firmware drops a line with a comment and swallows the next one.
+Lines that cannot be sent are refused with their number (`line`).
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from typing import Protocol
 from zlib import crc32
 
 from drivers.errors import BadGcode, Unreadable
-from drivers.gcode.command import Command, is_everyday, read, shown, too_long, value
+from drivers.gcode.line import Command, is_plain_move, line_too_long, quote, read_command, read_number
 from drivers.gcode.timeline import Mark, Timeline
 from drivers.printers import Profile
 
 LONGEST_LINE_BYTES = 65536
-"""With its comment: no slicer writes one that is longer."""
+"""Limit of a line with its comment: no slicer writes a longer one."""
 
 _BLOCK_LINES = 256
-_FEEDS = re.compile(rb"G[0-3] [^E]*E")
-_RISES = frozenset((b"G0", b"G1"))
-_HEATS = frozenset((b"M104", b"M109", b"M140", b"M190"))
-_MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # of all axes, of E; relative
-_MOST_LAYERS = 1e6
-_MOST_S = 1e8
+_EXTRUDING_MOVE = re.compile(rb"G[0-3] [^E]*E")
+_RISING_MOVES = frozenset((b"G0", b"G1"))
+_HEATING = frozenset((b"M104", b"M109", b"M140", b"M190"))
+_MODES = {b"G90": (0, 0), b"G91": (0, 1), b"M82": (1, 0), b"M83": (1, 1)}  # axes (0) or E (1), relative
+_LAYERS_LIMIT = 1e6
+_SECONDS_LIMIT = 1e8
 _PEAK_MM = 1.0  # a spiral rises with every line: its height is kept in steps of this
 
 
@@ -50,18 +50,18 @@ class Heat:
     waits: bool
 
 
-class Store(Protocol):
-    """Storage of the bytes of a program."""
+class ProgramStore(Protocol):
+    """Storage for the bytes of a program."""
 
     def write(self, data: bytes, /) -> object:
-        """Put more of them behind those that are there."""
+        """Append bytes."""
 
     def read(self, start: int, end: int, /) -> bytes:
-        """Bytes `start` to `end` (excluded). Raises OSError where they cannot be had."""
+        """Read bytes `start` to `end` (excluded). Raises OSError."""
 
 
-class Memory:
-    """A store that is no file."""
+class MemoryStore:
+    """A store in memory."""
 
     def __init__(self) -> None:
         self._text = bytearray()
@@ -75,33 +75,35 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """A stripped file. Lines count from 0.
+    """The commands of a file as they are sent. Lines count from 0.
 
     Attributes
     ----------
     store
         All lines, each with its newline.
+    count
+        Number of lines.
     offsets, sums
-        Where every 256th line starts in the store, and last where it ends; the CRC-32 of each such block.
-    homes
-        First G28; `count` where there is none.
-    extrudes
-        First move with an E; `count` where there is none.
+        Byte offset of every 256th line in the store, and of its end; the CRC-32 of each such block.
     timeline
-        How far the print is.
+        Progress of the print at each line.
     heats
         Lines that set a temperature.
+    home_line
+        First G28; `count` where there is none.
+    extrusion_line
+        First move with an E; `count` where there is none.
     """
 
-    store: Store
+    store: ProgramStore
     count: int
     offsets: array[int]
     sums: array[int]
     timeline: Timeline
     heats: tuple[Heat, ...]
-    homes: int
-    extrudes: int
-    _relative: array[int]  # lines of which every second one begins a stretch under G91, the others end it
+    home_line: int
+    extrusion_line: int
+    _relative: array[int]  # lines at which G91 begins, ends, begins ... to be in force
     _relative_e: array[int]  # the same of M83
     _peak_lines: array[int]
     _peaks_mm: array[float]
@@ -117,12 +119,12 @@ class Program:
         return self.timeline.layers
 
     def lines(self, start: int, stop: int) -> list[bytes]:
-        """Lines `start` to `stop` (excluded), without newlines.
+        """Read lines `start` to `stop` (excluded), without newlines.
 
         Raises
         ------
         Unreadable
-            The store does not give them back as they were.
+            The store does not return what was written.
         """
         stop = min(stop, self.count)
         found: list[bytes] = []
@@ -130,121 +132,162 @@ class Program:
             return found
         first = start // _BLOCK_LINES
         for block in range(first, (stop - 1) // _BLOCK_LINES + 1):
-            found += self._block(block).split(b"\n")[:-1]
+            found += self._read_block(block).split(b"\n")[:-1]
         skip = first * _BLOCK_LINES
         return found[start - skip : stop - skip]
 
-    def _block(self, block: int) -> bytes:
+    def _read_block(self, block: int) -> bytes:
         try:
             data = self.store.read(self.offsets[block], self.offsets[block + 1])
         except OSError as error:
-            raise Unreadable(f"its copy cannot be read ({error.strerror}): see to the disk") from error
+            raise Unreadable(f"its copy cannot be read ({error.strerror}): check the disk") from error
         if crc32(data) != self.sums[block]:
-            raise Unreadable("its copy on the disk is not what it was: see to the disk")
+            raise Unreadable("its copy on the disk has changed: check the disk")
         return data
 
-    def at(self, line: int) -> Mark:
+    def progress_at(self, line: int) -> Mark:
         """Compute the progress when `line` lines are done."""
-        return self.timeline.at(line, self.count)
+        return self.timeline.progress_at(line, self.count)
 
     def target_c(self, heater: HeaterName, line: int) -> float | None:
-        """Target of a heater when `line` lines are done; None before the first."""
+        """Find the target of a heater when `line` lines are done; None before the first."""
         for heat in reversed(self.heats):
             if heat.heater is heater and heat.line < line:
                 return heat.target_c
         return None
 
     def highest_mm(self, line: int) -> float:
-        """As high as the first `line` lines may have printed, to the next `_PEAK_MM` above."""
+        """Bound the height that the first `line` lines print, from above, to `_PEAK_MM`."""
         at = bisect_left(self._peak_lines, line)
         return self._peaks_mm[at - 1] if at else 0.0
 
-    def relative(self, line: int) -> bool:
-        """Whether G91 is in force when `line` lines are done."""
+    def is_relative(self, line: int) -> bool:
+        """Return True where G91 is in force when `line` lines are done."""
         return bisect_left(self._relative, line) % 2 == 1
 
-    def relative_e(self, line: int) -> bool:
-        """Whether M83 is in force when `line` lines are done."""
+    def is_e_relative(self, line: int) -> bool:
+        """Return True where M83 is in force when `line` lines are done."""
         return bisect_left(self._relative_e, line) % 2 == 1
 
 
-def strip(raw_lines: Iterable[bytes], profile: Profile, store: Store | None = None) -> Program:
+def read_program(raw_lines: Iterable[bytes], profile: Profile, store: ProgramStore | None = None) -> Program:
     """Make a file ready for the wire.
 
     Parameters
     ----------
     raw_lines
-        The file's lines, as iterating a file opened in binary gives them.
+        Lines of the file, as iterating over a binary file gives them.
+    profile
+        The printer's model.
     store
-        Gets them as they go over the wire; empty so far.
+        Receives the lines as they are sent; empty so far. None keeps them in memory.
 
     Raises
     ------
     BadGcode
-        Where a line cannot be sent as it is, or the file is meant for another way of printing.
+        A line cannot be sent, or the file is not meant for this printer.
     """
-    firmware, most_bytes = profile.firmware, profile.firmware.command_bytes
-    text = _Text(store or Memory())
-    timeline = Timeline()
-    heats: list[Heat] = []
-    relative, relative_e = toggles = array("Q"), array("Q")
-    peak_lines, peaks_mm = array("Q"), array("d")
-    homes = extrudes = -1
+    reader = _Reader(profile, store or MemoryStore())
+    limit_bytes, text = profile.firmware.command_bytes, reader.text
     for number, raw in enumerate(raw_lines, 1):
         if len(raw) > LONGEST_LINE_BYTES:
-            raise too_long(raw, number, most_bytes)
+            raise line_too_long(raw, number, limit_bytes)
         line = raw.strip()
-        count = text.count
-        if len(line) > most_bytes or not is_everyday(line):
-            line, semicolon, comment = line.partition(b";")
-            if semicolon:
-                _note(comment, number, count, timeline)
-            command = read(line, number, firmware) if (line := line.rstrip()) else None
-            if command is None:
+        if len(line) > limit_bytes or not is_plain_move(line):
+            line = reader.read_line(line, number)
+            if not line:
                 continue
-            line = command.text
-            if command.name in _HEATS:
-                heats.append(_heat(command, number, count, profile))
-            elif command.name in _MODES:
-                mode, on = _MODES[command.name]
-                if len(toggles[mode]) % 2 != on:
-                    toggles[mode].append(count)
-            elif command.name == b"G28":
-                homes = count if homes < 0 else homes
-            elif (z_mm := command.words.get(b"Z")) is not None and command.name in _RISES:
-                timeline.height(z_mm)
-                if not len(relative) % 2 and z_mm > (peaks_mm[-1] if peaks_mm else 0.0):
-                    peak_lines.append(count)
-                    peaks_mm.append(z_mm + _PEAK_MM)
-        if extrudes < 0 and b"E" in line and _FEEDS.match(line):
-            if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in heats):
-                raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
-            extrudes = count
+        if reader.extrusion_line < 0 and b"E" in line and _EXTRUDING_MOVE.match(line):
+            reader.note_first_extrusion(number)
         text.add(line)
-    if not text.count:
-        raise BadGcode("line 1: the file has no command in it")
-    timeline.close()
-    text.close()
-    return Program(
-        store=text.store,
-        count=text.count,
-        offsets=text.offsets,
-        sums=text.sums,
-        timeline=timeline,
-        heats=tuple(heats),
-        homes=text.count if homes < 0 else homes,
-        extrudes=text.count if extrudes < 0 else extrudes,
-        _relative=relative,
-        _relative_e=relative_e,
-        _peak_lines=peak_lines,
-        _peaks_mm=peaks_mm,
-    )
+    return reader.finish()
+
+
+class _Reader:
+    """Collects what a program needs to know of its file, line by line."""
+
+    def __init__(self, profile: Profile, store: ProgramStore) -> None:
+        self._profile = profile
+        self.text = _Text(store)
+        self.extrusion_line = -1
+        self._home_line = -1
+        self._timeline = Timeline()
+        self._heats: list[Heat] = []
+        self._toggles = array("Q"), array("Q")
+        self._peak_lines, self._peaks_mm = array("Q"), array("d")
+
+    def read_line(self, line: bytes, number: int) -> bytes:
+        """Read a line that is more than a plain move; empty where nothing of it is sent. Raises BadGcode."""
+        line, semicolon, comment = line.partition(b";")
+        if semicolon:
+            self._read_comment(comment, number)
+        command = read_command(line, number, self._profile.firmware) if (line := line.rstrip()) else None
+        if command is None:
+            return b""
+        self._note_command(command, number)
+        return command.text
+
+    def _note_command(self, command: Command, number: int) -> None:
+        count = self.text.count
+        if command.name in _HEATING:
+            self._heats.append(_read_heat(command, number, count, self._profile))
+        elif command.name in _MODES:
+            mode, on = _MODES[command.name]
+            if len(self._toggles[mode]) % 2 != on:
+                self._toggles[mode].append(count)
+        elif command.name == b"G28":
+            self._home_line = count if self._home_line < 0 else self._home_line
+        elif (z_mm := command.words.get(b"Z")) is not None and command.name in _RISING_MOVES:
+            self._timeline.add_height(z_mm)
+            if not len(self._toggles[0]) % 2 and z_mm > (self._peaks_mm[-1] if self._peaks_mm else 0.0):
+                self._peak_lines.append(count)
+                self._peaks_mm.append(z_mm + _PEAK_MM)
+
+    def note_first_extrusion(self, number: int) -> None:
+        """Note the first extruding move. Raises BadGcode where the nozzle is cold."""
+        if not any(heat.waits and heat.heater is HeaterName.NOZZLE for heat in self._heats):
+            raise BadGcode(f"line {number}: extrudes before an M109: heat the nozzle first")
+        self.extrusion_line = self.text.count
+
+    def _read_comment(self, comment: bytes, number: int) -> None:
+        """Read the slicer's notes on time, layer and feature. Raises BadGcode."""
+        timeline, count = self._timeline, self.text.count
+        if comment.startswith(b"TIME_ELAPSED:"):
+            timeline.add_time(count, read_number(comment[13:], number, _SECONDS_LIMIT))
+        elif comment.startswith(b"LAYER:"):
+            timeline.add_layer(count, int(read_number(comment[6:], number, _LAYERS_LIMIT)))
+        elif comment.startswith(b"TYPE:"):
+            timeline.add_feature(count, comment[5:].rstrip().decode("ascii", "replace"))
+        elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
+            raise BadGcode(f"line {number}: {quote(comment[7:])} does not print over USB: slice for Marlin")
+
+    def finish(self) -> Program:
+        """Make the program. Raises BadGcode where it is empty."""
+        text, count = self.text, self.text.count
+        if not count:
+            raise BadGcode("line 1: the file has no command in it")
+        self._timeline.close()
+        text.close_block()
+        return Program(
+            store=text.store,
+            count=count,
+            offsets=text.offsets,
+            sums=text.sums,
+            timeline=self._timeline,
+            heats=tuple(self._heats),
+            home_line=count if self._home_line < 0 else self._home_line,
+            extrusion_line=count if self.extrusion_line < 0 else self.extrusion_line,
+            _relative=self._toggles[0],
+            _relative_e=self._toggles[1],
+            _peak_lines=self._peak_lines,
+            _peaks_mm=self._peaks_mm,
+        )
 
 
 class _Text:
-    """The lines of a file on their way to its store, in blocks."""
+    """Writer of lines to a store, in blocks."""
 
-    def __init__(self, store: Store) -> None:
+    def __init__(self, store: ProgramStore) -> None:
         self.store = store
         self.count = 0
         self.offsets, self.sums = array("Q", (0,)), array("L")
@@ -255,10 +298,10 @@ class _Text:
         self._block += b"\n"
         self.count += 1
         if not self.count % _BLOCK_LINES:
-            self.close()
+            self.close_block()
 
-    def close(self) -> None:
-        """Keep what is there as a block."""
+    def close_block(self) -> None:
+        """Write the lines since the last block."""
         if self._block:
             data = bytes(self._block)
             self._block.clear()
@@ -267,27 +310,13 @@ class _Text:
             self.sums.append(crc32(data))
 
 
-def _note(comment: bytes, number: int, count: int, timeline: Timeline) -> None:
-    """Take what a slicer's comment says of the print; `count` lines are before it."""
-    if comment.startswith(b"TIME_ELAPSED:"):
-        timeline.elapsed(count, value(comment[13:], number, _MOST_S))
-    elif comment.startswith(b"LAYER:"):
-        timeline.layer(count, int(value(comment[6:], number, _MOST_LAYERS)))
-    elif comment.startswith(b"TYPE:"):
-        timeline.feature(count, comment[5:].rstrip().decode("ascii", "replace"))
-    elif comment.startswith(b"FLAVOR:") and b"Marlin" not in comment:
-        raise BadGcode(f"line {number}: {shown(comment[7:])} does not print over USB: slice for Marlin")
-
-
-def _heat(command: Command, number: int, count: int, profile: Profile) -> Heat:
-    """Read what a heating line sets. Raises BadGcode."""
+def _read_heat(command: Command, number: int, count: int, profile: Profile) -> Heat:
+    """Read a heating line that has `count` lines before it. Raises BadGcode."""
     target_c = command.words.get(b"S")
     if target_c is None or target_c < 0:
-        raise BadGcode(f"line {number}: {shown(command.text)} names no temperature with S")
+        raise BadGcode(f"line {number}: {quote(command.text)} has no temperature with S")
     heater = HeaterName.NOZZLE if command.name in (b"M104", b"M109") else HeaterName.BED
-    most_c = profile.max_nozzle_c if heater is HeaterName.NOZZLE else profile.max_bed_c
-    if target_c > most_c:
-        raise BadGcode(
-            f"line {number}: {target_c:g} degrees are too many for the {heater}: at most {most_c:g}"
-        )
+    limit_c = profile.max_nozzle_c if heater is HeaterName.NOZZLE else profile.max_bed_c
+    if target_c > limit_c:
+        raise BadGcode(f"line {number}: {target_c:g} C is too hot for the {heater}: at most {limit_c:g} C")
     return Heat(count, heater, target_c, waits=command.name in (b"M109", b"M190"))

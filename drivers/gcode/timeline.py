@@ -1,4 +1,4 @@
-"""Progress of a print at each line of its file, by the slicer's comments. Pure.
+"""Progress of a print at each line of its file, from the slicer's comments. Pure.
 
 A file of 50 MB has some 200,000 marks: they are kept as columns, of 29 bytes a mark.
 """
@@ -16,7 +16,7 @@ _NONE = -(2**31)
 
 
 class Feature(StrEnum):
-    """Feature that a move prints, by the names of Cura's ``;TYPE:`` comments."""
+    """Feature that a move prints, named as in Cura's ``;TYPE:`` comments."""
 
     SKIRT = "SKIRT"  # a brim too
     SUPPORT = "SUPPORT"
@@ -34,18 +34,20 @@ _NUMBERS = {feature: number for number, feature in enumerate(_FEATURES)}
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Progress of a print from a line on (0-based, of the stripped file).
+    """Progress of a print from a line of its program on.
 
     Attributes
     ----------
+    line
+        Line of the program, from 0.
     seconds
-        Print time, by the slicer's clock: without heating, homing, start and end.
+        Print time as the slicer counts it: without heating, homing, start and end.
     layer
         From 0, as the file counts; None before the first.
     z_mm
         The layer's height; 0 before the first.
     feature
-        What is printed; None where the file does not say.
+        Feature being printed; None where the file does not say.
     """
 
     line: int
@@ -56,16 +58,16 @@ class Mark:
 
 
 class Timeline:
-    """The marks of a file, rising in line and seconds; time between two of them passes evenly over the lines.
+    """The marks of a file, rising in line and seconds; between two of them time is linear in the lines.
 
-    It is filled by `layer`, `feature`, `height` and `elapsed` as the file's lines come, and then by `close`.
+    Call `add_layer`, `add_feature`, `add_height` and `add_time` in the order of the lines, then `close`.
 
     Attributes
     ----------
     time_s
-        Of the whole file.
+        Print time of the whole file, in seconds.
     layers
-        How many there are.
+        Number of layers.
     """
 
     def __init__(self) -> None:
@@ -93,7 +95,7 @@ class Timeline:
     def __iter__(self) -> Iterator[Mark]:
         return (self[at] for at in range(len(self)))
 
-    def at(self, line: int, count: int) -> Mark:
+    def progress_at(self, line: int, count: int) -> Mark:
         """Compute the progress when `line` of all `count` lines are done."""
         at = bisect_right(self._lines, line)
         before = self[at - 1] if at else Mark(0, 0.0)
@@ -104,32 +106,32 @@ class Timeline:
             before, line=line, seconds=before.seconds + share * (self._seconds[at] - before.seconds)
         )
 
-    # --- how it is filled ---
+    # --- filling ---
 
-    def elapsed(self, line: int, seconds: float) -> None:
-        """A comment says the time."""
+    def add_time(self, line: int, seconds: float) -> None:
+        """Add the print time at a line."""
         self.time_s = max(self.time_s, seconds)
         self._mark(line, self.time_s)
 
-    def layer(self, line: int, layer: int) -> None:
-        """A layer begins."""
+    def add_layer(self, line: int, layer: int) -> None:
+        """Begin a layer at a line."""
         self.layers = max(self.layers, layer + 1)
         self._layer, self._feature = layer, -1
         self._mark(line, math.nan if self._lines else 0.0)  # the slicer's clock starts at the first
 
-    def feature(self, line: int, name: str) -> None:
-        """Another feature begins."""
+    def add_feature(self, line: int, name: str) -> None:
+        """Begin a feature at a line."""
         self._feature = _NUMBERS[Feature(name)] if name in _NUMBERS else -1
         self._mark(line, math.nan)
 
-    def height(self, z_mm: float) -> None:
-        """A move names its height; a layer's is named before its first feature."""
+    def add_height(self, z_mm: float) -> None:
+        """Set the height; a layer's comes before its first feature."""
         self._z_mm = z_mm
         if self._lines and self._feature < 0:
             self._layers[-1], self._heights_mm[-1], self._features[-1] = self._layer, z_mm, -1
 
     def close(self) -> None:
-        """Seconds by the lines where the file does not say them."""
+        """Interpolate the seconds of marks that have none."""
         lines, seconds = self._lines, self._seconds
         last_line, last_s, since = 0, 0.0, 0
         for at, line in enumerate(lines):

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 
 from drivers.firmware import Firmware
-from drivers.gcode.frame import frame
+from drivers.gcode import add_frame
 
 HISTORY_LINES = 32
 LINE_S = 50.0  # a line is given up after so long,
@@ -143,14 +143,14 @@ class Outbox:
         number = self._base + sent
         ahead = self._frames[sent:]
         del self._frames[sent:]
-        self._frames.append(frame(number, self._firmware.report_query))
+        self._frames.append(add_frame(number, self._firmware.report_query))
         self._polls = {n for n in self._polls if n >= self._base}
         self._polls = {n + (n >= number) for n in self._polls} | {number}
         self._patience = {n + (n >= number): s for n, s in self._patience.items()}
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the program, or the rest of it, comes behind
         for at, old in enumerate(ahead, number + 1):
-            self._frames.append(frame(at, old[old.index(b" ") + 1 : old.rindex(b"*")]))
+            self._frames.append(add_frame(at, old[old.index(b" ") + 1 : old.rindex(b"*")]))
         self._careful = max(self._careful + 1, self._base + sent)
 
     # --- what goes out ---
@@ -204,7 +204,7 @@ class Outbox:
                 self._careful = number
             if number <= self._slow_until:
                 self._patience[number] = max(self._slow_s, self._patience.get(number, 0.0))
-            self._frames.append(frame(number, command))
+            self._frames.append(add_frame(number, command))
             number += 1
 
     def _expect_slow(self, number: int, move: bytes) -> None:

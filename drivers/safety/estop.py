@@ -25,7 +25,7 @@ from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
 from drivers.firmware import ULTIMAKER2, Firmware
-from drivers.gcode.program import HeaterName
+from drivers.gcode import HeaterName
 from drivers.link import Event, Link, Report, Said, Up
 from drivers.link.dialogue import talk
 from drivers.locks import AGENT_LOCK, hold, kill_holder

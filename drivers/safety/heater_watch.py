@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 
 from drivers.errors import Fault
-from drivers.gcode.program import HeaterName
+from drivers.gcode import HeaterName
 from drivers.link.replies import Report
 
 __all__ = ["Finding", "Rule", "Watch"]

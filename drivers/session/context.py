@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from drivers.clock import Clock
 from drivers.errors import Fault, Unreadable
 from drivers.firmware import Firmware
-from drivers.gcode.filament_position import Point
-from drivers.gcode.program import Program
+from drivers.gcode import Point, Program
 from drivers.link import Link, Report, Up
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import Profile

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault
-from drivers.gcode.program import Heat, HeaterName
+from drivers.gcode import Heat, HeaterName
 from drivers.link import Report
 from drivers.messages import PrintPhase
 from drivers.records.alarm import Suspicion

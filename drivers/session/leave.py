@@ -26,7 +26,7 @@ _RESET_AFTER = frozenset(
 def make_safe(context: SessionContext) -> Script:
     """Leave the print, by command where the board listens, else by a reset."""
     context.final_lines = context.streamed
-    homed = context.program is not None and context.final_lines > context.program.homes
+    homed = context.program is not None and context.final_lines > context.program.home_line
     listens = context.greeting is not None and context.link.phase is LinkPhase.LIVE
     if listens and context.fault not in _RESET_AFTER:
         try:

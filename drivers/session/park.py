@@ -9,8 +9,7 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault, Unreadable
-from drivers.gcode.filament_position import Point, Walk, retracted_mm
-from drivers.gcode.program import Heat, HeaterName, Program
+from drivers.gcode import Heat, HeaterName, Moves, Point, Program, measure_retraction
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import PAUSE_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import Ended, Script, SessionContext
@@ -50,7 +49,7 @@ def park(context: SessionContext, back_mm: float, hot: bool) -> Script:
 def back_mm(program: Program, done: int, stood: Point | None = None) -> float:
     """See `retracted_mm`; NaN where the file is not to be had any more."""
     try:
-        return retracted_mm(program, done, stood)
+        return measure_retraction(program, done, stood)
     except Unreadable:
         return math.nan
 
@@ -83,12 +82,12 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
     stopped = yield from send(context, firmware.wait_moves, firmware.position_query, limit_s=math.inf)
     if not stopped or context.position is None:
         raise Ended(Fault.NO_ANSWER, "the board does not tell where the head stands")
-    walk = Walk(program, done)
+    moves = Moves(program, done)
     at = [
         reported if math.isnan(exact) else exact
-        for exact, reported in zip(walk.at, context.position, strict=True)
+        for exact, reported in zip(moves.at, context.position, strict=True)
     ]
-    yield from park(context, walk.back_mm, hot=True)
+    yield from park(context, moves.retracted_mm, hot=True)
     over = b"G1 F1200 Z%.3f" % (at[2] + lift_mm(context, at[2], done))
     yield from send(context, b"G90", over, b"G1 F9000 X%g Y%g" % context.profile.aside_mm, b"M104 S0")
     context.nozzle_paused = True
@@ -100,22 +99,22 @@ def pause(context: SessionContext, program: Program, done: int) -> Script:
     context.nozzle_paused = False
     yield from heat(context, Heat(done, HeaterName.NOZZLE, target_c, waits=True))
     context.filament = Filament.UNKNOWN
-    yield from send(context, *_way_back(walk, at, context.profile.parked_mm), firmware.wait_moves)
+    yield from send(context, *_way_back(moves, at, context.profile.parked_mm), firmware.wait_moves)
     context.filament = Filament.AT_NOZZLE
     context.phase = PrintPhase.PRINTING
 
 
-def _way_back(walk: Walk, at: Point, parked_mm: float) -> list[bytes]:
+def _way_back(moves: Moves, at: Point, parked_mm: float) -> list[bytes]:
     """Push the filament forth, over the part and down to it, and set what the file had set."""
     x, y, z, e = at
-    push_mm = parked_mm - walk.back_mm
+    push_mm = parked_mm - moves.retracted_mm
     last_mm = min(LAST_PUSH_MM, push_mm)
     commands = [b"G91", b"G1 F300 E%.3f" % (push_mm - last_mm), b"G90"]
     commands += [b"G1 F9000 X%.3f Y%.3f" % (x, y), b"G1 F1200 Z%.3f" % z]
     commands += [b"G91", b"G1 F1500 E%.3f" % last_mm, b"G90", b"G92 E%.5f" % e]
-    if not math.isnan(walk.feed_mm_min):
-        commands.append(b"G1 F%g" % walk.feed_mm_min)
-    if walk.relative:
+    if not math.isnan(moves.feed_mm_min):
+        commands.append(b"G1 F%g" % moves.feed_mm_min)
+    if moves.relative:
         commands.append(b"G91")
     return commands
 

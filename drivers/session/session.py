@@ -16,7 +16,7 @@ import math
 from collections.abc import Callable
 
 from drivers.errors import Fault, Unreadable
-from drivers.gcode.filament_position import place
+from drivers.gcode import read_position
 from drivers.link import Event, Events, Report, Said, Trouble, Up
 from drivers.link import Phase as LinkPhase
 from drivers.messages import PrintPhase
@@ -160,7 +160,7 @@ def _notice(context: SessionContext, event: Event) -> Ended | None:
         context.greeting = event
     elif isinstance(event, Said):
         context.answer += event.text + b"\n"
-        context.position = place(event.text) or context.position
+        context.position = read_position(event.text) or context.position
     elif isinstance(event, Trouble):
         if event.fault is Fault.MAXTEMP:
             suspect(context, event.text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from drivers.errors import Fault, Unreadable
-from drivers.gcode.program import Heat, HeaterName, Program
+from drivers.gcode import Heat, HeaterName, Program
 from drivers.messages import Filament, PrintPhase
 from drivers.session.commands import HEAT_DEAD_MAN_S, PRINT_DEAD_MAN_S, arm_dead_man, send
 from drivers.session.context import Ended, Script, SessionContext, Wait
@@ -20,20 +20,20 @@ def print_program(context: SessionContext, program: Program) -> Script:
     context.phase = PrintPhase.HEATING
     context.heaters_off = False
     yield from arm_dead_man(context, HEAT_DEAD_MAN_S)
-    cools = next((h.line for h in program.heats if _cools(h, program.extrudes)), program.count)
+    cools = next((h.line for h in program.heats if _cools(h, program.extrusion_line)), program.count)
     at = 0
     for stop, wanted in _stops(program, cools):
         yield from _stream(context, program, at, stop)
         at = stop
-        if stop == program.homes + 1:
-            yield from check_height(context, program.lines(program.homes, stop)[0])
+        if stop == program.home_line + 1:
+            yield from check_height(context, program.lines(program.home_line, stop)[0])
         if wanted is not None:
             context.heated_lines = at = stop + 1
             yield from heat(context, wanted)
             hot = wanted.heater is HeaterName.NOZZLE and extrudes(context, wanted.target_c)
             if hot and context.filament is Filament.PARKED:
                 yield from unpark(context)
-        elif stop == program.extrudes < program.count:
+        elif stop == program.extrusion_line < program.count:
             context.extruded = True
             context.phase = PrintPhase.PRINTING
             yield from arm_dead_man(context, PRINT_DEAD_MAN_S)
@@ -44,7 +44,8 @@ def print_program(context: SessionContext, program: Program) -> Script:
 
 def _stops(program: Program, cools: int) -> list[tuple[int, Heat | None]]:
     """Lines before which the stream stops, and what is heated there in place of the line."""
-    stops: dict[int, Heat | None] = {program.homes + 1: None, program.extrudes: None, program.count: None}
+    lines = (program.home_line + 1, program.extrusion_line, program.count)
+    stops: dict[int, Heat | None] = dict.fromkeys(lines)
     stops |= {wanted.line: wanted for wanted in program.heats if wanted.waits}
     stops.setdefault(cools, None)
     return sorted(((line, stops[line]) for line in stops if line <= program.count), key=lambda s: s[0])

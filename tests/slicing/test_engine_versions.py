@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.gcode.program import strip
-from drivers.gcode.timeline import Feature
+from drivers.gcode import Feature, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from slicing.errors import EngineFailed, EngineMissing, Rule, SliceRejected
 from slicing.plate import slice_plate
@@ -59,7 +58,7 @@ def test_a_slice_of_cura_5_is_accepted_with_its_figures(cura5, record, stream):
     assert b"Cura_SteamEngine 5.0.0" in text
     assert result.unprinted == ()  # the fin is a line of its own here
     with result.gcode.open("rb") as lines:
-        program = strip(lines, ULTIMAKER2_PLUS)
+        program = read_program(lines, ULTIMAKER2_PLUS)
     assert program.time_s == result.sliced_s
     assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.SKIN}
 

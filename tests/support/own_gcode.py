@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from drivers.gcode.filament_position import retracted_mm
-from drivers.gcode.program import HeaterName, strip
+from drivers.gcode import HeaterName, measure_retraction, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from make_gcode import FILAMENT_MM2, Summed
 from slicing.errors import GcodeRefused
@@ -53,12 +52,12 @@ def fed(moves):
 
 def safe(accepted):
     """What every program of the farm's keeps."""
-    program = strip(accepted.gcode.splitlines(), ULTIMAKER2_PLUS)
+    program = read_program(accepted.gcode.splitlines(), ULTIMAKER2_PLUS)
     assert all(ON_THE_LIST.match(line) for line in program.lines(0, program.count))
     for heater in HeaterName:
         assert program.target_c(heater, program.count) == 0
-    assert retracted_mm(program, program.count) == pytest.approx(20.0, abs=1e-3)
-    assert program.homes < program.extrudes < program.count
+    assert measure_retraction(program, program.count) == pytest.approx(20.0, abs=1e-3)
+    assert program.home_line < program.extrusion_line < program.count
     assert program.time_s == pytest.approx(accepted.print_time_s, abs=1e-3)
     return program
 

@@ -9,7 +9,7 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode.program import Store, strip
+from drivers.gcode import ProgramStore, read_program
 from drivers.link import Link
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import PROFILES
@@ -64,7 +64,7 @@ class Rig:
         filament: Filament = Filament.PARKED,
         seed: int = 0,
         identity: str | None = None,
-        store: Store | None = None,
+        store: ProgramStore | None = None,
     ) -> None:
         self.now_s = 1000.0
         self.firmware = EmulatedFirmware(PROFILES[model], faults, random.Random(seed), self.now_s)
@@ -72,7 +72,7 @@ class Rig:
             self.now_s += 60.0  # it was switched on long before
             self.firmware.feed(b"", self.now_s)
         self.link = Link(ULTIMAKER2, 2.0)
-        self.program = strip(io.BytesIO((text or gcode()).encode()), PLUS, store)
+        self.program = read_program(io.BytesIO((text or gcode()).encode()), PLUS, store)
         self.session = Session(
             SessionContext(self.link, self.program, PLUS, filament, Pace(), self.now_s, identity)
         )

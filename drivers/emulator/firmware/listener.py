@@ -17,7 +17,7 @@ from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.machine import Machine, value
 from drivers.emulator.firmware.receiver import Receiver
 from drivers.emulator.hardware.noise import Noise
-from drivers.gcode.frame import checksum
+from drivers.gcode import checksum
 
 LINES = 8
 

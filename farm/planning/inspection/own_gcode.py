@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import BadGcode
-from drivers.gcode import program as wire
+from drivers.gcode import read_program
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, FarmError
@@ -171,7 +171,7 @@ def _rewrite(path: Path, section: PrinterSection, nozzle_mm: float | None, name:
             ),
             stopwatch=FirmwareTime(PROFILES[section.model]),
         )
-        wire.strip(io.BytesIO(accepted.gcode), PROFILES[section.model])
+        read_program(io.BytesIO(accepted.gcode), PROFILES[section.model])
     except (GcodeRefused, BadGcode) as error:
         raise FarmError(f"{name}: {error}", ErrorCode.GCODE) from error
     return accepted

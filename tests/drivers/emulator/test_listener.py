@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.emulator.faults import Faults
-from drivers.gcode.frame import checksum
+from drivers.gcode import checksum
 from firmware_host import Host, numbered
 
 

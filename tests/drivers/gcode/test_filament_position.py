@@ -5,24 +5,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.gcode.filament_position import WINDOW_LINES, place, retracted_mm
-from drivers.gcode.program import Program, strip
+from drivers.gcode import Program, measure_retraction, read_position, read_program
+from drivers.gcode.filament_position import WINDOW_LINES
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 HEAD = "M82\nG28\nM109 S210\nG92 E0\nG1 F47 X10 Y10 Z1 E7.8\nG92 E0\n"
 
 
 def program(text: str) -> Program:
-    return strip(io.BytesIO((HEAD + text).encode()), ULTIMAKER2_PLUS)
+    return read_program(io.BytesIO((HEAD + text).encode()), ULTIMAKER2_PLUS)
 
 
-def after(text: str, stood: tuple[float, float, float, float] | None = None) -> float:
+def after(text: str, stopped_at: tuple[float, float, float, float] | None = None) -> float:
     p = program(text)
-    return retracted_mm(p, p.count, stood)
+    return measure_retraction(p, p.count, stopped_at)
 
 
 @pytest.mark.parametrize(
-    ("text", "back_mm"),
+    ("text", "retracted_mm"),
     [
         ("G1 X20 E5\n", 0.0),
         ("G1 X20 E5\nG1 E-1.5\n", 6.5),
@@ -33,15 +33,15 @@ def after(text: str, stood: tuple[float, float, float, float] | None = None) -> 
         ("M83\nG1 X20 E5\nG1 E-2\nG1 E-1\nG1 E0.5\n", 2.5),
     ],
 )
-def test_the_feeder_is_followed_as_the_firmware_counts(text: str, back_mm: float):
-    assert after(text) == pytest.approx(back_mm)
+def test_the_feeder_is_followed_as_the_firmware_counts(text: str, retracted_mm: float):
+    assert after(text) == pytest.approx(retracted_mm)
 
 
 HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
 
 
 @pytest.mark.parametrize(
-    ("stood", "back_mm"),
+    ("stopped_at", "retracted_mm"),
     [
         ((15.0, 10.0, 1.0, 2.5), 0.0),  # before the retraction
         ((20.0, 10.0, 1.0, 2.0), 3.0),  # in it
@@ -51,27 +51,27 @@ HOP = "G1 X20 Y10 E5\nG1 E-1.5\nG0 X80\nG1 E5\nG1 X90 E6\n"
         ((500.0, 10.0, 1.0, 2.0), 0.0),  # no move leads there: by the last line
     ],
 )
-def test_of_the_moves_that_were_acknowledged_the_one_under_way_counts(
-    stood: tuple[float, float, float, float], back_mm: float
+def test_the_interrupted_move_decides_the_retraction(
+    stopped_at: tuple[float, float, float, float], retracted_mm: float
 ):
-    assert after(HOP, stood) == pytest.approx(back_mm)
+    assert after(HOP, stopped_at) == pytest.approx(retracted_mm)
 
 
 @given(st.lists(st.sampled_from((1.0, 0.5, -2.0, 2.0, 0.0)), min_size=1, max_size=60), st.booleans())
-def test_long_before_does_not_matter_and_absolute_is_as_relative(feeds: list[float], relative: bool):
-    e_mm = back_mm = 0.0
+def test_earlier_lines_do_not_matter_and_both_modes_agree(feeds: list[float], relative: bool):
+    e_mm = retracted_mm = 0.0
     moves = []
     for i, feed in enumerate(feeds):
         e_mm += feed
-        back_mm = max(0.0, back_mm - feed)
+        retracted_mm = max(0.0, retracted_mm - feed)
         moves.append(f"G1 X{i} E{feed if relative else 100 + e_mm:g}\n")
     long = "".join(f"G1 X{i % 7} E{100 * i / 5000:g}\n" for i in range(5000)) if not relative else "M83\n"
     assert WINDOW_LINES < 5000
-    assert after(long + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(back_mm)
+    assert after(long + ("" if relative else "G1 E100\n") + "".join(moves)) == pytest.approx(retracted_mm)
 
 
-def test_a_place_is_read_from_the_answer_to_m114():
-    assert place(b"X:1.00Y:-2.50Z:3.00E:4.25 Count X: 1.00Y:2.00Z:3.00") == [1.0, -2.5, 3.0, 4.25]
-    assert place(b"echo: X") is None
-    assert place(b"X:1.0.0Y:2Z:3E:4") is None
+def test_positions_are_read_from_answers_to_m114():
+    assert read_position(b"X:1.00Y:-2.50Z:3.00E:4.25 Count X: 1.00Y:2.00Z:3.00") == [1.0, -2.5, 3.0, 4.25]
+    assert read_position(b"echo: X") is None
+    assert read_position(b"X:1.0.0Y:2Z:3E:4") is None
     assert not math.isnan(after("G1 X1 E1\n"))

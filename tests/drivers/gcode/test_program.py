@@ -9,14 +9,12 @@ from hypothesis import strategies as st
 
 from drivers.errors import BadGcode
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode.filament_position import Walk, retracted_mm
-from drivers.gcode.program import HeaterName, Program, strip
-from drivers.gcode.timeline import Feature, Mark
+from drivers.gcode import Feature, HeaterName, Mark, Moves, Program, measure_retraction, read_program
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 
 
 def program(text: str) -> Program:
-    return strip(io.BytesIO(text.encode()), ULTIMAKER2_PLUS)
+    return read_program(io.BytesIO(text.encode()), ULTIMAKER2_PLUS)
 
 
 SLICED = """;FLAVOR:Marlin
@@ -48,7 +46,7 @@ def test_comments_blanks_and_questions_do_not_reach_the_wire():
     assert not any(b";" in line or b"M105" in line for line in p.lines(0, p.count))
 
 
-def test_heats_say_what_is_set_and_what_is_waited_for():
+def test_heating_lines_are_listed_with_their_targets():
     p = program(SLICED)
     waits = [(h.heater, h.target_c) for h in p.heats if h.waits]
     assert waits == [(HeaterName.BED, 60.0), (HeaterName.NOZZLE, 210.0)]
@@ -57,15 +55,15 @@ def test_heats_say_what_is_set_and_what_is_waited_for():
     assert p.target_c(HeaterName.NOZZLE, p.count) == 0.0
 
 
-def test_progress_is_by_time_and_linear_in_a_layer():
+def test_progress_is_linear_in_time_within_a_layer():
     p = program(SLICED)
-    assert p.homes == 1
-    assert p.extrudes == 5
-    assert p.at(0).seconds == 0.0
-    assert p.at(7).seconds == 10.0
-    assert p.at(8).seconds == 20.0
-    assert p.at(p.count).seconds == 30.0
-    assert [p.at(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
+    assert p.home_line == 1
+    assert p.extrusion_line == 5
+    assert p.progress_at(0).seconds == 0.0
+    assert p.progress_at(7).seconds == 10.0
+    assert p.progress_at(8).seconds == 20.0
+    assert p.progress_at(p.count).seconds == 30.0
+    assert [p.progress_at(n).layer for n in (0, 6, 7, 8)] == [None, 0, 1, 1]
     assert p.layers == 2
 
 
@@ -91,7 +89,7 @@ G28
 """
 
 
-def test_a_mark_says_time_layer_height_and_feature():
+def test_marks_hold_time_layer_height_and_feature():
     p = program(FEATURES)
     assert tuple(p.timeline) == (
         Mark(1, 0.0, 0, 0.27, None),
@@ -102,9 +100,9 @@ def test_a_mark_says_time_layer_height_and_feature():
         Mark(8, pytest.approx(17.5), 1, 0.47, None),
         Mark(9, 20.0, 1, 0.47, None),
     )
-    assert p.at(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
-    assert p.at(0) == Mark(0, 0.0)
-    assert p.at(p.count).seconds == p.time_s == 20.0
+    assert p.progress_at(4) == Mark(4, 7.0, 0, 0.27, Feature.WALL_OUTER)
+    assert p.progress_at(0) == Mark(0, 0.0)
+    assert p.progress_at(p.count).seconds == p.time_s == 20.0
 
 
 NOTES = st.one_of(
@@ -123,7 +121,7 @@ LINES = st.one_of(
 
 
 @given(st.lists(LINES, max_size=60))
-def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: list[str]):
+def test_commands_are_kept_and_the_timeline_rises(lines: list[str]):
     commands = [words for line in lines if (words := line.partition(";")[0].strip())]
     if not commands:
         return
@@ -132,7 +130,7 @@ def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: li
     marks = [(mark.line, mark.seconds) for mark in p.timeline]
     assert marks == sorted(marks)
     assert len({line for line, _ in marks}) == len(marks)
-    times = [p.at(line).seconds for line in range(p.count + 1)]
+    times = [p.progress_at(line).seconds for line in range(p.count + 1)]
     assert times == sorted(times)
     assert times[-1] == p.time_s == max((s for _, s in marks), default=0.0)
 
@@ -152,8 +150,8 @@ def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: li
         ("M16 \x01", "plain text"),
         ("M00", "knob"),
         ("M303 S210", "heats"),
-        ("M109 S500", "degrees"),
-        ("M140 S130", "degrees"),
+        ("M109 S500", "too hot"),
+        ("M140 S130", "too hot"),
         ("G1 E1", "M109"),
         (";FLAVOR:UltiGCode", "UltiGCode"),
         (";LAYER:nan", "no number"),
@@ -182,7 +180,7 @@ def test_stripping_leaves_the_commands_and_makes_a_timeline_that_rises(lines: li
         ("G1 X1 ;" + 70_000 * "a", "characters"),
     ],
 )
-def test_what_the_firmware_would_misread_is_refused_with_its_line(line: str, says: str):
+def test_lines_that_the_firmware_would_misread_are_refused_by_number(line: str, says: str):
     with pytest.raises(BadGcode) as refused:
         program("G28\n" + line + "\n")
     assert str(refused.value).startswith("line 2: ")
@@ -200,12 +198,12 @@ def test_a_file_without_a_command_is_refused():
     st.integers(0, 1300),
     st.integers(0, 1300),
 )
-def test_any_slice_of_the_lines_is_that_of_the_list(values: list[int], start: int, stop: int):
+def test_any_slice_of_lines_equals_the_slice_of_the_list(values: list[int], start: int, stop: int):
     lines = [b"G1 X%d" % v for v in values]
-    p = strip((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
+    p = read_program((line + b" ; c\n" for line in lines), ULTIMAKER2_PLUS)
     assert p.lines(start, stop) == lines[start:stop]
     assert p.count == len(lines)
-    times = [p.at(n).seconds for n in range(0, p.count + 1, 50)]
+    times = [p.progress_at(n).seconds for n in range(0, p.count + 1, 50)]
     assert times == sorted(times)
 
 
@@ -220,11 +218,11 @@ def test_any_slice_of_the_lines_is_that_of_the_list(values: list[int], start: in
         ("M0106 S128", b"M106 S128"),
     ],
 )
-def test_what_can_be_read_goes_out_in_one_form(line: str, sent: bytes):
+def test_readable_lines_are_rewritten_in_one_form(line: str, sent: bytes):
     assert program(line + "\n").lines(0, 1) == [sent]
 
 
-def test_texts_for_the_display_are_left_out_whatever_they_say():
+def test_display_texts_are_dropped():
     p = program("M117 Ärger: N1 *\nM118 " + "long " * 30 + "\nG28\n")
     assert p.lines(0, p.count) == [b"G28"]
 
@@ -250,9 +248,7 @@ HARD = st.builds(
 
 @given(st.lists(HARD, min_size=1, max_size=12), st.data())
 @settings(deadline=None)
-def test_what_is_taken_can_be_followed_line_by_line_and_never_ends_an_agent(
-    lines: list[str], data: st.DataObject
-):
+def test_accepted_lines_can_be_followed_and_never_crash_an_agent(lines: list[str], data: st.DataObject):
     """A pause, a cancel or a snapshot reads numbers of the file in the middle of a print."""
     taken = []
     for line in ["M109 S210", *lines]:
@@ -264,11 +260,11 @@ def test_what_is_taken_can_be_followed_line_by_line_and_never_ends_an_agent(
             taken.append(line)
     p = program("\n".join(taken))
     done = data.draw(st.integers(0, p.count))
-    walk = Walk(p, done)
-    known = [mm for mm in (*walk.at, walk.back_mm, walk.feed_mm_min) if not math.isnan(mm)]
+    moves = Moves(p, done)
+    known = [mm for mm in (*moves.at, moves.retracted_mm, moves.feed_mm_min) if not math.isnan(mm)]
     assert all(abs(mm) < 1e9 for mm in known)
-    assert 0.0 <= retracted_mm(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9
-    mark = p.at(done)
+    assert 0.0 <= measure_retraction(p, done, (10.0, 10.0, 1.0, 1.0)) < 1e9
+    mark = p.progress_at(done)
     assert all(abs(number) < 1e9 for number in (mark.seconds, mark.z_mm, p.highest_mm(done), p.time_s))
     sent = p.lines(0, p.count)
     assert program("\n".join(line.decode() for line in sent)).lines(0, p.count) == sent
@@ -276,31 +272,33 @@ def test_what_is_taken_can_be_followed_line_by_line_and_never_ends_an_agent(
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_are_stripped_or_refused(data: bytes):
+def test_any_bytes_are_read_or_refused(data: bytes):
     try:
-        p = strip(io.BytesIO(data), ULTIMAKER2_PLUS)
+        p = read_program(io.BytesIO(data), ULTIMAKER2_PLUS)
     except BadGcode:
         return
     assert all(0 < len(line) <= ULTIMAKER2.command_bytes for line in p.lines(0, p.count))
 
 
-def test_heats_are_found_however_they_are_written():
+def test_heating_lines_are_found_in_every_notation():
     p = program("M104S200\nM0109 T0 S210\nM190S60\nG1 E1\n")
     found = [(h.heater, h.target_c, h.waits) for h in p.heats]
     nozzle, bed = HeaterName.NOZZLE, HeaterName.BED
     assert found == [(nozzle, 200.0, False), (nozzle, 210.0, True), (bed, 60.0, True)]
 
 
-def test_setting_the_place_of_the_extruder_extrudes_nothing():
+def test_g92_is_no_extrusion():
     p = program("G92 E0\nM109 S210\nG1 X1 E1\n")
-    assert p.extrudes == 2
+    assert p.extrusion_line == 2
 
 
-def test_a_long_file_is_neither_held_in_memory_nor_are_its_marks_many_objects():
+def test_long_files_and_their_marks_take_little_memory():
     part = "".join(f";TYPE:FILL\n{'G1 X1 Y1 E1' + chr(10)}" * 50 + f"G0 Z{i}\n" for i in range(1, 400))
     tracemalloc.start()
     try:
-        p = strip(io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), ULTIMAKER2_PLUS, Nowhere())
+        p = read_program(
+            io.BytesIO(("M109 S210\n;LAYER:0\n" + part).encode()), ULTIMAKER2_PLUS, DiscardingStore()
+        )
         held, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -308,8 +306,8 @@ def test_a_long_file_is_neither_held_in_memory_nor_are_its_marks_many_objects():
     assert held < 60 * len(p.timeline)
 
 
-class Nowhere:
-    """A store that forgets."""
+class DiscardingStore:
+    """A store that keeps nothing."""
 
     def write(self, data: bytes) -> None:
         pass
@@ -319,12 +317,12 @@ class Nowhere:
 
 
 @given(st.lists(st.sampled_from(["G90", "G91", "M82", "M83", "G1 X1", "G1 Z2", "G1 Z7"]), min_size=1))
-def test_the_modes_and_the_height_at_a_line_are_those_of_the_lines_before(lines: list[str]):
+def test_modes_and_height_at_a_line_follow_from_the_lines_before(lines: list[str]):
     p = program("\n".join(lines))
     relative = relative_e = False
     highest_mm = 0.0
     for n, line in enumerate(lines):
-        assert (p.relative(n), p.relative_e(n)) == (relative, relative_e)
+        assert (p.is_relative(n), p.is_e_relative(n)) == (relative, relative_e)
         assert highest_mm <= p.highest_mm(n) <= highest_mm + 1.0
         relative = {"G91": True, "G90": False}.get(line, relative)
         relative_e = {"M83": True, "M82": False}.get(line, relative_e)
@@ -333,10 +331,8 @@ def test_the_modes_and_the_height_at_a_line_are_those_of_the_lines_before(lines:
 
 
 @pytest.mark.parametrize("command", ["M104", "M109", "M140", "M190"])
-def test_no_heater_is_told_more_than_its_printer_stands(command: str):
+def test_targets_above_the_limits_of_the_printer_are_refused(command: str):
     heater, most_c = ("nozzle", 260) if command in ("M104", "M109") else ("bed", 115)
     assert program(f"{command} S{most_c}\n").heats[0].target_c == most_c
-    with pytest.raises(
-        BadGcode, match=f"{most_c + 0.5} degrees are too many for the {heater}: at most {most_c}"
-    ):
+    with pytest.raises(BadGcode, match=f"{most_c + 0.5} C is too hot for the {heater}: at most {most_c} C"):
         program(f"{command} S{most_c + 0.5}\n")

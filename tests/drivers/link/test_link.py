@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode.frame import checksum, frame
+from drivers.gcode import add_frame, checksum
 from drivers.link import Link, Phase, Report, Trouble, Up, replies
 from drivers.link.link import ASK_S
 from drivers.link.recovery import ASKS, TRIES
@@ -138,7 +138,7 @@ def test_the_folded_checksum_is_the_xor_of_all_bytes(line: bytes):
 
 
 def test_frames_are_those_of_the_notes():
-    assert frame(0, b"M110") == b"N0 M110*35\n"
+    assert add_frame(0, b"M110") == b"N0 M110*35\n"
 
 
 @given(count=st.integers(1, 700), piece=st.sampled_from([1, 2, 7, 10_000]))

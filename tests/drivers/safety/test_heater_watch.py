@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.errors import Fault
-from drivers.gcode.program import HeaterName
+from drivers.gcode import HeaterName
 from drivers.link.replies import Report
 from drivers.safety.heater_watch import RULES, Finding, Watch
 

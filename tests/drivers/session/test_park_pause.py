@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.errors import Fault
-from drivers.gcode.filament_position import Walk
+from drivers.gcode import Moves
 from drivers.messages import Filament, PrintPhase
 from drivers.session.park import PAUSE_LIMIT_S
 from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
@@ -37,7 +37,7 @@ def test_after_a_pause_the_head_is_back_before_the_filament():
     rig = Rig(text=gcode(200)).printing(100)
     rig.session.pause(rig.now_s)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PAUSED and rig.targets()[0] == 0.0)
-    x, y, z, _ = Walk(rig.program, rig.session.context.streamed).at
+    x, y, z, _ = Moves(rig.program, rig.session.context.streamed).at
     rig.session.resume(rig.now_s)
     at = len(rig.sent)
     rig.run(until=lambda: rig.session.context.phase is PrintPhase.PRINTING)
@@ -83,7 +83,7 @@ def test_the_head_leaves_a_part_above_those_that_are_finished(cancel: bool):
 
 def test_a_cancel_at_the_lowest_place_of_the_bed_does_not_drive_it_further():
     rig = Rig()
-    rig.run(until=lambda: rig.session.context.streamed > rig.program.homes + 1)
+    rig.run(until=lambda: rig.session.context.streamed > rig.program.home_line + 1)
     rig.session.cancel("no more", rig.now_s)
     rig.run()
     assert b"G1 F1200 Z0.000" in rig.sent

@@ -8,7 +8,7 @@ import pytest
 from drivers.clock import Clock
 from drivers.emulator.faults import Faults
 from drivers.errors import Fault
-from drivers.gcode.program import Memory
+from drivers.gcode.program import MemoryStore
 from drivers.messages import Filament, PrintPhase
 from drivers.session import Pace
 from print_rig import GCODE, Rig, assert_ended_off, gcode, hopping
@@ -271,7 +271,7 @@ def test_at_the_end_the_filament_is_where_the_file_left_it(end: str, filament: F
 # --- a reset in the middle ---
 
 
-class DyingDisk(Memory):
+class DyingDisk(MemoryStore):
     """Gives its first blocks back, and then none, or others."""
 
     def __init__(self, bad: bytes | None) -> None:
@@ -287,7 +287,7 @@ class DyingDisk(Memory):
         return self._bad
 
 
-@pytest.mark.parametrize(("bad", "says"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "not what it was")])
+@pytest.mark.parametrize(("bad", "says"), [(None, "cannot be read"), (b"G1 X1\n" * 256, "has changed")])
 def test_a_disk_that_dies_in_a_print_ends_it_safely_and_no_line_is_left_out(bad: bytes | None, says: str):
     text = gcode(1500)
     disk = DyingDisk(bad)

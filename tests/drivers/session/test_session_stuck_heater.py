@@ -6,7 +6,7 @@ import pytest
 
 from drivers.emulator.faults import Faults
 from drivers.errors import Fault
-from drivers.gcode.program import HeaterName
+from drivers.gcode import HeaterName
 from drivers.link.replies import Report
 from drivers.messages import Filament, PrintPhase
 from drivers.records.alarm import Suspicion

@@ -5,8 +5,7 @@ import pytest
 import trimesh
 
 from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner
-from drivers.gcode.program import strip
-from drivers.gcode.timeline import Feature
+from drivers.gcode import Feature, read_program
 from drivers.printers import PROFILES
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from slicing.checks import add_times, read_toolpath
@@ -61,7 +60,7 @@ def test_the_times_within_layers_are_those_of_the_firmwares_planner(request_for)
     model = trimesh.boolean.difference([trimesh.creation.box((30, 20, 6)), trimesh.creation.cylinder(6, 20)])
     result = slice_plate(request_for(model))
     with result.gcode.open("rb") as lines:
-        program = strip(lines, ULTIMAKER2_PLUS)
+        program = read_program(lines, ULTIMAKER2_PLUS)
     assert program.time_s == result.sliced_s
     assert program.layers == result.layers
     assert {mark.feature for mark in program.timeline} >= {Feature.SKIRT, Feature.WALL_OUTER, Feature.FILL}

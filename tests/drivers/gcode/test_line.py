@@ -1,11 +1,11 @@
-"""The guard before the wire, against the reader that takes a line apart."""
+"""The fast match of plain moves, compared with the full reader of lines."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode.command import is_everyday, read
+from drivers.gcode.line import is_plain_move, read_command
 
 NUMBERS = st.sampled_from(["", "-", ".", "1", "-2.", "0.5", ".5", "123456", "1234567", "1.2.3", "1e3"])
 WORDS = st.tuples(st.sampled_from(["", " ", "  "]), st.sampled_from("FXYZEGMN"), NUMBERS).map("".join)
@@ -13,22 +13,22 @@ LINES = st.tuples(st.sampled_from(["G0", "G1", "G01", "G92"]), st.lists(WORDS, m
 
 
 @pytest.mark.parametrize("line", [b"G1 X", b"G1 X1 Y", b"G1 F1500 X1 E", b"G1 X1 Y2 E-", b"G1 X1234567"])
-def test_a_letter_without_a_number_is_no_everyday_move(line: bytes) -> None:
+def test_letters_without_a_number_make_no_plain_move(line: bytes) -> None:
     """The firmware takes such a letter for 0."""
-    assert not is_everyday(line)
+    assert not is_plain_move(line)
 
 
 @given(LINES.map("".join).map(str.encode))
-def test_an_everyday_line_is_sent_as_it_stands(line: bytes) -> None:
-    """The reader of single lines, which is slower and stricter, would change nothing of it."""
-    if is_everyday(line):
-        command = read(line, 1, ULTIMAKER2)
+def test_plain_moves_are_sent_unchanged(line: bytes) -> None:
+    """The full reader, slower and stricter, would change nothing."""
+    if is_plain_move(line):
+        command = read_command(line, 1, ULTIMAKER2)
         assert command is not None
         assert command.text == line
         assert None not in command.words.values()
 
 
 @given(st.lists(st.integers(-9999, 9999).map(lambda n: n / 100), min_size=4, max_size=4), st.integers(0, 15))
-def test_a_slicers_move_is_everyday(numbers: list[float], chosen: int) -> None:
+def test_moves_of_slicers_are_plain(numbers: list[float], chosen: int) -> None:
     words = [f" {letter}{number:g}" for letter, number in zip("FXYE", numbers, strict=True)]
-    assert is_everyday(("G1" + "".join(w for n, w in enumerate(words) if chosen >> n & 1)).encode())
+    assert is_plain_move(("G1" + "".join(w for n, w in enumerate(words) if chosen >> n & 1)).encode())

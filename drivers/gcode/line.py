@@ -1,0 +1,151 @@
+"""G-code lines: read as the firmware reads them, rewritten in one form, numbered for the wire. Pure.
+
+The firmware searches a line for its letters wherever they stand, takes the first of two, and a letter without
+a number for 0; it ends a line at ``:``, takes any ``N`` for a line number and any ``*`` for a checksum, and
+cuts lines after 94 characters (docs/explanation/ultimaker2-serial.md, section 1.5). So every line is sent in
+one form: ``G1 F1500 X1 E2``, each letter once, plain decimal numbers. A line that cannot be written so is
+refused with its number.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from drivers.errors import BadGcode
+from drivers.firmware import Firmware
+
+LARGEST_NUMBER = 1e6
+"""Lengths, speeds and temperatures are smaller; commands computed from them still fit a line."""
+
+# Nearly every line of a file goes through it, and an empty branch is faster than "?". No possessive
+# quantifier: before Python 3.11.5 they match wrongly.
+_NUMBER = rb"-?\d{1,6}(?:\.\d*|)"
+_PLAIN_MOVE = re.compile(rb"G[01](?: F%b|)(?: X%b|)(?: Y%b|)(?: E%b|)\Z" % ((_NUMBER,) * 4))
+_CODE = re.compile(rb"([GMT]) *0*(\d{1,6})(?!\d)")
+_WORD = re.compile(rb" *([A-Z])(?: *(-?(?:\d+(?:\.\d*)?|\.\d+)))?")
+_MOVES = frozenset((b"G0", b"G1", b"G2", b"G3", b"G92"))
+_DROPPED = frozenset((b"M105", b"M117", b"M118"))  # the link polls itself; display texts are read as commands
+
+is_plain_move = _PLAIN_MOVE.match
+"""Match a move that is in the one form already and needs no further check."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command of a file.
+
+    Attributes
+    ----------
+    text
+        The command in the one form, without a newline.
+    name
+        ``G1``, without leading zeros.
+    words
+        The number behind each letter; None where none follows.
+    """
+
+    text: bytes
+    name: bytes
+    words: dict[bytes, float | None]
+
+
+def read_command(line: bytes, number: int, firmware: Firmware) -> Command | None:
+    """Read a line without its comment.
+
+    Parameters
+    ----------
+    line
+        Not empty, without blanks around it.
+    number
+        Line number in the file, for the message.
+    firmware
+        The printer's firmware.
+
+    Returns
+    -------
+    Command or None
+        None where a print does not need the command.
+
+    Raises
+    ------
+    BadGcode
+        The firmware would misread the line, or the command is forbidden.
+    """
+    code = _CODE.match(line)
+    name = code[1] + code[2] if code is not None else b""
+    if name in _DROPPED:
+        return None
+    if len(line) > firmware.command_bytes:
+        raise line_too_long(line, number, firmware.command_bytes)
+    if not (line.isascii() and line.decode("ascii").isprintable()):
+        raise BadGcode(f"line {number}: not plain text: is this a G-code file?")
+    for letter in b":N*":
+        if letter in line:
+            raise BadGcode(
+                f"line {number}: the printer misreads a {chr(letter)!r}: remove it from {quote(line)}"
+            )
+    if code is None:
+        raise BadGcode(f"line {number}: no command that the printer knows: {quote(line)}")
+    if (reason := firmware.forbidden.get(name)) is not None:
+        raise BadGcode(f"line {number}: {name.decode()} {reason}: remove it")
+    tail = line[code.end() :]
+    pairs = _WORD.findall(tail)
+    words = {letter: read_number(digits, number) if digits else None for letter, digits in pairs}
+    if _WORD.sub(b"", tail).strip() or len(words) < len(pairs) or words.keys() & {b"G", b"M"}:
+        raise BadGcode(f"line {number}: cannot be read: {quote(line)}; write it like G1 F1500 X1.5 E2")
+    if name in _MOVES and None in words.values():
+        raise BadGcode(f"line {number}: a letter without a number in {quote(line)}")
+    text = b" ".join((name, *(letter + digits for letter, digits in pairs)))
+    if len(text) > firmware.command_bytes:
+        raise line_too_long(text, number, firmware.command_bytes)
+    return Command(text, name, words)
+
+
+def read_number(text: bytes, line_number: int, limit: float = LARGEST_NUMBER) -> float:
+    """Read a number of a line.
+
+    Raises
+    ------
+    BadGcode
+        It is no number, or its absolute value reaches `limit`.
+    """
+    try:
+        found = float(text)
+    except ValueError:
+        found = math.nan
+    if not abs(found) < limit:
+        raise BadGcode(f"line {line_number}: {quote(text)} is no number, or too large")
+    return found
+
+
+def line_too_long(line: bytes, number: int, limit_bytes: int) -> BadGcode:
+    """Make the error for a line that the firmware would cut."""
+    return BadGcode(f"line {number}: {len(line)} characters, and the printer takes {limit_bytes}: shorten it")
+
+
+def quote(text: bytes) -> str:
+    """Quote the beginning of a line for a message."""
+    return repr(text[:40].decode("ascii", "replace"))
+
+
+# --- the wire ---
+
+
+def checksum(line: bytes) -> int:
+    """Compute the XOR of at most 128 bytes, by folding one long number onto itself."""
+    n = int.from_bytes(line, "little")
+    n ^= n >> 512
+    n ^= n >> 256
+    n ^= n >> 128
+    n ^= n >> 64
+    n ^= n >> 32
+    n ^= n >> 16
+    return (n ^ n >> 8) & 0xFF
+
+
+def add_frame(number: int, command: bytes) -> bytes:
+    """Add line number, checksum and newline to a command."""
+    line = b"N%d %b" % (number, command)
+    return b"%b*%d\n" % (line, checksum(line))
