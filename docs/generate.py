@@ -36,7 +36,7 @@ SHARED_OPTIONS = ("--state", "--socket", "--fleet")
 SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm status --json", api.Status),
     ("farm status JOB --json and farm submit --json", api.JobStatus),
-    ("farm submit --dry-run --json", api.Night),
+    ("farm submit --dry-run --json", api.Timeline),
     ("farm history --json", api.History),
     ("One printer of farm estop --json", Said),
 )

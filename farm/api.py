@@ -327,7 +327,7 @@ class SlotView(_View):
     price: float | None
 
 
-class Night(_View):
+class Timeline(_View):
     """When and where a planned job prints."""
 
     model_config = ConfigDict(populate_by_name=True)

@@ -58,7 +58,7 @@ from farm.state.reels import fleet_with_reels
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
 from farm.state.validate import validate
-from farm.views.context import ViewContext
+from farm.views import ViewContext
 
 log = logging.getLogger(__name__)
 

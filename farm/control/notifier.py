@@ -14,7 +14,7 @@ from pydantic import SecretStr
 
 from farm.errors import FleetFileError
 from farm.state.books import Books
-from farm.views.notices import list_due_notices
+from farm.views import list_due_notices
 
 log = logging.getLogger(__name__)
 

@@ -14,8 +14,7 @@ from farm.control.part_commands import PartCommands
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
 from farm.http.uploads import LARGEST_MODEL_BYTES, display_name, parse_options, receive_model
-from farm.views.job_night import describe_job_night
-from farm.views.jobs import describe_job
+from farm.views import describe_job, describe_timeline
 
 
 def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
@@ -30,10 +29,10 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
             daemon=services.daemon_view(context), job=describe_job(context, controller.books.job(number))
         )
 
-    @router.get("/jobs/{number}/night")
-    async def night(number: int) -> api.Night:
+    @router.get("/jobs/{number}/timeline")
+    async def timeline(number: int) -> api.Timeline:
         context = controller.build_view_context(services.state)
-        return describe_job_night(context, number, controller.fleet_printers(), controller.rules)
+        return describe_timeline(context, number, controller.fleet_printers(), controller.rules)
 
     @router.post("/jobs")
     async def submit(

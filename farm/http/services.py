@@ -13,7 +13,7 @@ from farm.compute.worker_pool import Workers
 from farm.control.controller import Controller
 from farm.errors import Refused
 from farm.paths import StateFolder
-from farm.views.context import ViewContext
+from farm.views import ViewContext
 
 
 async def refuse_replacing(name: str) -> None:

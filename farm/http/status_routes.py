@@ -10,10 +10,14 @@ from farm import api
 from farm.errors import Refused
 from farm.http.callers import OperatorName
 from farm.http.services import Services
-from farm.views.history import describe_night, list_history, select_shown_jobs
-from farm.views.jobs import describe_job
-from farm.views.printers import describe_printer
-from farm.views.tasks import list_tasks
+from farm.views import (
+    describe_job,
+    describe_night,
+    describe_printer,
+    list_history,
+    list_tasks,
+    select_shown_jobs,
+)
 
 
 def status_routes(services: Services) -> APIRouter:

@@ -1,0 +1,27 @@
+"""Views of the state for people: jobs, printers, tasks, history, notices. Pure.
+
+`farm.views.report`, the report of a job, is imported by itself, as its templates are slow to load.
+"""
+
+from __future__ import annotations
+
+from farm.views.context import ViewContext
+from farm.views.history import describe_night, list_history, select_shown_jobs
+from farm.views.jobs import describe_job
+from farm.views.notices import Notice, list_due_notices
+from farm.views.printers import describe_printer
+from farm.views.tasks import list_tasks
+from farm.views.timeline import describe_timeline
+
+__all__ = [
+    "Notice",
+    "ViewContext",
+    "describe_job",
+    "describe_night",
+    "describe_printer",
+    "describe_timeline",
+    "list_due_notices",
+    "list_history",
+    "list_tasks",
+    "select_shown_jobs",
+]

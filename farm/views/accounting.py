@@ -10,14 +10,14 @@ from farm.state.books import Books
 from farm.state.plate_state import PlateState
 
 NIGHT_S = 16 * 3600.0
-"""How far back a person looks in the morning: to the afternoon before."""
+"""Length of the last night as people see it: in the morning it begins in the afternoon before."""
 
 
 @dataclass(frozen=True, slots=True)
 class JobSummary:
-    """Time and plastic of the prints of a job."""
+    """Plates, time and filament of a job."""
 
-    printed: int = 0  # plates, a person's verdict or not
+    printed: int = 0  # plates, with or without a verdict
     good: int = 0
     wasted_s: float = 0.0
     wasted_grams: float = 0.0
@@ -25,7 +25,7 @@ class JobSummary:
 
 @dataclass(frozen=True, slots=True)
 class NightSummary:
-    """What was printed since a moment."""
+    """Plates and filament of the prints since a moment."""
 
     since_s: float
     printed: int = 0  # plates
@@ -48,31 +48,31 @@ def duration_s(attempt: Print) -> float:
 
 
 def is_wasted(attempt: Print) -> bool:
-    """Whether an ended print failed, was cancelled, or is bad."""
+    """Tell whether a print failed, was cancelled, or is bad."""
     return attempt.state.ended and (attempt.state is not PrintState.DONE or attempt.verdict is Verdict.BAD)
 
 
 def summarise_job(books: Books, job: Job) -> JobSummary:
-    """Count the plates of a job, and add up what was wasted."""
-    stand = [books.plate_state(plate) for plate in books.plates_of(job)]
+    """Count the plates of a job, and add up the time and filament wasted."""
+    states = [books.plate_state(plate) for plate in books.plates_of(job)]
     waste = [
         (duration_s(attempt), attempt.grams) for attempt in books.prints_of_job(job) if is_wasted(attempt)
     ]
     return JobSummary(
-        printed=stand.count(PlateState.PRINTED) + stand.count(PlateState.GOOD),
-        good=stand.count(PlateState.GOOD),
+        printed=states.count(PlateState.PRINTED) + states.count(PlateState.GOOD),
+        good=states.count(PlateState.GOOD),
         wasted_s=sum(s for s, _ in waste),
         wasted_grams=sum(grams for _, grams in waste),
     )
 
 
 def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> NightSummary | None:
-    """Count what was printed since the afternoon before; None where nothing ended since.
+    """Count the prints of the last night; None where none ended in it.
 
     Parameters
     ----------
     recent
-        The prints that ended in that time, and maybe older ones.
+        Prints, among them all that ended in that time.
     """
     since_s = now_s - NIGHT_S
     ended = [p for p in recent if p.ended_s is not None and p.ended_s >= since_s and p.started_s is not None]
@@ -80,7 +80,7 @@ def summarise_night(books: Books, recent: Iterable[Print], now_s: float) -> Nigh
         return None
     done = {p.plate for p in ended if not is_wasted(p)}
     failed = {p.plate for p in ended if p.state is PrintState.FAILED} - done
-    failed = {name for name in failed if not books.plates[name].replaced_by}  # those are what waits now
+    failed = {name for name in failed if not books.plates[name].replaced_by}  # their pieces wait now
     printing = {p.plate for p in books.open_prints()} - done
     waiting = {plate.id for plate in books.waiting_plates()} - done - failed
     grams = [(is_wasted(p), p.grams) for p in ended]

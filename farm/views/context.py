@@ -21,20 +21,20 @@ class ViewContext:
     snapshots: Mapping[str, AgentSnapshot]
     state: StateFolder
     now_s: float
-    ends_s: Mapping[str, float] = field(default_factory=dict)  # of waiting plates, as far as it is foreseen
+    ends_s: Mapping[str, float] = field(default_factory=dict)  # forecast ends of waiting plates
     startup_over: bool = True  # the farm has been up long enough for every printer to have connected
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
-    warning: str | None = None  # what is wrong with the farm itself
-    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # with their sentences as they are now
+    warning: str | None = None  # a problem of the farm as a whole
+    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # the latest sentences
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
 
     def plate_hold(self, plate: Plate) -> Hold | None:
-        """Return why a plate waits: the books have the reason, the scheduler its latest sentence."""
+        """Return why a plate waits: the reason is the books', its sentence the scheduler's latest."""
         latest = self.plate_holds.get(plate.id)
         return latest if latest is not None and latest.same_reason(plate.hold) else plate.hold
 
     def job_hold(self, job: Job) -> Hold | None:
-        """Return why a job waits, likewise."""
+        """Return why a job waits: the reason is the books', its sentence the scheduler's latest."""
         latest = self.job_holds.get(job.id)
         return latest if latest is not None and latest.same_reason(job.hold) else job.hold
 
@@ -50,17 +50,17 @@ class ViewContext:
 
     def reported_print(self, attempt: Print) -> AgentPrint | None:
         """Return the report of the printer's agent on a print, if it has one."""
-        said = self.snapshot(attempt.printer).print
-        return said if said is not None and said.print_id == attempt.id else None
+        reported = self.snapshot(attempt.printer).print
+        return reported if reported is not None and reported.print_id == attempt.id else None
 
     def remaining_s(self, attempt: Print) -> float:
-        """Estimate the rest of an open print in seconds.
+        """Estimate the remaining time of an open print, in seconds.
 
-        By the timeline once it prints (heat-up is over then), by the expected time before.
+        While it heats, from its expected time; once it prints, from its position in the timeline.
         """
         plate = self.books.plates[attempt.plate]
         factor = self.books.printer(attempt.printer).time_factor
-        said = self.reported_print(attempt)
-        if said is not None and said.progress_s > 0:
-            return max(0.0, plate.sliced_s - said.progress_s) * factor
+        reported = self.reported_print(attempt)
+        if reported is not None and reported.progress_s > 0:
+            return max(0.0, plate.sliced_s - reported.progress_s) * factor
         return max(0.0, plate.expected_on(factor) - (self.now_s - (attempt.started_s or self.now_s)))

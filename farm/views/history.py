@@ -10,37 +10,39 @@ from farm.views.context import ViewContext
 from farm.views.jobs import describe_print
 
 ENDED_SHOWN = 10
-"""Jobs that are over: `farm history` has their prints."""
+"""Number of ended jobs on the status page; `farm history` has the prints of all."""
 
 
 def select_shown_jobs(books: Books) -> list[Job]:
-    """Select the jobs that go on or wait for a verdict, and the last of the others, in order of submission.
+    """Select the jobs of the status page, in order of submission: all open ones, and the last that ended.
 
-    Dry runs that have ended are left out.
+    A printed job is open until all its parts have a verdict. Dry runs that have ended are left out.
     """
-    going: list[Job] = []
-    over: list[Job] = []
+    unfinished: list[Job] = []
+    ended: list[Job] = []
     for job in books.jobs.values():
         if job.options.dry_run and job.state.ended:
             continue
-        (over if job.state.ended and job.state is not JobState.PRINTED else going).append(job)
-    return sorted([*going, *sorted(over, key=lambda job: job.id)[-ENDED_SHOWN:]], key=lambda job: job.id)
+        (ended if job.state.ended and job.state is not JobState.PRINTED else unfinished).append(job)
+    return sorted(
+        [*unfinished, *sorted(ended, key=lambda job: job.id)[-ENDED_SHOWN:]], key=lambda job: job.id
+    )
 
 
 def describe_night(context: ViewContext) -> api.NightView | None:
-    """Describe what was printed since the afternoon before."""
-    came = summarise_night(context.books, context.books.prints.values(), context.now_s)
-    if came is None:
+    """Describe the last night; None where no print ended in it."""
+    night = summarise_night(context.books, context.books.prints.values(), context.now_s)
+    if night is None:
         return None
     return api.NightView(
-        since=context.format_time(came.since_s) or "",
-        plates=came.plates,
-        printed=came.printed,
-        failed=came.failed,
-        printing=came.printing,
-        waiting=came.waiting,
-        grams=came.grams,
-        wasted_grams=came.wasted_grams,
+        since=context.format_time(night.since_s) or "",
+        plates=night.plates,
+        printed=night.printed,
+        failed=night.failed,
+        printing=night.printing,
+        waiting=night.waiting,
+        grams=night.grams,
+        wasted_grams=night.wasted_grams,
     )
 
 

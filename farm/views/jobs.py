@@ -1,6 +1,9 @@
-"""Jobs, their parts, plates and prints as people see them. Pure."""
+"""Views of jobs, with their parts, plates and prints. Pure."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 from farm import api
 from farm.errors import EXIT_CODES, ExitCode
@@ -10,7 +13,7 @@ from farm.state.plate_state import PlateState
 from farm.views.accounting import duration_s, summarise_job
 from farm.views.context import ViewContext
 
-_PASSING_HOLDS = {
+_TEMPORARY_HOLDS = {
     HoldCode.NOT_FRONT, HoldCode.PRINTER_BUSY, HoldCode.ALL_ITS_PRINTERS_BUSY, HoldCode.PRINTER_CONNECTING,
     HoldCode.START_TIME, HoldCode.QUIET_HOURS, HoldCode.UNATTENDED, HoldCode.HEATING_LIMIT,
     HoldCode.KEPT_AS_SPARE, HoldCode.JUST_LOST, HoldCode.CUT_AGAIN,
@@ -18,24 +21,12 @@ _PASSING_HOLDS = {
 
 
 def describe_job(context: ViewContext, job: Job) -> api.JobView:
-    """Everything about a job."""
+    """Describe a job with its parts, plates and prints."""
     books = context.books
     plates = list(books.plates_of(job))
     prints = books.prints_of_job(job)
-    account = summarise_job(books, job)
-    elapsed_s = _elapsed_s(job, prints, context.now_s)
-    remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(context, plates)
-    ended = job.state in (JobState.PRINTED, JobState.DONE)
-    makespan_s = None
-    if ended or not job.state.ended:  # a job that failed or was cancelled was no quicker for it
-        makespan_s = elapsed_s if ended or elapsed_s is None else elapsed_s + (remaining_s or 0.0)
-        makespan_s = makespan_s or job.expected_s
-    busy_s = sum(_busy_s(context, plate) for plate in plates)
-    reached_s = sum(map(duration_s, prints))
-    used = {attempt.printer for attempt in prints} | {p.printer for p in plates if not p.prints}
-    exit_code = EXIT_CODES[job.error] if job.error else ExitCode.DONE
-    if job.state is JobState.FAILED and job.planned_s is not None:
-        exit_code = ExitCode.JOB_FAILED
+    summary = summarise_job(books, job)
+    times = _measure_times(context, job, plates, prints)
     return api.JobView(
         id=job.id,
         name=job.name,
@@ -43,7 +34,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         error=job.error,
         reason=job.reason,
         paused=job.paused,
-        exit_code=int(exit_code),
+        exit_code=int(_exit_code(job)),
         hold=context.job_hold(job),
         progress=context.progress.get(job.id) if job.state is JobState.PLANNING else None,
         submitted=context.format_time(job.submitted_s) or "",
@@ -57,28 +48,86 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         starts=context.format_time(job.not_before_s),
         estimated_s=job.expected_s,
         lower_bound_s=job.lower_bound_s,
-        eta=context.format_time(job.ended_s if ended else _eta_s(context, job, remaining_s)),
-        elapsed_s=elapsed_s,
+        eta=context.format_time(times.end_s),
+        elapsed_s=times.elapsed_s,
         serial_s=job.serial_s,
-        speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
-        utilisation=busy_s / (len(used) * makespan_s) if used and makespan_s else None,
-        printed=account.printed,
-        good=account.good,
-        current_s=makespan_s,
-        wasted_s=account.wasted_s,
-        wasted_grams=account.wasted_grams,
+        speedup=times.speedup,
+        utilisation=times.utilisation,
+        printed=summary.printed,
+        good=summary.good,
+        current_s=times.makespan_s,
+        wasted_s=summary.wasted_s,
+        wasted_grams=summary.wasted_grams,
         grams=sum(plate.grams for plate in plates) if plates else None,
         filament_mm=sum(plate.filament_mm for plate in plates) if plates else None,
-        price=_price(plates),
+        price=sum_prices(plates),
         currency=context.fleet.fleet.currency,
-        starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
+        starved_share=times.starved_share,
         folder=str(context.state.job(job.id)) if job.plates else None,
         waits_for_person=_waits_for_person(books, job, plates),
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _JobTimes:
+    """Times of a job, in seconds; None where they are not known.
+
+    Attributes
+    ----------
+    elapsed_s
+        Parallel printing time so far, or reached.
+    makespan_s
+        Parallel printing time: reached, or expected from what is known now.
+    end_s
+        Moment at which it ended, or is expected to.
+    speedup
+        Time on a single large printer over the makespan.
+    utilisation
+        Share of the makespan that the used printers print.
+    starved_share
+        Share of the printing time that simulated printers waited for the host.
+    """
+
+    elapsed_s: float | None
+    makespan_s: float | None
+    end_s: float | None
+    speedup: float | None
+    utilisation: float | None
+    starved_share: float | None
+
+
+def _measure_times(context: ViewContext, job: Job, plates: list[Plate], prints: list[Print]) -> _JobTimes:
+    printed = job.state in (JobState.PRINTED, JobState.DONE)
+    elapsed_s = _elapsed_s(job, prints, context.now_s)
+    remaining_s = None if job.state is not JobState.PRINTING else _remaining_s(context, plates)
+    makespan_s, end_s = None, job.ended_s if printed else None
+    if printed:
+        makespan_s = elapsed_s or job.expected_s
+    elif not job.state.ended:  # the time of a failed or cancelled job says nothing
+        makespan_s = job.expected_s if elapsed_s is None else elapsed_s + (remaining_s or 0.0)
+        makespan_s = makespan_s or job.expected_s
+        end_s = None if remaining_s is None else context.now_s + remaining_s
+    busy_s = sum(_busy_s(context, plate) for plate in plates)
+    reached_s = sum(map(duration_s, prints))
+    used = {attempt.printer for attempt in prints} | {p.printer for p in plates if not p.prints}
+    return _JobTimes(
+        elapsed_s=elapsed_s,
+        makespan_s=makespan_s,
+        end_s=end_s,
+        speedup=job.serial_s / makespan_s if job.serial_s and makespan_s else None,
+        utilisation=busy_s / (len(used) * makespan_s) if used and makespan_s else None,
+        starved_share=sum(p.starved_s for p in prints) / reached_s if reached_s else None,
+    )
+
+
+def _exit_code(job: Job) -> ExitCode:
+    if job.state is JobState.FAILED and job.planned_s is not None:
+        return ExitCode.JOB_FAILED
+    return EXIT_CODES[job.error] if job.error else ExitCode.DONE
+
+
 def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
-    """Parallel printing time: from the first print command to the end of the last part."""
+    """Return the time from the first print command to the end of the last part, or to now."""
     started = [p.started_s for p in prints if p.started_s is not None]
     if not started:
         return None
@@ -86,45 +135,45 @@ def _elapsed_s(job: Job, prints: list[Print], now_s: float) -> float | None:
 
 
 def _remaining_s(context: ViewContext, plates: list[Plate]) -> float:
-    """Until the last plate ends; of what waits as it is foreseen, else as if it started now. At least 0."""
+    """Estimate the time to the end of the last plate, at least 0.
+
+    A waiting plate ends when the forecast says, or as if it started now where there is no forecast.
+    """
     return max((_plate_remaining_s(context, plate) for plate in plates), default=0.0)
 
 
 def _plate_remaining_s(context: ViewContext, plate: Plate) -> float:
-    stands = context.books.plate_state(plate)
-    if stands is PlateState.WAITING:
+    state = context.books.plate_state(plate)
+    if state is PlateState.WAITING:
         return max(0.0, context.ends_s.get(plate.id, context.now_s + plate.expected_s) - context.now_s)
-    if stands is not PlateState.PRINTING:
+    if state is not PlateState.PRINTING:
         return 0.0
-    attempt = _last(context.books, plate)
+    attempt = _last_print(context.books, plate)
     return plate.expected_s if attempt.started_s is None else context.remaining_s(attempt)
 
 
-def _eta_s(context: ViewContext, job: Job, remaining_s: float | None) -> float | None:
-    return None if remaining_s is None or job.state is not JobState.PRINTING else context.now_s + remaining_s
-
-
 def _busy_s(context: ViewContext, plate: Plate) -> float:
-    """Printing time of a plate: reached where it is done, as estimated otherwise."""
+    """Return the printing time of a plate: reached where it is done, expected otherwise."""
     if plate.prints:
-        attempt = _last(context.books, plate)
+        attempt = _last_print(context.books, plate)
         if attempt.state is PrintState.DONE and attempt.started_s is not None and attempt.ended_s is not None:
             return attempt.ended_s - attempt.started_s
     return plate.expected_s
 
 
-def _price(plates: list[Plate]) -> float | None:
-    """Of all plates; None where one of them has none."""
-    prices = [plate.price for plate in plates if plate.price is not None]
-    return sum(prices) if plates and len(prices) == len(plates) else None
+def sum_prices(plates: Iterable[Plate]) -> float | None:
+    """Add up the prices of plates; None where one of them has none."""
+    prices = [plate.price for plate in plates]
+    known = [price for price in prices if price is not None]
+    return sum(known) if prices and len(known) == len(prices) else None
 
 
-def _last(books: Books, plate: Plate) -> Print:
+def _last_print(books: Books, plate: Plate) -> Print:
     return books.prints[plate.prints[-1]]
 
 
 def _waits_for_person(books: Books, job: Job, plates: list[Plate]) -> bool:
-    """Whether nothing will go on with this job before a person does something."""
+    """Tell whether a job waits for a person: nothing of it will go on before."""
     if job.state is JobState.HELD:
         return True
     if job.state is JobState.QUEUED:
@@ -135,7 +184,7 @@ def _waits_for_person(books: Books, job: Job, plates: list[Plate]) -> bool:
         printing = any(True for _ in books.open_prints(job.id))
     else:
         return False
-    return not printing and any(hold is not None and hold.code not in _PASSING_HOLDS for hold in waiting)
+    return not printing and any(hold is not None and hold.code not in _TEMPORARY_HOLDS for hold in waiting)
 
 
 def _part_view(context: ViewContext, name: str) -> api.PartView:
@@ -152,7 +201,7 @@ def _part_view(context: ViewContext, name: str) -> api.PartView:
 
 
 def describe_print(context: ViewContext, attempt: Print) -> api.PrintView:
-    """One attempt, its moments in the fleet's zone."""
+    """Describe one attempt to print a plate."""
     return api.PrintView(
         part=context.books.plates[attempt.plate].parts[0],
         printer=attempt.printer,
@@ -167,13 +216,15 @@ def describe_print(context: ViewContext, attempt: Print) -> api.PrintView:
 
 
 def _verdict(books: Books, plate: Plate) -> Verdict | None:
-    """A person's word on the last print that was done."""
+    """Return a person's verdict on the last print that was done."""
     done = [attempt for attempt in books.prints_of(plate) if attempt.state is PrintState.DONE]
     return done[-1].verdict if done else None
 
 
 def _plate_view(context: ViewContext, plate: Plate) -> api.PlateStatus:
-    own = [p for p in context.books.prints_of(plate) if p.plate == plate.id]  # not of what it was made of
+    own = [
+        p for p in context.books.prints_of(plate) if p.plate == plate.id
+    ]  # not of the part it was cut from
     return api.PlateStatus(
         id=plate.id,
         parts=list(plate.parts),

@@ -1,6 +1,6 @@
-"""What a person wants to be told who is not there, read off the books. Pure.
+"""Notices for people who are not there, derived from the books. Pure.
 
-A notice has a key that never comes back for anything else, so that whoever keeps the keys tells each once.
+The key of a notice is never used for another one: whoever keeps the keys sends each notice once.
 """
 
 from __future__ import annotations
@@ -18,18 +18,25 @@ _LEFT_TO_DO = (JobState.QUEUED, JobState.PLANNING, JobState.HELD, JobState.PRINT
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One sentence, and when it became true."""
+    """One sentence, and the moment at which it became true."""
 
     key: str
     at_s: float
     text: str
-    urgent: bool = False  # told at once
+    urgent: bool = False  # sent at once
 
 
-def list_due_notices(books: Books, now_s: float, since_s: float, told: Collection[str]) -> list[Notice]:
-    """What is to be told now, oldest first: what has happened since and was not told.
+def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collection[str]) -> list[Notice]:
+    """List the notices to send now, oldest first.
 
-    What is lost is told a moment later: what went with it may make it an outage, which is told once.
+    A lost printer waits for a moment: with others it may become an outage, which is one notice.
+
+    Parameters
+    ----------
+    since_s
+        Only what happened from this moment on.
+    sent
+        Keys of the notices that were sent.
     """
     found = [
         *_alarms(books),
@@ -39,9 +46,9 @@ def list_due_notices(books: Books, now_s: float, since_s: float, told: Collectio
         *_restored(books),
         *_nothing_left(books),
     ]
-    wait_s = books.outage_window_s  # from the moment on, also where the clock was set back after it
-    ripe = (n for n in found if n.urgent or abs(now_s - n.at_s) >= wait_s)
-    new = (n for n in ripe if since_s <= n.at_s and n.key not in told)
+    wait_s = books.outage_window_s  # in both directions: the clock may have been set back
+    due = (n for n in found if n.urgent or abs(now_s - n.at_s) >= wait_s)
+    new = (n for n in due if since_s <= n.at_s and n.key not in sent)
     return sorted(new, key=lambda one: (one.at_s, one.key))
 
 
@@ -114,7 +121,7 @@ def _nothing_left(books: Books) -> Iterator[Notice]:
 
 
 def _in_outage(books: Books, printer: str, at_s: float) -> bool:
-    """Whether that is part of an outage, which is told for all of its printers."""
+    """Tell whether a loss is part of an outage, which is one notice for all of its printers."""
     return any(
         printer in outage.printers
         and at_s >= outage.at_s - books.outage_window_s

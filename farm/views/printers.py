@@ -1,4 +1,4 @@
-"""Printers as people see them. Pure."""
+"""Views of printers. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from farm.views.context import ViewContext
 
 
 def describe_printer(context: ViewContext, section: PrinterSection, hold: Hold | None) -> api.PrinterView:
-    """Everything about a printer; `hold` is what keeps it from a plate, if anything."""
+    """Describe a printer; `hold` says why it takes no plate now."""
     entry = context.books.printer(section.name)
     snapshot = context.snapshot(section.name)
     attempt = context.books.open_print_on(section.name)
@@ -53,7 +53,6 @@ def _last_print(context: ViewContext, printer: str) -> api.LastPrint | None:
 
 
 def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
-    """What is on it; how much of it, where somebody said so."""
     return api.Reel(
         material=section.material,
         colour=section.colour,
@@ -65,18 +64,18 @@ def _reel(section: PrinterSection, entry: Printer) -> api.Reel:
 def _progress(context: ViewContext, attempt: Print) -> api.PrintProgress:
     plate = context.books.plates[attempt.plate]
     remaining_s = context.remaining_s(attempt)
-    said = context.reported_print(attempt)
+    reported = context.reported_print(attempt)
     return api.PrintProgress(
         job=attempt.job,
         plate=attempt.plate,
         state=attempt.state,
         progress=min(1.0, max(0.0, 1 - remaining_s / plate.expected_s)),
         remaining_s=remaining_s,
-        layer=said.layer if said else None,
+        layer=reported.layer if reported else None,
         layers=plate.layers,
-        z_mm=said.z_mm if said else None,
-        feature=said.feature if said else None,
-        pause_ends=context.format_time(said.pause_ends_s if said else None),
+        z_mm=reported.z_mm if reported else None,
+        feature=reported.feature if reported else None,
+        pause_ends=context.format_time(reported.pause_ends_s if reported else None),
     )
 
 

@@ -2,74 +2,126 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+import math
+from collections.abc import Iterator
+from datetime import datetime, tzinfo
 
 from farm import api
-from farm.model import AgentSnapshot, Bed, Link, PlanStep, Printer
+from farm.config import PrinterSection
+from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, Link, Outage, PlanStep, Print, PrintState
+from farm.state.books import Books
+from farm.state.plate_state import stopped_print
 from farm.state.salvaged_parts import part_name, possibly_whole_print
+from farm.text import format_count, format_mass
 from farm.views.context import ViewContext
-from farm.views.deadlines import list_deadlines
-from farm.views.operator_requests import list_requests
+
+_ORDER = {
+    "alarm": 0,
+    "farm": 1,
+    "outage": 2,
+    "replace": 2,
+    "look": 2,
+    "connect": 3,
+    "resume": 4,
+    "hours": 4,
+    "clear": 5,
+}
+"""Rank of each code: the most urgent first, those of one rank in the order of the fleet."""
 
 
 def list_tasks(context: ViewContext) -> list[api.Todo]:
     """List what a person has to do now, most urgent first; each printer appears once."""
-    alarms, looks, absent, full, ending = [], [], [], [], []
     outage = context.books.outage
+    lost = () if outage is None else outage.printers
+    tasks = list(_list_farm_tasks(context))
     if outage is not None:
-        names = " ".join(outage.printers)
-        text = (
-            f"{names} were lost at the same time (power, USB hub or host?): inspect them, then `farm resume`"
-        )
-        text += "".join(_ask_whole(context, name) for name in outage.printers)
-        looks.append(api.Todo(code="outage", printers=list(outage.printers), text=text))
+        tasks.append(_describe_outage(context, outage))
+    occupied = []
     for section in context.fleet.printers:
-        entry, snapshot = context.books.printer(section.name), context.snapshot(section.name)
-        attempt = context.books.open_print_on(section.name)
-        away = snapshot.link is Link.ABSENT or (
-            snapshot.link in (Link.STARTING, Link.CONNECTING) and context.startup_over
-        )
-        if snapshot.alarm is not None:
-            state = attempt.state if attempt is not None else snapshot.link
-            text = f"go to {section.name} now: {snapshot.alarm} ({state}{_heat(snapshot)})"
-            alarms.append(api.Todo(code="alarm", printers=[section.name], text=text))
-            continue
-        if entry.maintenance is not None and attempt is None:
-            continue  # a person has it in hand
-        if outage is not None and section.name in outage.printers:
-            continue  # told once, for all of them
-        why = entry.attention_reason or (snapshot.reason if snapshot.link is Link.FAULT else None)
-        if section.enabled and away:
-            also = f"; and inspect it: {entry.attention_reason}" if entry.attention_reason else ""
-            if entry.unreported_since_s is not None:
-                also += "; what it printed since the backup of the database is unknown"
-            what = f"{section.name}: {snapshot.reason or 'no answer'}"
-            text = f"connect {what}{also}"
-            absent.append(api.Todo(code="connect", printers=[section.name], text=text, brief=what))
-        elif snapshot.outdated and entry.attention_reason is None:
-            what = f"{section.name} {snapshot.reason}"
-            looks.append(api.Todo(code="replace", printers=[section.name], text=what, brief=what))
-        elif why:
-            ask = _ask_whole(context, section.name)
-            what = f"{section.name} {why}{_when(context, entry)}{ask}"
-            text = f"inspect {section.name}: {why}; then `farm cleared {section.name}`{ask}"
-            looks.append(api.Todo(code="look", printers=[section.name], text=text, brief=what))
-        elif attempt is not None:
-            left_s, zone = context.remaining_s(attempt), context.fleet.zone
-            ending += list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)
-        elif entry.bed is not Bed.CLEAR:
-            full.append(section.name)
-    clear = []
-    if full:
-        beds = "1 bed" if len(full) == 1 else f"{len(full)} beds"
-        text = f"clear {beds}: {' '.join(full)}, then `farm cleared PRINTER`"
-        clear = [api.Todo(code="clear", printers=full, text=text)]
-    own = [api.Todo(code="farm", printers=[], text=text) for text in _troubles(context)]
-    return [*alarms, *own, *looks, *absent, *ending, *clear, *list_requests(context.books)]
+        found = list(_list_printer_tasks(context, section, section.name in lost))
+        tasks += found
+        if not found and _needs_clearing(context, section.name) and section.name not in lost:
+            occupied.append(section.name)
+    if occupied:
+        beds = format_count(len(occupied), "bed")
+        text = f"clear {beds}: {' '.join(occupied)}, then `farm cleared PRINTER`"
+        tasks.append(api.Todo(code="clear", printers=occupied, text=text))
+    return [*sorted(tasks, key=lambda task: _ORDER[task.code]), *list_requests(context.books)]
+
+
+def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
+    """List problems of the farm as a whole."""
+    if context.warning:
+        yield api.Todo(code="farm", printers=[], text=context.warning)
+    for number, progress in context.progress.items():
+        if progress.step is PlanStep.NO_ROOM:
+            text = f"free space on the disk of {context.state.root}: job {number} waits for it"
+            yield api.Todo(code="farm", printers=[], text=text)
+
+
+def _describe_outage(context: ViewContext, outage: Outage) -> api.Todo:
+    text = (
+        f"{' '.join(outage.printers)} were lost at the same time (power, USB hub or host?): inspect them, "
+        "then `farm resume`"
+    )
+    text += "".join(_ask_whole(context, name) for name in outage.printers)
+    return api.Todo(code="outage", printers=list(outage.printers), text=text)
+
+
+def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: bool) -> Iterator[api.Todo]:
+    """List what one printer needs; a bed to clear aside, which is listed with the others.
+
+    Parameters
+    ----------
+    lost
+        It is part of an outage, which is one task for all of its printers.
+    """
+    name = section.name
+    entry, snapshot = context.books.printer(name), context.snapshot(name)
+    attempt = context.books.open_print_on(name)
+    if snapshot.alarm is not None:
+        state = attempt.state if attempt is not None else snapshot.link
+        text = f"go to {name} now: {snapshot.alarm} ({state}{_format_heat(snapshot)})"
+        yield api.Todo(code="alarm", printers=[name], text=text)
+        return
+    if lost or (entry.maintenance is not None and attempt is None):
+        return
+    attention = entry.attention_reason
+    reason = attention or (snapshot.reason if snapshot.link is Link.FAULT else None)
+    if section.enabled and _is_absent(context, snapshot):
+        also = f"; and inspect it: {attention}" if attention else ""
+        if entry.unreported_since_s is not None:
+            also += "; what it printed since the backup of the database is unknown"
+        what = f"{name}: {snapshot.reason or 'no answer'}"
+        yield api.Todo(code="connect", printers=[name], text=f"connect {what}{also}", brief=what)
+    elif snapshot.outdated and attention is None:
+        what = f"{name} {snapshot.reason}"
+        yield api.Todo(code="replace", printers=[name], text=what, brief=what)
+    elif reason:
+        ask = _ask_whole(context, name)
+        since = ""
+        if attention is not None and entry.attention_since_s is not None:
+            since = f" {datetime.fromtimestamp(entry.attention_since_s, context.fleet.zone):%H:%M}"
+        text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
+        yield api.Todo(code="look", printers=[name], text=text, brief=f"{name} {reason}{since}{ask}")
+    elif attempt is not None:
+        left_s, zone = context.remaining_s(attempt), context.fleet.zone
+        yield from list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)
+
+
+def _is_absent(context: ViewContext, snapshot: AgentSnapshot) -> bool:
+    connecting = snapshot.link in (Link.STARTING, Link.CONNECTING)
+    return snapshot.link is Link.ABSENT or (connecting and context.startup_over)
+
+
+def _needs_clearing(context: ViewContext, printer: str) -> bool:
+    entry = context.books.printer(printer)
+    free = context.books.open_print_on(printer) is None and entry.maintenance is None
+    return free and entry.bed is not Bed.CLEAR
 
 
 def _ask_whole(context: ViewContext, printer: str) -> str:
-    """The question whether a failed print is whole after all, and how to say so; empty where it cannot be."""
+    """Ask whether the part of a failed print is good, and name the command; empty where it cannot be."""
     attempt = possibly_whole_print(context.books, printer)
     if attempt is None:
         return ""
@@ -77,8 +129,8 @@ def _ask_whole(context: ViewContext, printer: str) -> str:
     return f"; if part {part} is good all the same: `farm cleared {printer} --good {part}`"
 
 
-def _heat(snapshot: AgentSnapshot) -> str:
-    """How hot it is."""
+def _format_heat(snapshot: AgentSnapshot) -> str:
+    """Format the temperatures of a printer, as far as they are known."""
     heaters = (
         ("nozzle", snapshot.nozzle_c, snapshot.nozzle_target_c),
         ("bed", snapshot.bed_c, snapshot.bed_target_c),
@@ -90,17 +142,102 @@ def _heat(snapshot: AgentSnapshot) -> str:
     )
 
 
-def _troubles(context: ViewContext) -> list[str]:
-    """What is wrong with the farm itself."""
-    found = [context.warning] if context.warning else []
-    for number, progress in context.progress.items():
-        if progress.step is PlanStep.NO_ROOM:
-            found.append(f"free space on the disk of {context.state.root}: job {number} waits for it")
+# -- prints that will be ended ------------------------------------------------------------------------------
+
+
+def list_deadlines(
+    attempt: Print, reported: AgentPrint | None, remaining_s: float, now_s: float, zone: tzinfo
+) -> list[api.Todo]:
+    """List what has to be done before a print is ended: resume it, or extend the attended hours.
+
+    Parameters
+    ----------
+    attempt, reported
+        An open print, and the latest report of its agent on it.
+    remaining_s
+        Time that it takes from `now_s` on.
+    zone
+        Time zone of the moments in the texts.
+    """
+    if reported is None or attempt.state is PrintState.ENDING:
+        return []
+
+    def format_moment(at_s: float) -> str:
+        return datetime.fromtimestamp(at_s, zone).strftime("%a %H:%M")
+
+    name, found = attempt.printer, []
+    hours_s = math.inf if reported.ends_by_s is None else reported.ends_by_s
+    waits = attempt.state is PrintState.PAUSED and attempt.pause_requested  # neither parking nor resumed
+    if waits and reported.pause_ends_s is not None:
+        by = format_moment(min(reported.pause_ends_s, hours_s))
+        text = f"resume {name} by {by}, or its print will be ended: `farm resume {name}`"
+        found.append(api.Todo(code="resume", printers=[name], text=text))
+    end_s = now_s + remaining_s
+    if end_s > hours_s:
+        what = f"{name} needs until {format_moment(end_s)}, but its print ends at {format_moment(hours_s)}"
+        text = (
+            f"{what}, when the attended hours end: if somebody stays, extend `attended` in "
+            "fleet.yaml and restart the daemon"
+        )
+        found.append(api.Todo(code="hours", printers=[name], text=text, brief=what))
     return found
 
 
-def _when(context: ViewContext, printer: Printer) -> str:
-    """Since when a printer has to be looked at."""
-    if printer.attention_reason is None or printer.attention_since_s is None:
-        return ""
-    return datetime.fromtimestamp(printer.attention_since_s, context.fleet.zone).strftime(" %H:%M")
+# -- jobs that wait for a person ----------------------------------------------------------------------------
+
+
+def list_requests(books: Books) -> list[api.Todo]:
+    """List jobs to approve, parts to decide on, reels to change and reels to weigh; each once."""
+    return [*_list_held_jobs(books), *_list_stopped_parts(books), *_list_reels(books)]
+
+
+def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
+    held = [job for job in books.jobs.values() if job.state is JobState.HELD]
+    restored = [job.id for job in held if job.restored]
+    if restored:
+        jobs = f"job{'s' * (len(restored) > 1)} {' '.join(map(str, restored))}"
+        text = (
+            f"the database was restored from a backup: check which parts of {jobs} were printed since, "
+            "`farm cancel JOB/PART` those, then `farm approve JOB`"
+        )
+        yield api.Todo(code="restored", printers=[], text=text)
+    for job in held:
+        if not job.options.dry_run:
+            grams = sum(plate.grams for plate in books.plates_of(job))
+            what = f"job {job.id} ({format_count(len(job.parts), 'part')}, {format_mass(grams)})"
+            text = f"approve {what}: `farm approve {job.id}`"
+            yield api.Todo(code="approve", printers=[], text=text, brief=what)
+
+
+def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
+    """List the jobs with parts that `farm estop` stopped, until a person decides on them."""
+    parts: dict[int, list[str]] = {}
+    for plate in books.waiting_plates():
+        if stopped_print(plate, books.prints_of(plate)) is not None:
+            parts.setdefault(plate.job, []).extend(plate.parts)
+    for job, names in parts.items():
+        if len(names) == 1:
+            what = f"part {names[0]}"
+            choice = (
+                f"print it again with `farm resume {names[0]}`, or give it up with `farm cancel {names[0]}`"
+            )
+        else:
+            what = f"{format_count(len(names), 'part')} of job {job}"
+            choice = f"print them again with `farm resume {job}`, or give one up with `farm cancel JOB/PART`"
+        text = f"{what} stopped by `farm estop`: {choice}"
+        yield api.Todo(code="stopped", printers=[], text=text, brief=what)
+
+
+def _list_reels(books: Books) -> Iterator[api.Todo]:
+    short: dict[str, str] = {}  # by printer: the next plate for which its reel is too short
+    for plate in books.waiting_plates():
+        if plate.hold is not None and plate.hold.reel is not None:
+            short.setdefault(plate.hold.reel.printer, plate.hold.reel.text)
+    for name, what in sorted(short.items()):
+        text = f"{what}: load a reel, then `farm load {name}`"
+        yield api.Todo(code="reel", printers=[name], text=text, brief=what)
+    uncertain = [name for name, printer in books.printers.items() if printer.reel and printer.reel.doubted]
+    if uncertain:
+        names = " ".join(uncertain)
+        text = f"weigh the reels of {names} (the database was restored), then `farm load PRINTER --grams G`"
+        yield api.Todo(code="reel", printers=uncertain, text=text, brief=f"weigh {names}")

@@ -8,11 +8,14 @@ from farm.model import AgentSnapshot, Bed, FilamentState, Hold, HoldCode, Link, 
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.views.context import ViewContext
-from farm.views.history import describe_night, select_shown_jobs
-from farm.views.jobs import describe_job
-from farm.views.printers import describe_printer
-from farm.views.tasks import list_tasks
+from farm.views import (
+    ViewContext,
+    describe_job,
+    describe_night,
+    describe_printer,
+    list_tasks,
+    select_shown_jobs,
+)
 from make_books import ended, job, plan, run
 
 PRINTERS = [f"um2-{i:02d}" for i in range(1, 6)]

@@ -73,8 +73,8 @@ class Client:
     def approve(self, number: int, request: api.ApproveRequest) -> None:
         self._call("POST", f"/jobs/{number}/approve", body=request)
 
-    def night(self, number: int) -> api.Night:
-        return self._ask(api.Night, "GET", f"/jobs/{number}/night")
+    def timeline(self, number: int) -> api.Timeline:
+        return self._ask(api.Timeline, "GET", f"/jobs/{number}/timeline")
 
     def down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))

@@ -8,7 +8,7 @@ import typer
 
 from farm.api import ApproveRequest, LoadRequest
 from farm.cli.client.daemon_client import Client
-from farm.cli.display.night_timeline import show_night
+from farm.cli.display.timeline import show_timeline
 from farm.cli.options import Job, Printer, placed
 from farm.errors import Refused
 from farm.paths import Places
@@ -44,7 +44,7 @@ def approve(
     held = client.job(job).job
     if not held.plates:
         raise Refused(f"job {job} has no plan yet: it is {held.state}")
-    timeline = client.night(job)
+    timeline = client.timeline(job)
     client.approve(job, ApproveRequest(plan=plan or held.plan or ""))
-    show_night(timeline)
+    show_timeline(timeline)
     print(f"job {job} is approved: plan {held.plan or 'without a number'}")

@@ -13,8 +13,8 @@ from farm import api
 from farm.cli.client.daemon_client import Client
 from farm.cli.display.console import open_console, print_json, print_notice
 from farm.cli.display.job_page import show_result, show_submitted
-from farm.cli.display.night_timeline import show_night
 from farm.cli.display.progress import ProgressLines, follow_job, retry_over_restart
+from farm.cli.display.timeline import show_timeline
 from farm.cli.options import Json, parse_printer_count, placed
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Engine, JobOptions, JobState
@@ -134,8 +134,8 @@ def _dry_run(client: Client, number: int, json: bool) -> None:
                 raise Refused(f"it cannot be planned now: {job.hold.text}")
             time.sleep(_POLL_S)
         _end_as(job)
-        timeline = client.night(number)
+        timeline = client.timeline(number)
     finally:
         if not JobState(client.job(number).job.state).ended:
             client.cancel(number)
-    print_json(timeline) if json else show_night(timeline)
+    print_json(timeline) if json else show_timeline(timeline)

@@ -14,10 +14,7 @@ from farm.model import JobOptions
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.storage.store import Store
-from farm.views.history import describe_night, list_history
-from farm.views.jobs import describe_job
-from farm.views.printers import describe_printer
-from farm.views.tasks import list_tasks
+from farm.views import describe_job, describe_night, describe_printer, list_history, list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 

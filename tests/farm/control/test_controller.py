@@ -22,9 +22,7 @@ from farm.planning.plan import InspectedSubmission, Plan, TooFewPrinters
 from farm.scheduling.assign import assign
 from farm.state import events as ev
 from farm.state.storage.store import StoreError
-from farm.views.jobs import describe_job
-from farm.views.printers import describe_printer
-from farm.views.tasks import list_tasks
+from farm.views import describe_job, describe_printer, list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, PLUS, Farm
 

@@ -10,7 +10,7 @@ from farm.model import AgentPrint, AgentSnapshot, Bed, JobOptions, JobState, Lin
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state import events as ev
-from farm.views.tasks import list_tasks
+from farm.views import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 

@@ -12,7 +12,7 @@ from farm.model import JobOptions, JobState, PrintState, Verdict
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.state.storage.store import Store, StoreError
-from farm.views.tasks import list_tasks
+from farm.views import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, PLUS, Farm
 from simulated_fleet import World

@@ -23,7 +23,7 @@ from farm.state import events as ev
 from farm.state.books import put
 from farm.state.recovery.journal_import import import_agent_journal
 from farm.state.storage.store import copy_books
-from farm.views.tasks import list_tasks
+from farm.views import list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 from simulated_fleet import World

@@ -3,7 +3,7 @@
 from farm.control.dry_runs import PATIENCE_S, DryRuns
 from farm.model import JobOptions, JobState
 from farm.state.books import Books
-from farm.views.operator_requests import list_requests
+from farm.views.tasks import list_requests
 from make_books import job as make_job
 from recording_controller import MODEL, Farm
 

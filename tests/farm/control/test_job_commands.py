@@ -16,9 +16,7 @@ from farm.planning.plan import InspectedSubmission, Plan
 from farm.state import events as ev
 from farm.state.books import put
 from farm.state.storage.file_store import sha256_of
-from farm.views.job_night import describe_job_night
-from farm.views.jobs import describe_job
-from farm.views.tasks import list_tasks
+from farm.views import describe_job, describe_timeline, list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 
@@ -66,7 +64,7 @@ def plan_for(number, state, plates=2):
 def night_of(farm, state, number):
     controller = farm.controller
     context = controller.build_view_context(state)
-    return describe_job_night(context, number, controller.fleet_printers(), controller.rules)
+    return describe_timeline(context, number, controller.fleet_printers(), controller.rules)
 
 
 def starts(farm):

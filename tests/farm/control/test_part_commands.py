@@ -23,8 +23,7 @@ from farm.paths import StateFolder
 from farm.planning.plan import Plan
 from farm.scheduling.forecast import CLEARING_S
 from farm.state import events as ev
-from farm.views.jobs import describe_job
-from farm.views.tasks import list_tasks
+from farm.views import describe_job, list_tasks
 from make_books import plan as planned
 from recording_controller import MODEL, Farm
 

@@ -15,7 +15,7 @@ from farm.planning import job_planner, slice_batch
 from farm.planning.inspection.inspect_model import inspect_model
 from farm.planning.job_planner import ROOM_BYTES, JobPlanner
 from farm.planning.plan import Plan
-from farm.views.tasks import list_tasks
+from farm.views import list_tasks
 from recording_controller import Farm
 
 MODEL = "ultimaker2_plus"

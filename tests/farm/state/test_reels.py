@@ -8,7 +8,7 @@ from farm.config import Fleet
 from farm.model import HoldCode, Printer, PrintState, Reel
 from farm.state import events as ev
 from farm.state.reels import fleet_with_reels, used_grams
-from farm.views.operator_requests import list_requests
+from farm.views.tasks import list_requests
 from make_books import ended, printing, run
 from scheduling_examples import printer
 

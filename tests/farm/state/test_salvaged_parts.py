@@ -10,8 +10,7 @@ from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.plate_state import ATTEMPTS, PlateState
 from farm.state.salvaged_parts import possibly_whole_print, reprinting_printers
-from farm.views.context import ViewContext
-from farm.views.tasks import list_tasks
+from farm.views import ViewContext, list_tasks
 from make_books import ended, printing, run
 
 DIED = {"fault": "agent_died", "reason": "the agent's process ended in the middle of the print"}

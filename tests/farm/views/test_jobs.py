@@ -13,9 +13,7 @@ from farm.model import AgentPrint, AgentSnapshot, Link, PlanProgress, PlanStep, 
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.views.context import ViewContext
-from farm.views.jobs import describe_job
-from farm.views.printers import describe_printer
+from farm.views import ViewContext, describe_job, describe_printer
 from make_books import ended, fleet, job, plan, printing, run
 
 FLEET = Fleet.model_validate(

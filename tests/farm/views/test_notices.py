@@ -5,7 +5,7 @@ from farm.model import PrintState
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.outage import WINDOW_S
-from farm.views.notices import list_due_notices
+from farm.views import list_due_notices
 from make_books import ended, fleet, job, printing, run
 
 LATER_S = 1000.0

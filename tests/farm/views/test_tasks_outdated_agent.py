@@ -4,7 +4,7 @@ from pathlib import Path
 
 from farm.model import Link
 from farm.paths import StateFolder
-from farm.views.tasks import list_tasks
+from farm.views import list_tasks
 from recording_controller import Farm
 
 

@@ -11,7 +11,7 @@ from farm.cli.display.status_page import format_night, render_status, shorten_na
 from farm.model import Bed, Hold, HoldCode, JobOptions, Verdict
 from farm.state import events as ev
 from farm.state.books import Books
-from farm.views.history import list_history, select_shown_jobs
+from farm.views import list_history, select_shown_jobs
 from make_books import job, plan, run
 
 

@@ -18,7 +18,7 @@ from farm.state.storage import backups
 from farm.state.storage.backups import KEPT, back_up, copies, is_due, made_s, next_s, open_books
 from farm.state.storage.store import Store, StoreError
 from farm.state.transitions import apply
-from farm.views.tasks import list_tasks
+from farm.views import list_tasks
 from make_books import fleet, job, run
 from make_books import plan as planned
 from recording_controller import MODEL, Farm

@@ -7,7 +7,7 @@ from farm.state.books import Books, put
 from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
 from farm.state.transitions import apply
-from farm.views.notices import list_due_notices
+from farm.views import list_due_notices
 from make_books import ended, printing, run
 
 

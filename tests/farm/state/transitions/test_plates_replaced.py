@@ -10,8 +10,8 @@ from farm.planning.booking import list_job_files
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
 from farm.state.plate_state import ATTEMPTS, PlateState
+from farm.views import describe_job
 from farm.views.accounting import summarise_job
-from farm.views.jobs import describe_job
 from make_books import ended, printing, run
 
 

@@ -9,10 +9,7 @@ from farm.model import AgentPrint, AgentSnapshot, Link, PrintState
 from farm.paths import StateFolder
 from farm.state import events as ev
 from farm.state.reconcile import detect_alarm
-from farm.views.context import ViewContext
-from farm.views.notices import list_due_notices
-from farm.views.printers import describe_printer
-from farm.views.tasks import list_tasks
+from farm.views import ViewContext, describe_printer, list_due_notices, list_tasks
 from make_books import printing, run
 
 FOUND = "the nozzle went up to 257 C, above 210"

@@ -1,8 +1,8 @@
-"""Forecast of one planned job: when and where what is left of it should print. Pure."""
+"""Timeline of one planned job: when and where its plates were printed or should print. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from farm import api
 from farm.errors import Refused
@@ -15,17 +15,16 @@ from farm.scheduling.start_rules import StartRules
 from farm.state.books import Books
 from farm.state.plate_state import PlateState
 from farm.views.context import ViewContext
+from farm.views.jobs import sum_prices
 
 
-def describe_job_night(
+def describe_timeline(
     context: ViewContext, number: int, printers: Iterable[FleetPrinter], rules: StartRules
-) -> api.Night:
-    """Return the slots of a job's plates, those that are printed and those that are foreseen.
+) -> api.Timeline:
+    """Describe when and where the plates of a job print: printed ones as reached, the others as forecast.
 
     Parameters
     ----------
-    context
-        What views are drawn from.
     number
         The job.
     printers, rules
@@ -45,29 +44,27 @@ def describe_job_night(
     plates = {plate.id: plate for plate in books.plates_of(job)}
     waiting = [plate for plate in plates.values() if books.plate_state(plate) is PlateState.WAITING]
     views = tuple(describe_plates(waiting, books))
-    foreseen = forecast(Situation(views, tuple(printers), rules, context.now_s))
-    slots = sorted(
-        [*_printed(plates.values(), books), *foreseen.slots], key=lambda slot: (slot.starts_s, slot.printer)
-    )
-    prices = [plate.price for plate in plates.values() if plate.price is not None]
+    expected = forecast(Situation(views, tuple(printers), rules, context.now_s))
+    slots = [*_list_begun_slots(plates.values(), books), *expected.slots]
+    slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
     begin_s = min((slot.starts_s for slot in slots), default=context.now_s)
     end_s = max((slot.ends_s for slot in slots), default=context.now_s)
-    return api.Night(
+    return api.Timeline(
         job=job.id,
         plan=job.plan or "",
         slots=[_slot_view(slot, plates[slot.plate], context) for slot in slots],
-        left=list(foreseen.left),
+        left=list(expected.left),
         notices=list(job.repairs),
         makespan_s=end_s - begin_s,
-        lower_bound_s=max(0.0, min(foreseen.lower_bound_s, end_s) - begin_s),
+        lower_bound_s=max(0.0, min(expected.lower_bound_s, end_s) - begin_s),
         grams=sum(plate.grams for plate in plates.values()),
-        price=sum(prices) if len(prices) == len(plates) else None,
+        price=sum_prices(plates.values()),
         currency=context.fleet.fleet.currency,
     )
 
 
-def _printed(plates: Iterable[Plate], books: Books) -> Iterable[Slot]:
-    """Yield what prints or is printed: as reached, and as expected."""
+def _list_begun_slots(plates: Iterable[Plate], books: Books) -> Iterator[Slot]:
+    """List the prints that have begun, an open one up to its expected end."""
     for plate in plates:
         for attempt in books.prints_of(plate):
             factor = books.printer(attempt.printer).time_factor

@@ -5,7 +5,7 @@ import io
 from rich.console import Console
 
 from farm import api
-from farm.cli.display.night_timeline import draw_gantt, render_night
+from farm.cli.display.timeline import draw_gantt, render_timeline
 
 
 def slot(number, printer, starts, ends):
@@ -45,9 +45,9 @@ def test_a_short_plate_in_a_long_night_is_still_seen():
 def test_the_night_says_what_it_takes():
     facts = {"plan": "x", "left": ["4/04"], "notices": ["Scaled."]}
     facts |= {"makespan_s": 14400, "lower_bound_s": 7200, "currency": "GBP"}
-    view = api.Night(job=4, slots=SLOTS, grams=90.0, price=2.7, **facts)
+    view = api.Timeline(job=4, slots=SLOTS, grams=90.0, price=2.7, **facts)
     console = Console(record=True, width=120, file=io.StringIO())
-    console.print(render_night(view))
+    console.print(render_timeline(view))
     text = console.export_text()
     assert "3 plates, 4h00 (lower bound 2h00), 90 g, 2.70 GBP" in text
     assert "no printer can print: 4/04" in text

@@ -15,12 +15,12 @@ from farm.text import format_count, format_duration
 _WIDTH = 64  # characters of a row of the chart
 
 
-def show_night(view: api.Night) -> None:
+def show_timeline(view: api.Timeline) -> None:
     """Print the timeline of a job."""
-    open_console().print(render_night(view))
+    open_console().print(render_timeline(view))
 
 
-def render_night(view: api.Night) -> RenderableType:
+def render_timeline(view: api.Timeline) -> RenderableType:
     """Lay out the times, grams and prices of the plates, and the bar chart."""
     times = make_table("PARTS", "PRINTER", "STARTS", "ENDS", "DURATION", "GRAMS", "PRICE")
     for slot in view.slots:
