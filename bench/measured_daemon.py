@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.printers import PROFILES
-from farm.config import load_fleet
 from farm.control.controller import Controller
 from farm.daemon import Daemon, run
+from farm.fleet_file import load_fleet
 from farm.model import Job, JobOptions, Part, PartGeometry, Plate
 from farm.paths import Places, StateFolder
 from farm.state import events as ev
