@@ -22,7 +22,7 @@ from drivers.printers import PROFILES
 from farm import api
 from farm.cli.client.estop_socket import Said
 from farm.cli.main import app
-from farm.config import ComputeSection, FleetSection, PrinterSection
+from farm.config import ComputeSection, FleetSection, PrinterSection, UploadsSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
 from farm.model import Bed, FilamentState, HoldCode, JobState, Link, PrintState
 from farm.state.faults import OwnFault
@@ -136,6 +136,7 @@ def fleet_page(words: dict[str, Any]) -> str:
     sections: tuple[tuple[str, str, type[BaseModel]], ...] = (
         ("Keys under `fleet`", "fleet", FleetSection),
         ("Keys under `fleet.compute`", "compute", ComputeSection),
+        ("Keys under `fleet.uploads`", "uploads", UploadsSection),
         ("Keys of a printer", "printers", PrinterSection),
     )
     for title, section, model in sections:

@@ -60,6 +60,15 @@ class ComputeSection(_Section):
     budget_s: Annotated[float, Field(ge=0, le=900)] = 20.0  # of one core, to search for the parts of a job
 
 
+class UploadsSection(_Section):
+    """The keys under `fleet.uploads`: what people may send."""
+
+    model_gb: Annotated[float, Field(gt=0, le=64)] = 2.0  # of one model
+    at_once: Annotated[int, Field(ge=1, le=64)] = 8
+    free_gb: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.5  # that uploads leave on the disk
+    open_jobs: Annotated[int, Field(ge=1)] = 1000
+
+
 class FleetSection(_Section):
     """The keys under `fleet`."""
 
@@ -67,6 +76,7 @@ class FleetSection(_Section):
     timezone: str = "UTC"
     time_scale: Annotated[float, Field(ge=1, le=1000)] = 1.0
     compute: ComputeSection = ComputeSection()
+    uploads: UploadsSection = UploadsSection()
     currency: Annotated[str, Field(min_length=1, max_length=8)] | None = None
     attended: Windows = ()  # when somebody is there; empty: not known
     quiet: Windows = ()  # when nothing may print

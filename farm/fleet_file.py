@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 from yaml.constructor import ConstructorError
 
-from farm.config import ComputeSection, FieldError, Fleet, FleetSection, Place, PrinterSection
+from farm.config import ComputeSection, FieldError, Fleet, FleetSection, Place, PrinterSection, UploadsSection
 from farm.errors import FleetFileError
 
 _MUST_BE = {
@@ -223,8 +223,9 @@ def _reword(error: ErrorDetails, pattern: str | None) -> str:
 
 def _section_of(place: Place) -> type[BaseModel]:
     """Return the record to which a key belongs."""
-    if place[:2] == ("fleet", "compute") and len(place) > 2:
-        return ComputeSection
+    if len(place) > 2 and place[0] == "fleet":
+        nested: dict[object, type[BaseModel]] = {"compute": ComputeSection, "uploads": UploadsSection}
+        return nested.get(place[1], FleetSection)
     owners: dict[str, type[BaseModel]] = {"fleet": FleetSection}
     owners |= {"printers": PrinterSection, "defaults": PrinterSection}
     return owners.get(str(place[0]), Fleet) if len(place) > 1 else Fleet

@@ -12,7 +12,8 @@ from farm.control.dry_runs import DryRuns
 from farm.control.job_commands import JobCommands
 from farm.control.part_commands import PartCommands
 from farm.control.printer_commands import PrinterCommands
-from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing
+from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
+from farm.http.body_limit import LARGEST_BODY_BYTES, TOO_LARGE, BodyLimit
 from farm.http.job_routes import job_routes, part_routes
 from farm.http.printer_routes import printer_routes
 from farm.http.services import Services
@@ -34,6 +35,7 @@ def make_app(services: Services) -> FastAPI:
     app.include_router(job_routes(services, jobs, app.state.dry_runs))
     app.include_router(part_routes(parts))
     app.include_router(printer_routes(services, printers, parts))
+    app.add_middleware(BodyLimit, upload_path="/jobs")
     _add_error_handlers(app, services)
     return app
 
@@ -58,6 +60,11 @@ def _add_error_handlers(app: FastAPI, services: Services) -> None:
     async def unexpected_error(_: Request, error: Exception) -> Response:
         text = f"the daemon failed: {type(error).__name__}: {error}; see its log"
         return _problem(text, ErrorCode.FAILED, ExitCode.FAILED, 500)
+
+    @app.exception_handler(TOO_LARGE)
+    async def body_too_large(request: Request, _: Exception) -> Response:
+        error = Refused(f"the request to {request.url.path} is longer than {LARGEST_BODY_BYTES // 1024} KiB")
+        return _problem(str(error), error.code, error.exit_code, TOO_LARGE)
 
     @app.exception_handler(404)
     async def not_found(request: Request, _: Exception) -> Response:

@@ -13,13 +13,13 @@ from farm.control.job_commands import JobCommands
 from farm.control.part_commands import PartCommands
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
-from farm.http.uploads import LARGEST_MODEL_BYTES, display_name, parse_options, receive_model
+from farm.http.uploads import Uploads, display_name, parse_options
 from farm.views import describe_job, describe_timeline
 
 
 def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
     """Return the routes of jobs."""
-    router, controller = APIRouter(), services.controller
+    router, controller, uploads = APIRouter(), services.controller, Uploads(services)
 
     @router.get("/jobs/{number}")
     async def job(number: int) -> api.JobStatus:
@@ -39,7 +39,7 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
         request: Request,
         request_id: Annotated[str, Query(min_length=8, max_length=64)],
         name: Annotated[str, Query(min_length=1, max_length=200)],
-        size: Annotated[int, Query(ge=0, le=LARGEST_MODEL_BYTES)],
+        size: Annotated[int, Query(ge=0)],
         by: CallerName,
         options: str = "{}",
     ) -> api.Submitted:
@@ -49,7 +49,7 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
             return api.Submitted(job=known, again=True)
         jobs.check_submission(wanted)
         name = display_name(name)
-        model = await receive_model(services, request.stream(), name, size, wanted)
+        model = await uploads.receive_model(request.stream(), name, size, wanted)
         number, again = jobs.submit(request_id, name, model, wanted, by)
         return api.Submitted(job=number, again=again)
 

@@ -49,6 +49,8 @@ class KilledFarm(RealFarm):
         self.socket, self.log_file = folder / "farm.sock", folder / "daemon.log"
         if disk is not None:
             self.state = disk.seen
+            full_disk = "uploads: {free_gb: 0}, time_scale: 300"
+            self.fleet.write_text(self.fleet.read_text().replace("time_scale: 300", full_disk))
 
     def keep(self, fates):
         """Have daemons live and die by these fates; the last of them lives on."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import shutil
 
 import httpx
 import pytest
@@ -11,6 +12,7 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control.controller import Controller
 from farm.http.app import make_app
+from farm.http.body_limit import LARGEST_BODY_BYTES
 from farm.http.services import Services
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
@@ -109,6 +111,55 @@ def test_a_cut_upload_is_no_job_and_leaves_no_file(daemon, size):
     assert "submit it again" in answer.json()["error"]
     assert not daemon.state.controller.books.jobs
     assert not list(daemon.state.folder.work.iterdir())
+
+
+def endless_body(taken):
+    """A JSON string without an end; `taken` gets the bytes of each piece that is read."""
+
+    async def pieces():
+        yield b'{"why": "'
+        for _ in range(1000):
+            taken.append(4096)
+            yield b"x" * 4096
+
+    return pieces()
+
+
+@pytest.mark.parametrize("path", ["/printers/a/fail", "/down", "/jobs/1/approve", "/jobs/1/parts/p1/reprint"])
+def test_a_body_without_end_is_refused_and_read_no_further(daemon, path):
+    taken = []
+    answer = ask(daemon, "POST", path, content=endless_body(taken))
+    assert sum(taken) <= LARGEST_BODY_BYTES + 4096
+    assert (answer.status_code, answer.json()["exit_code"]) == (413, 5)
+    assert answer.json()["error"] == f"the request to {path} is longer than 64 KiB"
+
+
+def test_a_body_of_the_largest_size_is_read(daemon):
+    said = b'{"why": "w"}'
+    body = said + b" " * (LARGEST_BODY_BYTES - len(said))
+    path, json = "/printers/a/maintenance", {"Content-Type": "application/json"}
+    assert ask(daemon, "POST", path, content=body, headers=json).status_code == 200
+    assert ask(daemon, "POST", path, content=body + b" ", headers=json).status_code == 413
+
+
+def test_an_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeypatch):
+    taken = []
+    answer = ask(
+        daemon,
+        "POST",
+        "/jobs",
+        params={"request_id": "r" * 8, "name": "big.stl", "size": 3_000_000_000},
+        content=endless_body(taken),
+    )
+    assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
+    assert "big.stl has 3.0 GB, and models of 2 GB at most" in answer.json()["error"]
+    assert not taken
+    usage = shutil.disk_usage(daemon.state.folder.root)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=500_000_500))
+    assert "free_gb" in submit(daemon, stl()).json()["error"]
+    assert not daemon.state.controller.books.jobs
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=501_000_000))
+    assert submit(daemon, stl()).status_code == 200
 
 
 def test_an_upload_that_is_given_up_is_refused_and_leaves_no_file(daemon):

@@ -1,0 +1,78 @@
+"""What people may send: one upload at a time, several, and none that the disk has no room for."""
+
+import asyncio
+import shutil
+from types import SimpleNamespace
+
+import pytest
+
+from farm.config import UploadsSection
+from farm.errors import Refused
+from farm.http.uploads import Uploads, check_quota
+from farm.model import JobOptions
+from farm.paths import StateFolder
+from recording_controller import fleet
+
+QUOTA = UploadsSection(model_gb=2.0, at_once=2, free_gb=1.0, open_jobs=3)
+MB, GB = 10**6, 10**9
+
+
+@pytest.mark.parametrize(
+    ("size", "missing", "free", "jobs", "why"),
+    [
+        (2 * GB + 1, (), 100 * GB, 0, r"a.stl has 2.0 GB.*fleet.uploads.model_gb"),
+        (MB, (MB, MB), 100 * GB, 0, "2 models being received.*again in a moment.*fleet.uploads.at_once"),
+        (MB, (), 100 * GB, 3, "3 open jobs already.*farm cancel JOB.*fleet.uploads.open_jobs"),
+        (MB, (), GB, 0, r"would leave 1.0 GB .*1 GB stay free.*fleet.uploads.free_gb"),
+        (GB, (GB,), 3 * GB - 1, 0, "would leave"),  # the other one has not come yet
+        (GB, (), GB // 2, 0, "would leave 0.0 GB"),
+    ],
+)
+def test_each_limit_of_uploads_is_told_with_its_key(size, missing, free, jobs, why):
+    with pytest.raises(Refused, match=why):
+        check_quota(QUOTA, "a.stl", size, missing, free, jobs)
+
+
+def test_an_upload_within_all_limits_is_taken():
+    check_quota(QUOTA, "a.stl", GB, (GB,), 3 * GB, 2)
+    check_quota(UploadsSection(free_gb=0.0), "a.stl", GB, (), GB, 999)
+
+
+def test_uploads_under_way_count_until_they_are_checked(tmp_path, monkeypatch):
+    """Whatever became of them: the place of one that ended is free again."""
+    state = StateFolder(tmp_path)
+    state.make()
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=100 * GB))
+
+    async def story():
+        checked, checking = asyncio.Event(), asyncio.Event()
+
+        async def run(*_):
+            checking.set()
+            await checked.wait()
+            return "inspected"
+
+        section = fleet().fleet.model_copy(update={"uploads": UploadsSection(at_once=1)})
+        controller = SimpleNamespace(
+            fleet=fleet().model_copy(update={"fleet": section}), books=SimpleNamespace(jobs={})
+        )
+        uploads = Uploads(
+            SimpleNamespace(controller=controller, state=state, workers=SimpleNamespace(run=run))
+        )
+
+        async def content():
+            yield b"solid"
+
+        first = asyncio.create_task(uploads.receive_model(content(), "a.stl", 5, JobOptions()))
+        await checking.wait()
+        with pytest.raises(Refused, match="1 model being received"):
+            await uploads.receive_model(content(), "b.stl", 5, JobOptions())
+        checked.set()
+        assert await first == "inspected"
+        with pytest.raises(Refused, match="stopped after 5 of 6 bytes"):
+            await uploads.receive_model(content(), "c.stl", 6, JobOptions())
+        assert await uploads.receive_model(content(), "d.stl", 5, JobOptions()) == "inspected"
+        assert list(state.work.iterdir()) == []
+
+    asyncio.run(story())
