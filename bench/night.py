@@ -27,7 +27,7 @@ from pathlib import Path
 from drivers.emulator.launch import Command, alive, control
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
-from drivers.records.journal import JOURNAL
+from drivers.records import JOURNAL
 from drivers.remote.client import kill as kill_agent
 from farm import api
 from farm.cli.client.daemon_client import Client

@@ -20,7 +20,7 @@ from drivers.locks import AGENT_LOCK, hold
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.ports.serial_port import Device, devices
 from drivers.printers import PROFILES
-from drivers.records.journal import JOURNAL, Journal
+from drivers.records import JOURNAL, Journal
 from drivers.remote.client import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")

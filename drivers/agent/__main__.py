@@ -13,8 +13,7 @@ from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, held, hold, sign
 from drivers.printers import PROFILES, firmware_of
-from drivers.records import start_file
-from drivers.records.journal import JOURNAL, recall
+from drivers.records import JOURNAL, StartFile, read_journal
 from drivers.safety.estop import Target, cut
 
 
@@ -27,7 +26,7 @@ def main() -> int:
         stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     try:
-        given = start_file.read(folder)
+        given = StartFile.read(folder)
         profile = PROFILES.get(given.model)
         if profile is None:
             raise AgentError(f"no printer model {given.model!r}; use one of {', '.join(sorted(PROFILES))}")
@@ -62,9 +61,9 @@ def _mine(folder: Path) -> bool:
     return lock is not None
 
 
-def _end_heat(given: start_file.Start, folder: Path) -> None:
+def _end_heat(given: StartFile, folder: Path) -> None:
     """End the heat of the last agent: nothing can be written, so nothing is printed."""
-    if recall(folder / JOURNAL)[0].heat:
+    if read_journal(folder / JOURNAL)[0].may_be_hot:
         stopped = cut(
             Target(given.printer, given.port, folder, given.power_off_cmd, firmware_of(given.model))
         )

@@ -6,7 +6,7 @@ import logging
 import math
 
 from drivers.clock import wall_s
-from drivers.records.alarm import Alarm, Suspicion
+from drivers.records import Alarm, Suspicion
 from drivers.safety.mains import LOOK_S, NO_COMMAND, PowerOff
 from drivers.session import Session
 
@@ -59,7 +59,7 @@ class Alarms:
 
     def printer_back(self) -> None:
         """The printer was seen cold, or came back: what is found from now on is another finding."""
-        if self.alarm is not None and self.alarm.said is not None:
+        if self.alarm is not None and self.alarm.outcome is not None:
             self.alarm = self.alarm.model_copy(update={"over": True})
 
     def clear(self) -> None:
@@ -76,25 +76,25 @@ class Alarms:
                 assert self.alarm is not None
                 session.add_reason(self.alarm.text)
         elif found is not None:
-            if alarm is None or not alarm.open:
+            if alarm is None or not alarm.suspected:
                 self.alarm = Alarm(text=found.text, at_s=found.since_s)
-        elif alarm is not None and alarm.open:
+        elif alarm is not None and alarm.suspected:
             self.alarm = None  # it was seen to cool
 
     def of_idle(self, found: str | None, now_s: float) -> str | None:
         """Take what was found without a session; what of it is news."""
-        if found is None and self.alarm is not None and self.alarm.open:
+        if found is None and self.alarm is not None and self.alarm.suspected:
             found = self.alarm.text  # nobody is left to see it cool
         return found if found is not None and self._ask(found, now_s) else None
 
     def _ask(self, text: str, now_s: float) -> bool:
         alarm = self.alarm
-        if alarm is not None and alarm.asked and not alarm.over:
+        if alarm is not None and alarm.power_off_requested and not alarm.over:
             return False
-        if alarm is None or not alarm.open:
+        if alarm is None or not alarm.suspected:
             alarm = Alarm(text=text, at_s=now_s)
         log.error("%s: %s: its mains have to be cut", self._printer, alarm.text)
-        self.alarm = alarm.model_copy(update={"asked": True})
+        self.alarm = alarm.model_copy(update={"power_off_requested": True})
         return True
 
     def outcome(self) -> str | None:
@@ -105,7 +105,7 @@ class Alarms:
         elif self._command is None and self.pending:
             said = NO_COMMAND
         if said is not None and self.alarm is not None:
-            self.alarm = self.alarm.model_copy(update={"said": said})
+            self.alarm = self.alarm.model_copy(update={"outcome": said})
         return said
 
     def act(self) -> None:

@@ -15,7 +15,7 @@ from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
 from drivers.ports.port import Port, open_port, plugged_in
 from drivers.printers import Profile
-from drivers.records.board_state import BoardState
+from drivers.records import BoardState
 from drivers.safety.last_words import end_blind, end_heard
 from drivers.session import Pace, Session
 
@@ -192,7 +192,7 @@ class Board:
     @property
     def refuted(self) -> bool:
         """Whether DTR was seen not to reset it."""
-        return not self.proven and self.state.reset_refuted == self._url
+        return not self.proven and self.state.reset_failed == self._url
 
     def prove(self) -> None:
         """Reset the board, and see whether it starts again; somebody has said that it does not print.
@@ -205,7 +205,7 @@ class Board:
         if self.session is not None or self.idle.card:
             raise AgentError(CARD if self.idle.card else "it prints")
         self._said_idle = True
-        self.state.reset_verified = self.state.reset_refuted = None
+        self.state.reset_verified = self.state.reset_failed = None
         if self._port is None:
             self.open()
         if self._port is not None:
@@ -300,14 +300,14 @@ class Board:
         """See whether the pulse of DTR before had reset the board."""
         self.idle.reset()
         if up.restarted and (self.proving or self.session is not None):
-            self.state.reset_verified, self.state.reset_refuted = self._url, None
+            self.state.reset_verified, self.state.reset_failed = self._url, None
         elif self.proving > 1:
             self.proving -= 1
             self._reset()  # its `start` may have been lost on the way
             return
         elif self.proving:
             log.warning("%s", NO_RESET)
-            self.state.reset_refuted = self._url
+            self.state.reset_failed = self._url
         self.proving = 0
 
     def _idle_report(self, report: Report, now_s: float) -> None:

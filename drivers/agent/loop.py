@@ -42,7 +42,7 @@ from drivers.messages import (
     Upload,
 )
 from drivers.printers import Profile
-from drivers.records.journal import JOURNAL, Journal
+from drivers.records import JOURNAL, Journal
 
 log = logging.getLogger(__name__)
 
@@ -123,10 +123,10 @@ class Agent:
             self._selector.close()
 
     def _serve(self) -> None:
-        left = self._journal.memory.print
+        left = self._journal.state.print
         if left is not None and not left.phase.ended:
             log.warning("print %s was open when the last agent died: resetting the board", left.print_id)
-            self._recorder.begin(None, self._journal.memory.filament, left.extruded)
+            self._recorder.begin(None, self._journal.state.filament, left.extruded)
         self._board.open()
         self._board.tick()
         self._server = Server(self._folder, self._selector, self._answer, self._snapshot)
@@ -171,7 +171,7 @@ class Agent:
         return live, NO_RESET if board.refuted else None
 
     def _snapshot(self) -> Snapshot:
-        board, memory = self._board, self._journal.memory
+        board, memory = self._board, self._journal.state
         session, report, status = board.session, board.report, board.status()
         link, reason = self._link_state()
         filament = memory.filament if session is None else session.context.filament
@@ -205,7 +205,7 @@ class Agent:
 
     def _push(self) -> None:
         """Tell every client at once what changed, and from time to time what goes on."""
-        session, memory = self._board.session, self._journal.memory
+        session, memory = self._board.session, self._journal.state
         self._inhibitor.hold(session is not None)
         key = (
             self._link_state(),
@@ -245,14 +245,14 @@ class Agent:
 
     def _prints(self, since_s: float) -> tuple[PrintSnapshot, ...]:
         """All that had not ended then, the open one last."""
-        memory, known = self._journal.memory, self._snapshot().print
-        late = [said for said in memory.late if said.ended_s is None or said.ended_s >= since_s]
+        memory, known = self._journal.state, self._snapshot().print
+        late = [said for said in memory.recent if said.ended_s is None or said.ended_s >= since_s]
         if known is not None and known.print_id not in memory.ended:
             late.append(known)
         return tuple(late)
 
     def _obey(self, request: Request) -> None:
-        known = self._journal.memory.print
+        known = self._journal.state.print
         match request:
             case Hello() | ListPrints():
                 pass
@@ -294,7 +294,7 @@ class Agent:
 
     def _start(self, request: StartPrint) -> None:
         self._spool.check(request.print_id)
-        memory = self._journal.memory
+        memory = self._journal.state
         if request.print_id in memory.ended or (memory.print and memory.print.print_id == request.print_id):
             return  # it was asked before
         now_s = self._clock.now()
@@ -335,7 +335,7 @@ class Agent:
     def _cleared(self, request: BedCleared) -> None:
         if self._board.session is not None:
             raise AgentError(f"{self._printer} prints: its bed is cleared when that has ended")
-        known = self._journal.memory.print
+        known = self._journal.state.print
         if (
             self._board.state.attention_reason is not None
             and known is not None

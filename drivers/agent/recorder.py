@@ -11,7 +11,7 @@ from drivers.errors import Fault, JournalError
 from drivers.gcode import Program
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.printers import Profile
-from drivers.records.journal import ESTOPPED, Journal
+from drivers.records import ESTOPPED, Journal
 from drivers.session import Session, SessionContext
 
 log = logging.getLogger(__name__)
@@ -59,11 +59,11 @@ class Recorder:
     ) -> None:
         self.journal_error: str | None = None
         self._profile = profile
-        self.alarms = Alarms(printer, power_off_cmd, journal.memory.alarm)
+        self.alarms = Alarms(printer, power_off_cmd, journal.state.alarm)
         self._board, self._journal, self._clock = board, journal, clock
         self._program: Program | None = None
         self._starved_before_s = 0.0
-        board.state = journal.memory.board.model_copy()
+        board.state = journal.state.board.model_copy()
         if board.state.bed_unknown_reason is None and not board.simulated:
             board.state.bed_unknown_reason = UNWATCHED
 
@@ -71,7 +71,7 @@ class Recorder:
         self, program: Program | None, filament: Filament, extruded: bool, ends_by_s: float | None = None
     ) -> None:
         """Open a print; without a program, recover from one that an agent left behind."""
-        now_s, memory = self._clock.now(), self._journal.memory
+        now_s, memory = self._clock.now(), self._journal.state
         left = Fault.ESTOP if memory.board.attention_reason == ESTOPPED else Fault.AGENT_DIED
         context = SessionContext(
             link=self._board.link,
@@ -130,10 +130,10 @@ class Recorder:
             )
 
     def _write_down(self) -> None:
-        session, memory, now_s = self._board.session, self._journal.memory, self._clock.now()
+        session, memory, now_s = self._board.session, self._journal.state, self._clock.now()
         state, alarm = self._board.state, self.alarms.alarm
         if alarm != memory.alarm or state != memory.board:
-            known = None if alarm is None else alarm.model_dump(mode="json")
+            known = None if alarm is None else alarm.record()
             self._journal.write(now_s, **state.record(), alarm=known)
         if session is None or memory.print is None:
             return

@@ -1,1 +1,17 @@
-"""Files in an agent's folder: what it was started with, and its journal."""
+"""Files in an agent's folder: its journal, and the file that it is started with."""
+
+from drivers.records.journal import ESTOPPED, JOURNAL, Journal, read_journal
+from drivers.records.journal_state import Alarm, BoardState, JournalState, Suspicion
+from drivers.records.start_file import StartFile
+
+__all__ = [
+    "ESTOPPED",
+    "JOURNAL",
+    "Alarm",
+    "BoardState",
+    "Journal",
+    "JournalState",
+    "StartFile",
+    "Suspicion",
+    "read_journal",
+]

@@ -1,4 +1,4 @@
-"""Start file of an agent: whoever starts it writes the file into its folder."""
+"""Start file of an agent, written into its folder by whoever starts it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,26 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.errors import AgentError
 
-FILE = "start.json"
+NAME = "start.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
-    """An agent's printer, as `fleet.yaml` has it, and the farm's clock."""
+class StartFile:
+    """An agent's printer as in `fleet.yaml`, and the farm's clock.
+
+    Parameters
+    ----------
+    printer
+        The printer's name in the fleet.
+    model
+        Name of its model.
+    port
+        Its port.
+    scale, anchor_s
+        See `Clock`.
+    power_off_cmd
+        Command that cuts its mains; see `PowerOff`.
+    """
 
     printer: str
     model: str
@@ -26,36 +40,37 @@ class Start:
 
     @property
     def clock(self) -> Clock:
+        """The farm's clock."""
         return Clock(self.scale, self.anchor_s)
 
     def text(self) -> str:
-        """Dump it as the file holds it."""
+        """Dump the content of the file."""
         return json.dumps(asdict(self))
 
     def write(self, folder: Path) -> None:
-        """Put the file in place in one step; one that says the same stays as it is. Raises OSError."""
+        """Replace the file in one step, unless its content is the same. Raises OSError."""
         with suppress(AgentError):  # on a full disk the agent that ends the last one's heat has to start
-            if read(folder) == self:
+            if StartFile.read(folder) == self:
                 return
         folder.mkdir(parents=True, exist_ok=True)
-        spare = folder / f".{FILE}.new"
+        spare = folder / f".{NAME}.new"
         spare.write_text(self.text())
-        spare.replace(folder / FILE)
+        spare.replace(folder / NAME)
 
+    @classmethod
+    def read(cls, folder: Path) -> StartFile:
+        """Read the file in an agent's folder.
 
-def read(folder: Path) -> Start:
-    """Read what the agent of this folder was started with last.
-
-    Raises
-    ------
-    AgentError
-        There is no such file, or it is not one of ours.
-    """
-    path = folder / FILE
-    try:
-        raw = json.loads(path.read_text())
-        return Start(**{field.name: raw[field.name] for field in fields(Start)})
-    except FileNotFoundError:
-        raise AgentError(f"{path}: is not there; `farm up` starts agents") from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise AgentError(f"{path}: cannot be read ({error}); `farm up` writes it anew") from None
+        Raises
+        ------
+        AgentError
+            There is no such file, or it cannot be read.
+        """
+        path = folder / NAME
+        try:
+            raw = json.loads(path.read_text())
+            return cls(**{field.name: raw[field.name] for field in fields(cls)})
+        except FileNotFoundError:
+            raise AgentError(f"{path}: does not exist; `farm up` starts agents") from None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise AgentError(f"{path}: cannot be read ({error}); `farm up` replaces it") from None

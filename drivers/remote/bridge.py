@@ -24,7 +24,7 @@ from pathlib import Path
 from drivers.agent.heartbeat import Heartbeat, look_at
 from drivers.errors import AgentError, DriverError
 from drivers.printers import firmware_of
-from drivers.records.start_file import Start
+from drivers.records import StartFile
 from drivers.remote import client
 from drivers.safety import estop
 
@@ -53,7 +53,7 @@ class Errand:
 
     do: Do
     farm: str
-    start: Start
+    start: StartFile
 
     def line(self) -> bytes:
         return json.dumps(asdict(self)).encode() + b"\n"
@@ -63,7 +63,7 @@ def parse(line: bytes) -> Errand:
     """Read the first line; raises AgentError."""
     try:
         raw = json.loads(line)
-        return Errand(Do(raw["do"]), str(raw["farm"]), Start(**raw["start"]))
+        return Errand(Do(raw["do"]), str(raw["farm"]), StartFile(**raw["start"]))
     except (ValueError, KeyError, TypeError) as error:
         raise AgentError(f"no errand of this version of farm ({error}): install the same on both") from error
 
@@ -88,7 +88,7 @@ def folder_of(farm: str, printer: str, env: Mapping[str, str] = os.environ) -> P
 
 
 def stop_there(
-    host: str, command: str, farm: str, start: Start, patience_s: float = _STOP_S
+    host: str, command: str, farm: str, start: StartFile, patience_s: float = _STOP_S
 ) -> estop.Stopped:
     """The emergency stop of a printer on another host. Never raises."""
     errand, said = Errand(Do.STOP, farm, start), ""

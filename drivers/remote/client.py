@@ -19,7 +19,7 @@ from drivers.clock import Clock
 from drivers.errors import AgentError, AgentTooOld, MessageError
 from drivers.locks import AGENT_LOCK, held, holder, kill_holder
 from drivers.messages import PROTOCOL, Reply, Request, Snapshot, for_protocol, from_agent_adapter
-from drivers.records.start_file import Start
+from drivers.records import StartFile
 
 SOCKET = "agent.sock"
 LOG = "agent.log"
@@ -245,7 +245,7 @@ def spawn(
     AgentError
         The process cannot be started.
     """
-    start = Start(printer, model, port, clock.scale, clock.anchor_s, power_off_cmd)
+    start = StartFile(printer, model, port, clock.scale, clock.anchor_s, power_off_cmd)
     unit = os.environ.get(UNIT)
     words = [sys.executable, "-m", "drivers.agent", "--folder", str(folder.absolute())]
     if unit:

@@ -32,8 +32,7 @@ from drivers.locks import AGENT_LOCK, hold, kill_holder
 from drivers.ports.port import NET, NetPort, Port
 from drivers.ports.serial_port import SerialPort
 from drivers.printers import firmware_of
-from drivers.records import start_file
-from drivers.records.journal import ESTOPPED, JOURNAL, Journal
+from drivers.records import ESTOPPED, JOURNAL, Journal, StartFile
 from drivers.safety import mains
 from drivers.safety.heater_watch import Watch
 from drivers.safety.last_words import end_blind
@@ -91,7 +90,7 @@ def known(agents: Path) -> dict[str, Target]:
     found = {}
     for folder in sorted(agents.glob("*/")):
         with suppress(AgentError):
-            begun = start_file.read(folder)
+            begun = StartFile.read(folder)
             found[folder.name] = Target(
                 folder.name, begun.port, folder, begun.power_off_cmd, firmware_of(begun.model)
             )

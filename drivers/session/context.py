@@ -16,7 +16,7 @@ from drivers.gcode import Point, Program
 from drivers.link import Link, Report, Up
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import Profile
-from drivers.records.alarm import Suspicion
+from drivers.records import Suspicion
 from drivers.safety.heater_watch import Watch
 
 REPORT_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long

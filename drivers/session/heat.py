@@ -12,7 +12,7 @@ from drivers.errors import Fault
 from drivers.gcode import Heat, HeaterName
 from drivers.link import Report
 from drivers.messages import PrintPhase
-from drivers.records.alarm import Suspicion
+from drivers.records import Suspicion
 from drivers.session.commands import arm_dead_man, await_report, send
 from drivers.session.context import Answer, Ended, Script, SessionContext
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from drivers.clock import Clock
 from drivers.errors import AgentError
-from drivers.records.start_file import Start
+from drivers.records import StartFile
 from drivers.remote import bridge
 from farm.config import PrinterSection
 
@@ -22,7 +22,7 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
     """Return the route to an agent on another host; None where it lives on this one."""
     if section.host is None:
         return None
-    start = Start(
+    start = StartFile(
         section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
     )
     errand = bridge.Errand(bridge.Do.SERVE, farm, start)

@@ -16,7 +16,7 @@ from drivers.discovery import commission, model_of, plugged
 from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
 from drivers.ports.serial_port import Device
-from drivers.records.journal import Journal
+from drivers.records import Journal
 from drivers.remote.client import pid, spawn
 
 MODEL = "ultimaker2_extended_plus"
@@ -59,7 +59,7 @@ def test_what_is_plugged_in_is_named_by_its_socket_and_by_the_fleet(tmp_path: Pa
 @pytest.mark.system
 def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
     assert commission(str(printer), tmp_path / "agent") == MODEL
-    memory = Journal(tmp_path / "agent" / "journal.jsonl").memory
+    memory = Journal(tmp_path / "agent" / "journal.jsonl").state
     assert memory.board.reset_verified == str(printer) and memory.board.opened is not None
 
 
@@ -122,7 +122,7 @@ def test_the_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Pat
     finally:
         process.kill()
         process.wait(10.0)
-    assert Journal(folder / "journal.jsonl").memory.board.reset_verified == str(printer)
+    assert Journal(folder / "journal.jsonl").state.board.reset_verified == str(printer)
     far = farm(tmp_path, f"{printer}, host: pc-b", "--commission", "a", "--yes")
     assert far.returncode == 5 and "is on pc-b" in far.stderr  # the port of that name here is another's
     unknown = farm(tmp_path, printer, "--commission", "z", "--yes")

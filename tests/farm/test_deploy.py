@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from drivers.clock import Clock
-from drivers.records import start_file
+from drivers.records import StartFile
 from drivers.remote.client import spawn
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -61,9 +61,7 @@ def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypat
     done = spawn("um2-01", "ultimaker2_plus", "/dev/null", folder, Clock(2.0, 5.0), "relay")
     assert done.wait(10.0) == 0
     assert (tmp_path / "asked").read_text() == "start farm-agent@um2-01.service\n"
-    assert start_file.read(folder) == start_file.Start(
-        "um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay"
-    )
+    assert StartFile.read(folder) == StartFile("um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay")
 
 
 def marks(event: dict[str, str]) -> dict[str, str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers import messages as m
-from drivers.records.journal import JOURNAL, Journal
+from drivers.records import JOURNAL, Journal
 from farm.state.storage.file_store import sha256_of, store_file
 from farm.state.storage.store import Store
 from power_cut import PowerCut
@@ -47,7 +47,7 @@ def test_an_agent_s_journal_has_every_record_that_it_acted_on(tmp_path, monkeypa
     for number, phase in enumerate((m.PrintPhase.SPOOLED, m.PrintPhase.PRINTING, m.PrintPhase.DONE)):
         shot = m.PrintSnapshot(print_id="p-1", phase=phase)
         journal.write(float(number), print=shot.model_dump(mode="json"), filament="parked", hot=number < 2)
-        left = Journal(disk.left(tmp_path / f"left-{number}") / JOURNAL).memory
+        left = Journal(disk.left(tmp_path / f"left-{number}") / JOURNAL).state
         assert (left.print, left.filament, left.board.hot) == (shot, m.Filament.PARKED, number < 2)
     assert left.ended == {"p-1"}
 

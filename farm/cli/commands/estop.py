@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from drivers.printers import PROFILES, firmware_of
-from drivers.records.start_file import Start
+from drivers.records import StartFile
 from farm.cli import completion
 from farm.cli.client import estop_socket
 from farm.cli.client.estop_socket import Said, Say
@@ -143,7 +143,7 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
     for section in fleet.printers:
         name, relay = section.name, section.power_off_cmd
         if section.host is not None:
-            start = Start(name, section.model, section.port, power_off_cmd=relay)
+            start = StartFile(name, section.model, section.port, power_off_cmd=relay)
             way = (section.host, section.host_command, fleet.fleet.name)
             targets[name] = _there(*way, start)
         elif section.enabled and name not in targets:
@@ -158,7 +158,7 @@ def _here(target: Target) -> Stop:
     return lambda tell: stop(target, tell=tell)
 
 
-def _there(host: str, command: str, farm: str, start: Start) -> Stop:
+def _there(host: str, command: str, farm: str, start: StartFile) -> Stop:
     from drivers.remote.bridge import stop_there  # slow to load, and most printers are on this host
 
     return lambda _: stop_there(host, command, farm, start)

@@ -15,8 +15,7 @@ from drivers.clock import Clock
 from drivers.errors import Fault, JournalError
 from drivers.link.replies import Report, Trouble
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
-from drivers.records.alarm import Alarm
-from drivers.records.journal import JOURNAL, Journal, recall
+from drivers.records import JOURNAL, Alarm, Journal, read_journal
 from drivers.safety.mains import NO_COMMAND
 from print_rig import PLUS, Rig, gcode
 
@@ -48,7 +47,7 @@ class Agent:
 
     def settled(self) -> Alarm:
         """Until what came of the command is known."""
-        self.until(lambda: self.alarm is None or self.alarm.said is not None)
+        self.until(lambda: self.alarm is None or self.alarm.outcome is not None)
         assert self.alarm is not None
         return self.alarm
 
@@ -83,7 +82,7 @@ def test_a_finding_of_an_idle_printer_cuts_its_mains_once(tmp_path: Path, mark: 
     agent.report(90.0, 50)
     alarm = agent.settled()
     agent.report(120.0, 50)
-    assert alarm.said == CUT and runs(mark) == 1
+    assert alarm.outcome == CUT and runs(mark) == 1
     assert agent.look.count("gets hotter") == agent.look.count(CUT) == 1
 
 
@@ -146,13 +145,13 @@ def test_it_is_written_down_before_it_is_run(tmp_path: Path, mark: Path):
 
 
 def test_an_agent_that_died_before_the_mains_were_cut_has_it_done_by_the_next(tmp_path: Path, mark: Path):
-    alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, asked=True)
-    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.model_dump(mode="json"))
-    assert recall(tmp_path / JOURNAL)[0].heat
+    alarm = Alarm(text="the nozzle is off, and gets hotter", at_s=5.0, power_off_requested=True)
+    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
+    assert read_journal(tmp_path / JOURNAL)[0].may_be_hot
     for _ in range(2):  # and not by the one after that
         agent = Agent(tmp_path, relay(mark))
         agent.recorder.record_changes()
-        assert agent.settled().said == CUT
+        assert agent.settled().outcome == CUT
         agent.recorder.record_changes()
         assert runs(mark) == 1
     assert agent.look == f"{alarm.text}; {CUT}"
@@ -160,7 +159,7 @@ def test_an_agent_that_died_before_the_mains_were_cut_has_it_done_by_the_next(tm
 
 def test_an_agent_that_died_before_its_heater_was_seen_to_cool_has_it_done_too(tmp_path: Path, mark: Path):
     alarm = Alarm(text="the nozzle went up to 250 C, above 210", at_s=5.0)
-    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.model_dump(mode="json"))
+    Journal(tmp_path / JOURNAL).write(5.0, alarm=alarm.record())
     agent = Agent(tmp_path, relay(mark))
     agent.recorder.record_changes()
     agent.settled()
@@ -176,7 +175,7 @@ def test_a_disk_that_takes_nothing_does_not_keep_the_mains_on(tmp_path: Path, ma
     agent.journal.write = full  # type: ignore[method-assign]
     agent.report(21.0)
     agent.report(90.0, 20)
-    assert agent.settled().said == CUT and runs(mark) == 1
+    assert agent.settled().outcome == CUT and runs(mark) == 1
 
 
 def test_a_command_that_hangs_holds_nothing_up(tmp_path: Path, mark: Path):
@@ -189,7 +188,7 @@ def test_a_command_that_hangs_holds_nothing_up(tmp_path: Path, mark: Path):
     agent.report(99.0, 100)
     assert agent.alarm is not None and agent.alarm.pending
     (tmp_path / "gate").write_text("go\n")
-    assert agent.settled().said == CUT and runs(mark) == 1
+    assert agent.settled().outcome == CUT and runs(mark) == 1
 
 
 # --- at a print ---
@@ -222,10 +221,10 @@ def test_at_the_end_of_a_print_the_mains_are_cut_once_and_its_reason_is_short(
     rig.firmware.break_down(f"{heater}_burns_after", rig.now_s)
     go_on(agent, rig, lambda: agent.alarm is not None)
     assert rig.session.context.phase is PrintPhase.ENDING  # while it still ends, people are told
-    told = recall(tmp_path / JOURNAL)[0].alarm
-    assert told is not None and told.open and f"the {heater} went up to" in told.text
+    told = read_journal(tmp_path / JOURNAL)[0].alarm
+    assert told is not None and told.suspected and f"the {heater} went up to" in told.text
     go_on(agent, rig, lambda: agent.board.session is None)
-    ended = agent.journal.memory.print
+    ended = agent.journal.state.print
     assert ended is not None and ended.phase is PrintPhase.FAILED
     said = CUT if command else NO_COMMAND
     assert str(ended.reason).count(said) == 1 and len(str(ended.reason)) < 250
@@ -242,8 +241,8 @@ def test_a_print_s_end_waits_for_what_came_of_the_command(tmp_path: Path, mark: 
     rig.firmware.break_down("nozzle_burns_after", rig.now_s)
     go_on(agent, rig, lambda: rig.session.context.ended)
     agent.recorder.record_changes()
-    assert agent.board.session is not None and agent.journal.memory.print is not None
-    shot = agent.recorder.describe_print(agent.journal.memory.print, rig.session.context)
+    assert agent.board.session is not None and agent.journal.state.print is not None
+    shot = agent.recorder.describe_print(agent.journal.state.print, rig.session.context)
     assert shot.phase is PrintPhase.ENDING and shot.ended_s is None
     (tmp_path / "gate").write_text("go\n")
     go_on(agent, rig, lambda: agent.board.session is None)
@@ -257,7 +256,7 @@ def test_a_heater_that_is_seen_to_cool_ends_the_alarm(tmp_path: Path, mark: Path
     rig.firmware.board.nozzle.temperature_c(rig.now_s)
     rig.firmware.board.nozzle.burns = False
     go_on(agent, rig, lambda: agent.board.session is None)
-    assert agent.alarm is None and recall(tmp_path / JOURNAL)[0].alarm is None
+    assert agent.alarm is None and read_journal(tmp_path / JOURNAL)[0].alarm is None
     assert runs(mark) == 0 and "went up to" in agent.look
 
 

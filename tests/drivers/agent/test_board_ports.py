@@ -19,7 +19,7 @@ from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
 from drivers.printers import PROFILES
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
-from drivers.records.journal import JOURNAL
+from drivers.records import JOURNAL
 from drivers.remote.client import alive
 from drivers.session import Session, SessionContext
 
@@ -216,7 +216,7 @@ def test_the_last_word_to_a_board_that_nothing_resets_goes_out_over_a_full_wire(
     os.close(slave)
     one = Printer(tmp_path / "agent", url)
     board = Board(url, ULTIMAKER2_PLUS, tmp_path, one.clock, lambda: None, lambda _: None)
-    board.state.hot, board.state.reset_refuted = True, url
+    board.state.hot, board.state.reset_failed = True, url
     board.open()
     session = Session(
         SessionContext(board.link, None, PROFILES[MODEL], m.Filament.PARKED, board.pace, one.clock.now())

@@ -19,7 +19,7 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
 from drivers.errors import Fault, JournalError
 from drivers.printers import PROFILES
-from drivers.records.journal import Journal
+from drivers.records import Journal
 
 
 class Driven(Agent):
@@ -143,7 +143,7 @@ def test_a_full_disk_stops_no_print_and_starts_none(
     driven.do = do
     driven.run()
     assert m.PrintPhase.PRINTING in seen
-    memory = Journal(tmp_path / "journal.jsonl").memory
+    memory = Journal(tmp_path / "journal.jsonl").state
     assert memory.ended == {"p-1"} and memory.filament is m.Filament.PARKED
 
 

@@ -23,8 +23,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
-from drivers.records.journal import ESTOPPED, Journal
-from drivers.records.start_file import Start
+from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote.client import AgentClient, alive, spawn
 from drivers.safety import estop, heater_watch
 
@@ -99,7 +98,7 @@ def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_
         status = read_status(folder / "emulator")
         assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)
         assert process.wait(10.0) == -signal.SIGKILL
-        assert Journal(folder / "journal.jsonl").memory.board.attention_reason == ESTOPPED
+        assert Journal(folder / "journal.jsonl").state.board.attention_reason == ESTOPPED
         assert not alive(folder)
         process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
         told = asyncio.run(ended(folder))
@@ -211,7 +210,7 @@ def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
         stopped = estop.stop(estop.Target("a", os.ttyname(slave), tmp_path / "a"), tell=tell)
         assert not stopped.seen_off and "not seen to cool" in stopped.text
         assert len(heard) == 1 and "both targets 0" in heard[0]
-        assert Journal(tmp_path / "a" / "journal.jsonl").memory.board.hot
+        assert Journal(tmp_path / "a" / "journal.jsonl").state.board.hot
     finally:
         os.close(slave)
         os.close(master)
@@ -273,12 +272,12 @@ def test_what_an_agent_was_started_with_is_found_again_and_rubbish_is_no_printer
         (tmp_path / name).mkdir()
         if text is not None:
             (tmp_path / name / "start.json").write_text(text)
-    Start("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
+    StartFile("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
     assert estop.known(tmp_path) == {"d": estop.Target("d", "/dev/null", tmp_path / "d", "relay d")}
 
 
 def test_what_is_the_same_is_not_written_anew_as_a_disk_may_be_full(tmp_path: Path):
-    begun = Start("d", MODEL, "/dev/null")
+    begun = StartFile("d", MODEL, "/dev/null")
     begun.write(tmp_path)
     (tmp_path / ".start.json.new").mkdir()  # nothing can be written there
     begun.write(tmp_path)

@@ -9,7 +9,7 @@ from drivers.errors import Fault
 from drivers.gcode import HeaterName
 from drivers.link.replies import Report
 from drivers.messages import Filament, PrintPhase
-from drivers.records.alarm import Suspicion
+from drivers.records import Suspicion
 from drivers.safety.heater_watch import Finding, Watch
 from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, gcode

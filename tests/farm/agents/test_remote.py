@@ -21,7 +21,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import AgentError
-from drivers.records.start_file import Start
+from drivers.records import StartFile
 from drivers.remote import bridge, client
 from drivers.remote.client import alive, pid
 from farm.agents import connection, remote
@@ -335,7 +335,7 @@ def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():
 
 
 def test_an_errand_comes_as_it_was_sent_and_nothing_else_is_one():
-    errand = bridge.Errand(bridge.Do.STOP, "test", Start("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
+    errand = bridge.Errand(bridge.Do.STOP, "test", StartFile("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
     assert bridge.parse(errand.line()) == errand
     for line in (b"", b"{}", b'{"do": "dance", "farm": "x", "start": {}}', json.dumps([1]).encode()):
         with pytest.raises(AgentError):

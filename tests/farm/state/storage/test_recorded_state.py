@@ -1,7 +1,7 @@
 """Books and journals of an installation of farm 0.1.0 open as they were."""
 
 from drivers.messages import PrintPhase
-from drivers.records.journal import JOURNAL, Journal
+from drivers.records import JOURNAL, Journal
 from farm.model import Bed, JobState, Part, PrintState, Verdict
 from farm.state.plate_state import PlateState
 from farm.state.storage.store import Store
@@ -34,8 +34,8 @@ def test_the_books_of_the_first_release_open(tmp_path):
 
 def test_the_journals_of_the_first_release_open(tmp_path):
     state = unpack_state(tmp_path)
-    ended = Journal(state / "agents" / "um2-01" / JOURNAL).memory
-    assert len(ended.ended) == 2 and not ended.heat
+    ended = Journal(state / "agents" / "um2-01" / JOURNAL).state
+    assert len(ended.ended) == 2 and not ended.may_be_hot
     assert ended.print is None or ended.print.phase is PrintPhase.DONE
-    still = Journal(state / "agents" / "um2x-01" / JOURNAL).memory
-    assert still.print.phase is PrintPhase.PRINTING and still.heat and still.print.extruded
+    still = Journal(state / "agents" / "um2x-01" / JOURNAL).state
+    assert still.print.phase is PrintPhase.PRINTING and still.may_be_hot and still.print.extruded

@@ -11,7 +11,7 @@ from drivers import messages as m
 from drivers.agent.loop import Agent
 from drivers.clock import Clock
 from drivers.printers import PROFILES
-from drivers.records.journal import JOURNAL, Journal
+from drivers.records import JOURNAL, Journal
 
 MODEL = "ultimaker2_plus"
 GCODE = b"G28\n"

@@ -1,0 +1,78 @@
+"""The agent's copies of G-code files."""
+
+import errno
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+
+from drivers.agent.spool import Spool
+from drivers.errors import AgentError, BadGcode, Unreadable
+from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
+
+
+def test_the_spool_keeps_a_checked_copy(tmp_path: Path):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
+    program = spool.take("p-1", source, hashlib.sha256(b"G28\n").hexdigest())
+    assert program.count == 1
+    assert (tmp_path / "spool" / "p-1.gcode").read_bytes() == b"G28\n"
+    source.unlink()
+    spool.drop("p-1")
+    spool.drop("p-1")
+    assert os.listdir(tmp_path / "spool") == []  # noqa: PTH208
+    assert program.lines(0, 1) == [b"G28"]  # whoever prints has it still
+    source.write_bytes(b"M0\n")
+    with pytest.raises(BadGcode, match="knob"):
+        spool.take("p-1", source, hashlib.sha256(b"M0\n").hexdigest())
+    with pytest.raises(BadGcode, match="sha256"):
+        spool.take("p-1", source, "0" * 64)
+    with pytest.raises(BadGcode, match="cannot be read"):
+        spool.take("p-1", tmp_path / "none", "0" * 64)
+    with pytest.raises(AgentError):
+        spool.check("../p-1")
+
+
+def test_a_full_disk_keeps_no_half_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    spool = Spool(tmp_path / "spool", ULTIMAKER2_PLUS)
+
+    class Full:
+        def update(self, _: bytes) -> None:
+            raise OSError(errno.ENOSPC, "no room")
+
+    monkeypatch.setattr(hashlib, "sha256", Full)
+    with pytest.raises(AgentError, match="make room"):
+        spool.take("p-1", source, "0" * 64)
+    assert not list((tmp_path / "spool").iterdir())
+
+
+def test_a_file_may_come_over_the_socket_in_pieces(tmp_path: Path):
+    spool = Spool(tmp_path, ULTIMAKER2_PLUS)
+    text = b"G28\n" * 100
+    for at in (0, 64, 0, 64, 128):  # begun anew after a break
+        spool.put("p-1", at, text[at : at + 64])
+    with pytest.raises(AgentError, match="follow"):
+        spool.put("p-1", 128, b"G28\n")
+    spool.put("p-1", 192, text[192:])
+    program = spool.take("p-1", spool.part("p-1"), hashlib.sha256(text).hexdigest())
+    assert program.count == 100
+    spool.put("p-2", 0, b"left")
+    Spool(tmp_path, ULTIMAKER2_PLUS)
+    assert not spool.part("p-2").exists()
+    with pytest.raises(AgentError):
+        spool.put("../p", 0, b"")
+
+
+def test_a_copy_that_is_written_over_is_not_printed(tmp_path: Path):
+    source = tmp_path / "a.gcode"
+    source.write_bytes(b"G28\n")
+    program = Spool(tmp_path / "spool", ULTIMAKER2_PLUS).take(
+        "p-1", source, hashlib.sha256(b"G28\n").hexdigest()
+    )
+    (tmp_path / "spool" / "p-1.gcode").write_bytes(b"G29\n")
+    with pytest.raises(Unreadable):
+        program.lines(0, 1)

@@ -1,0 +1,112 @@
+"""The agent's journal, also as older agents wrote it."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from drivers import messages as m
+from drivers.errors import JournalError
+from drivers.records import Alarm, BoardState, Journal
+
+
+def test_a_truncated_journal_is_read_to_its_last_whole_record(tmp_path: Path):
+    path = tmp_path / "journal.jsonl"
+    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    opened = m.PrintSnapshot(print_id="p-2", phase=m.PrintPhase.HEATING)
+    journal = Journal(path)
+    journal.write(1.0, print=ended.model_dump(mode="json"), filament="parked")
+    journal.write(2.0, print=opened.model_dump(mode="json"), look="smoke")
+    with path.open("ab") as end:
+        end.write(b'{"at_s": 3.0, "print": nu')
+    memory = Journal(path).state
+    assert memory.print == opened
+    assert (list(memory.recent), memory.filament, memory.board.attention_reason) == (
+        [ended],
+        m.Filament.PARKED,
+        "smoke",
+    )
+    Journal(path).write(4.0, look=None)
+    assert Journal(path).state.board.attention_reason is None
+
+
+def test_on_a_full_disk_writing_fails_and_the_records_stay_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "journal.jsonl"
+    journal = Journal(path)
+    journal.write(1.0, filament="parked")
+    write = os.write
+    with monkeypatch.context() as full:
+        full.setattr(os, "write", lambda fd, data: write(fd, data[:7]))  # as the last free bytes take it
+        with pytest.raises(JournalError, match="check its disk"):
+            journal.write(2.0, filament="at_nozzle")
+    assert journal.state.filament is m.Filament.PARKED
+    journal.write(3.0, look="smoke")
+    memory = Journal(path).state
+    assert (memory.filament, memory.board.attention_reason) == (m.Filament.PARKED, "smoke")
+
+
+def test_a_damaged_journal_needs_attention_and_may_leave_the_printer_hot(tmp_path: Path):
+    path = tmp_path / "journal.jsonl"
+    ended = m.PrintSnapshot(print_id="p-1", phase=m.PrintPhase.DONE)
+    Journal(path).write(1.0, filament="parked")
+    with path.open("ab") as end:
+        end.write(b'\x00\x00\x00{"at_s": 2.0\n{"at_s": 3.0, "print": {"colour": 1}}\n5\n[]\n')
+    assert Journal(path).state.may_be_hot  # one of them may have begun a print
+    Journal(path).write(4.0, print=ended.model_dump(mode="json"))
+    memory = Journal(path).state
+    assert memory.ended == {"p-1"} and not memory.may_be_hot
+    assert memory.board.attention_reason is not None and "journal" in memory.board.attention_reason
+    with path.open("ab") as end:
+        end.write(b"?\n")
+    assert Journal(path).state.may_be_hot
+    Journal(path).write(4.5, hot=False)  # it was seen off
+    assert not Journal(path).state.may_be_hot
+    Journal(path).write(5.0, look=None)  # a person did
+    assert Journal(path).state.board.attention_reason is None
+
+
+def test_the_board_state_is_written_whole_under_its_first_names(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    state = BoardState.model_validate(
+        {"look": "smoke", "doubt": "moved", "hot": True, "reset_verified": "/dev/a"}
+    )
+    Journal(path).write(1.0, **state.record())
+    record = json.loads(path.read_text())
+    assert record == {
+        "at_s": 1.0,
+        "look": "smoke",
+        "doubt": "moved",
+        "hot": True,
+        "opened": None,
+        "reset_verified": "/dev/a",
+        "reset_refuted": None,
+    }
+    assert Journal(path).state.board == state
+
+
+def test_a_partial_record_of_the_board_keeps_the_rest(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    path.write_text('{"at_s": 1.0, "doubt": "moved", "hot": true}\n{"at_s": 2.0, "look": "smoke"}\n')
+    board = Journal(path).state.board
+    assert (board.attention_reason, board.bed_unknown_reason, board.hot) == ("smoke", "moved", True)
+
+
+def test_a_snapshot_keeps_its_names_on_the_wire():
+    said = m.Snapshot(printer="a", agent_pid=1, link=m.LinkState.READY, bed_unknown_reason="moved")
+    line = json.loads(said.model_dump_json())
+    assert line["doubt"] == "moved" and "bed_unknown_reason" not in line
+    assert m.from_agent_adapter.validate_json(json.dumps(line)) == said
+
+
+def test_an_alarm_is_written_and_read_under_its_first_names(tmp_path):
+    path = tmp_path / "journal.jsonl"
+    path.write_text('{"at_s": 1.0, "alarm": {"text": "hot", "at_s": 1.0, "asked": true, "said": null}}\n')
+    alarm = Journal(path).state.alarm
+    assert alarm == Alarm(text="hot", at_s=1.0, power_off_requested=True) and alarm.pending
+    cut = alarm.model_copy(update={"outcome": "off"})
+    Journal(path).write(2.0, alarm=cut.record())
+    last = json.loads(path.read_text().splitlines()[-1])
+    assert last["alarm"] == {"text": "hot", "at_s": 1.0, "asked": True, "said": "off", "over": False}
