@@ -31,7 +31,7 @@ from bench.measured_daemon import MEASURES, fill_books
 from bench.protocol_agents import MODEL, PORT, ProtocolAgents
 from drivers.clock import Clock
 from farm import api
-from farm.cli.client.daemon_client import Client
+from farm.cli.client import Client
 from farm.errors import FarmError
 from farm.paths import StateFolder, write_anchor
 

@@ -30,7 +30,7 @@ from drivers.printers import PROFILES
 from drivers.records import JOURNAL
 from drivers.remote.client import kill as kill_agent
 from farm import api
-from farm.cli.client.daemon_client import Client
+from farm.cli.client import Client
 from farm.errors import DaemonUnreachable, FarmError
 from farm.fleet_file import load_fleet
 from farm.model import Bed, Job, JobOptions, PrintState
@@ -242,7 +242,7 @@ class Night:
         for item in view.todo:
             try:
                 if item.code == "outage":
-                    self.client.tell("/outage/confirm")
+                    self.client.send_command("/outage/confirm")
                 elif item.code in ("clear", "look", "connect"):
                     for name in item.printers if item.code == "look" else full.intersection(item.printers):
                         self.client.cleared(name, api.ClearedRequest())

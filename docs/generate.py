@@ -20,7 +20,7 @@ from pydantic import BaseModel
 from drivers.errors import Fault
 from drivers.printers import PROFILES
 from farm import api
-from farm.cli.client.estop_socket import Said
+from farm.cli.client import StopReport
 from farm.cli.main import app
 from farm.config import ComputeSection, FleetSection, PrinterSection, UploadsSection
 from farm.errors import EXIT_CODES, ErrorCode, ExitCode
@@ -38,7 +38,7 @@ SCHEMAS: tuple[tuple[str, type[BaseModel]], ...] = (
     ("farm status JOB --json and farm submit --json", api.JobStatus),
     ("farm submit --dry-run --json", api.Timeline),
     ("farm history --json", api.History),
-    ("One printer of farm estop --json", Said),
+    ("One printer of farm estop --json", StopReport),
 )
 
 

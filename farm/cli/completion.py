@@ -3,70 +3,70 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import closing
-from http.client import HTTPException
 from pathlib import Path
 
 import typer
 
 from farm.api import Names
-from farm.cli.client.unix_http import DaemonConnection
+from farm.cli.client import Client
 from farm.errors import FarmError
 from farm.paths import find_places
 
-_PATIENCE_S = 1.0  # somebody waits at the prompt
-Offers = list[tuple[str, str]]  # a word, and what it stands for
-Complete = Callable[[typer.Context, str], Offers]
+_TIMEOUT_S = 1.0  # a person waits at the prompt
+Words = list[tuple[str, str]]  # each with its description
+Complete = Callable[[typer.Context, str], Words]
 
 
-def _offering(words: Callable[[Names, typer.Context], Iterable[tuple[str, str]]]) -> Complete:
-    """Make a completion function for typer, which offers the words that begin like the input."""
+def _make_completion(list_words: Callable[[Names, typer.Context], Iterable[tuple[str, str]]]) -> Complete:
+    """Make a completion function for typer from a function that lists all words."""
 
-    def complete(context: typer.Context, incomplete: str) -> Offers:
+    def complete(context: typer.Context, incomplete: str) -> Words:
         try:
-            names = _ask(context)
-        except (OSError, HTTPException, ValueError, FarmError):  # at a prompt there is nobody to tell
+            names = _fetch_names(context)
+        except (OSError, ValueError, FarmError):  # at a prompt, an error would only be in the way
             return []
-        return [(word, help_) for word, help_ in words(names, context) if word.startswith(incomplete)]
+        return [(word, help_) for word, help_ in list_words(names, context) if word.startswith(incomplete)]
 
     return complete
 
 
-def _ask(context: typer.Context) -> Names:
-    state, own, fleet = (
+def _fetch_names(context: typer.Context) -> Names:
+    state, socket, fleet = (
         Path(path) if (path := context.params.get(name)) else None for name in ("state", "socket", "fleet")
     )
-    path = find_places(state, own, fleet).socket
-    with closing(DaemonConnection(path, _PATIENCE_S, _PATIENCE_S)) as way:
-        way.request("GET", "/names")
-        return Names.model_validate_json(way.getresponse().read())
+    return Client(find_places(state, socket, fleet).socket, _TIMEOUT_S, _TIMEOUT_S).names()
 
 
-def _printers(names: Names, _: typer.Context) -> Offers:
+def _list_printers(names: Names, _: typer.Context) -> Words:
     return [(printer, "") for printer in names.printers]
 
 
-def _jobs(names: Names, _: typer.Context) -> Offers:
+def _list_jobs(names: Names, _: typer.Context) -> Words:
     return [(str(job.id), f"{job.name}, {job.state}") for job in names.jobs]
 
 
-def _parts(names: Names, context: typer.Context) -> Offers:
-    """List the parts of the job given before, without its number."""
-    wanted = str(context.params.get("job"))
+def _list_parts(names: Names, context: typer.Context) -> Words:
+    """List the parts of the job on the command line, without its number."""
+    number = str(context.params.get("job"))
     return [
         (part.rpartition("/")[2], f"of {job.name}")
         for job in names.jobs
-        if str(job.id) == wanted
+        if str(job.id) == number
         for part in job.parts
     ]
 
 
-def _targets(names: Names, context: typer.Context) -> Offers:
+def _list_targets(names: Names, context: typer.Context) -> Words:
     parts = [(part, f"of {job.name}") for job in names.jobs for part in job.parts]
-    return [*_printers(names, context), *_jobs(names, context), *parts]
+    return [*_list_printers(names, context), *_list_jobs(names, context), *parts]
 
 
-printers, jobs, parts, targets = map(_offering, (_printers, _jobs, _parts, _targets))
-beds = _offering(
-    lambda names, context: [*_printers(names, context), ("all", "all beds that wait to be cleared")]
-)
+def _list_beds(names: Names, context: typer.Context) -> Words:
+    return [*_list_printers(names, context), ("all", "all beds that wait to be cleared")]
+
+
+printers = _make_completion(_list_printers)
+jobs = _make_completion(_list_jobs)
+parts = _make_completion(_list_parts)
+targets = _make_completion(_list_targets)
+beds = _make_completion(_list_beds)

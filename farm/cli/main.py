@@ -1,4 +1,4 @@
-"""The `farm` command: its commands, and how it ends."""
+"""The `farm` command: the table of its commands, and its exit codes."""
 
 from __future__ import annotations
 
@@ -10,20 +10,8 @@ from typing import Annotated
 import typer
 
 import farm
-from farm.cli.commands import (
-    daemon,
-    discover,
-    doctor,
-    estop,
-    history,
-    local,
-    operate,
-    pause,
-    prepare,
-    status,
-    submit,
-)
-from farm.cli.display.console import print_notice
+from farm.cli.commands import daemon, estop, installation, local, operate, status, submit
+from farm.cli.display import print_notice
 from farm.errors import ExitCode, FarmError
 
 app = typer.Typer(
@@ -48,36 +36,36 @@ def common(
     """Turns a fleet of Ultimaker 2+ printers into one fast printer for large models."""
 
 
-_COMMANDS: tuple[Callable[..., None], ...] = (
-    daemon.up,
-    daemon.daemon,
-    daemon.down,
-    status.status,
-    submit.submit,
-    prepare.load,
-    prepare.approve,
-    history.history,
-    history.report,
-    operate.cleared,
-    operate.fail,
-    operate.reprint,
-    operate.cancel,
-    operate.maintenance,
-    local.decompose,
-    local.slice_model,
-    pause.pause,
-    pause.resume,
-    discover.discover,
-    doctor.doctor,
-    estop.estop,
-)
-"""In the order in which `farm --help` lists them."""
-for _command in _COMMANDS:
-    app.command("slice" if _command is local.slice_model else None)(_command)
+_COMMANDS: dict[str, tuple[Callable[..., None], ...]] = {
+    "The farm": (daemon.up, daemon.down, status.status, installation.doctor, daemon.daemon),
+    "Jobs": (
+        submit.submit,
+        submit.approve,
+        operate.pause,
+        operate.resume,
+        operate.cancel,
+        operate.reprint,
+        status.history,
+        status.report,
+    ),
+    "Printers": (
+        operate.cleared,
+        operate.fail,
+        operate.load,
+        operate.maintenance,
+        installation.discover,
+        estop.estop,
+    ),
+    "Without the daemon": (local.decompose, local.slice_model),
+}
+"""Groups in the order in which `farm --help` lists them."""
+for _group, _commands in _COMMANDS.items():
+    for _command in _commands:
+        app.command("slice" if _command is local.slice_model else None, rich_help_panel=_group)(_command)
 
 
 def main() -> None:
-    """Run a command; a mistake of the user gets one line on stderr and an exit code, never a traceback."""
+    """Run a command. An error is one line on stderr and an exit code, never a traceback."""
     try:
         code = app(prog_name="farm", standalone_mode=False)
         if code == ExitCode.INTERRUPTED:
@@ -88,7 +76,7 @@ def main() -> None:
         sys.exit(int(error.exit_code))
     except typer.TyperException as error:
         message = " ".join(error.format_message().replace("Value error, ", "").split()).rstrip(".")
-        if message:  # empty where the help was shown instead
+        if message:  # empty where the help was shown
             path = context.command_path if (context := getattr(error, "ctx", None)) else "farm"
             print_notice(f"{message}; see `{path} --help`")
         sys.exit(int(ExitCode.USAGE))

@@ -22,6 +22,11 @@ Socket = Annotated[
 FleetFile = Annotated[Path | None, typer.Option("--fleet", help="The fleet file (FARM_FLEET).")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 Why = Annotated[str, typer.Option(help="The reason; it goes into the history.")]
+LongestSide = Annotated[float | None, typer.Option(help="Scale the model to this longest side, mm.")]
+Scale = Annotated[
+    float | None, typer.Option(help="Scale the model by this factor: 1000 for a model in metres.")
+]
+Quality = Annotated[str, typer.Option(help="glue, paper, or a quality of Cura's.")]
 Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=completion.printers)]
 Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.jobs)]
 
@@ -50,9 +55,11 @@ def placed(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]
     def run(*, state: Path | None, socket: Path | None, fleet: Path | None, **given: Any) -> None:
         command(find_places(state, socket, fleet), **given)  # type: ignore[call-arg]
 
-    shown: Any = run  # typer reads its signature
-    shown.__signature__ = own.replace(parameters=parameters)
-    shown.__annotations__ = {one.name: one.annotation for one in parameters} | {"return": None}
+    wrapper: Any = run  # typer reads its signature
+    wrapper.__signature__ = own.replace(parameters=parameters)
+    wrapper.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters} | {
+        "return": None
+    }
     return run  # type: ignore[return-value]
 
 
@@ -67,7 +74,7 @@ def parse_printer_count(text: str) -> int | None:
     Raises
     ------
     typer.BadParameter
-        It is neither.
+        It is neither a number of at least 1 nor ``auto``.
     """
     if text == "auto":
         return None

@@ -17,7 +17,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.records import JOURNAL
-from farm.cli.client.unix_http import DaemonConnection
+from farm.cli.client import DaemonConnection
 from farm.model import Bed, PrintState
 from farm.paths import StateFolder, read_anchor
 from farm.state.storage.store import Store

@@ -41,7 +41,7 @@ def test_another_member_of_the_group_stops_a_printer_whose_daemon_and_agent_hang
     command = [
         sys.executable,
         "-m",
-        "farm.cli.client.estop_server",
+        "farm.cli.estop_server",
         "--state",
         farm.state,
         "--fleet",

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import socket
 import time
 import uuid
 from collections.abc import Mapping
 from contextlib import closing, suppress
-from http.client import HTTPException
+from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 from urllib.parse import quote, urlencode
@@ -16,7 +17,6 @@ from urllib.parse import quote, urlencode
 from pydantic import BaseModel, ValidationError
 
 from farm import api
-from farm.cli.client.unix_http import DaemonConnection
 from farm.errors import DaemonUnreachable, ErrorCode, FarmError
 from farm.model import JobOptions
 from farm.text import describe_first_error
@@ -26,6 +26,29 @@ CONNECT_S, ANSWER_S = 5.0, 60.0
 SUBMISSION_S = 600.0
 """A large broken model is repaired before its submission is answered."""
 _LONGEST_NAME = 200
+_CHUNK = 1 << 20  # bytes of an upload
+
+
+class DaemonConnection(HTTPConnection):
+    """HTTP over the daemon's Unix socket. Raises OSError or HTTPException where no whole answer comes.
+
+    The standard library's HTTP loads fast and leaves nothing open.
+    """
+
+    def __init__(self, path: Path, connect_s: float, answer_s: float) -> None:
+        super().__init__("farm", timeout=answer_s, blocksize=_CHUNK)
+        self._path, self._connect_s, self._answer_s = path, connect_s, answer_s
+
+    def connect(self) -> None:
+        connection = socket.socket(socket.AF_UNIX)
+        try:
+            connection.settimeout(self._connect_s)
+            connection.connect(str(self._path))
+            connection.settimeout(self._answer_s)
+        except OSError:
+            connection.close()
+            raise
+        self.sock = connection
 
 
 class Client:
@@ -35,17 +58,20 @@ class Client:
 
     Parameters
     ----------
-    socket
+    path
         The daemon's Unix socket.
-    answer_s
-        Seconds to wait for an answer.
+    answer_s, connect_s
+        Seconds to wait for an answer, and for a connection.
     """
 
-    def __init__(self, socket: Path, answer_s: float = ANSWER_S) -> None:
-        self._socket, self._answer_s = socket, answer_s
+    def __init__(self, path: Path, answer_s: float = ANSWER_S, connect_s: float = CONNECT_S) -> None:
+        self._path, self._answer_s, self._connect_s = path, answer_s, connect_s
 
     def status(self) -> api.Status:
         return self._ask(api.Status, "GET", "/status")
+
+    def names(self) -> api.Names:
+        return self._ask(api.Names, "GET", "/names")
 
     def job(self, number: int) -> api.JobStatus:
         return self._ask(api.JobStatus, "GET", f"/jobs/{number}")
@@ -61,11 +87,11 @@ class Client:
         params = {name: value for name, value in asked.items() if value is not None}
         return self._ask(api.History, "GET", "/history", params=params)
 
-    def tell(self, path: str, why: str | None = None) -> str:
+    def send_command(self, path: str, why: str | None = None) -> str:
         """Send a command about a job, a part or a printer; return the name of its target."""
         body = None if why is None else api.Reason(why=why)
         answer = self._call("POST", path, body=body)
-        return _read(api.Named, answer).name if answer else ""
+        return _validate(api.Named, answer).name if answer else ""
 
     def load(self, printer: str, request: api.LoadRequest) -> api.Reel:
         return self._ask(api.Reel, "POST", f"/printers/{printer}/load", body=request)
@@ -76,24 +102,24 @@ class Client:
     def timeline(self, number: int) -> api.Timeline:
         return self._ask(api.Timeline, "GET", f"/jobs/{number}/timeline")
 
-    def down(self, now: bool, wait: bool) -> None:
+    def shut_down(self, now: bool, wait: bool) -> None:
         self._call("POST", "/down", body=api.DownRequest(now=now, wait=wait))
 
-    def submit(self, model: Path, options: JobOptions, patience_s: float = 60.0) -> api.Submitted:
-        """Upload a model; retry for `patience_s` with the same request id while the daemon is away."""
+    def submit(self, model: Path, options: JobOptions, retry_s: float = 60.0) -> api.Submitted:
+        """Upload a model; retry for `retry_s` with the same request id while the daemon is away."""
         params = {
             "request_id": uuid.uuid4().hex,
             "name": os.fsencode(model.name).decode(errors="replace")[:_LONGEST_NAME],
             "size": str(model.stat().st_size),
             "options": options.model_dump_json(exclude_none=True),
         }
-        self.status()  # where no daemon is there at all, say so at once
-        give_up = time.monotonic() + patience_s
+        self.status()  # raises at once where there is no daemon at all
+        give_up = time.monotonic() + retry_s
         while True:
             try:
                 with model.open("rb") as file:
                     answer = self._call("POST", "/jobs", params=params, upload=file, answer_s=SUBMISSION_S)
-                return _read(api.Submitted, answer)
+                return _validate(api.Submitted, answer)
             except DaemonUnreachable:
                 if time.monotonic() > give_up:
                     raise
@@ -108,7 +134,7 @@ class Client:
         params: Mapping[str, str | int] | None = None,
         body: BaseModel | None = None,
     ) -> View:
-        return _read(view, self._call(method, path, params=params, body=body))
+        return _validate(view, self._call(method, path, params=params, body=body))
 
     def _call(
         self,
@@ -125,10 +151,10 @@ class Client:
         headers = {} if body is None else {"Content-Type": "application/json"}
         answer_s = answer_s or self._answer_s
         try:
-            with closing(DaemonConnection(self._socket, CONNECT_S, answer_s)) as way:
-                with suppress(BrokenPipeError):  # it may answer before it has read all: it is going down
-                    way.request(method, target, content, headers)
-                answer = way.getresponse()
+            with closing(DaemonConnection(self._path, self._connect_s, answer_s)) as connection:
+                with suppress(BrokenPipeError):  # a daemon that ends may answer before it has read all
+                    connection.request(method, target, content, headers)
+                answer = connection.getresponse()
                 text = answer.read()
         except TimeoutError as error:
             raise DaemonUnreachable(
@@ -137,32 +163,32 @@ class Client:
             ) from error
         except PermissionError as error:
             raise DaemonUnreachable(
-                f"{self._socket} cannot be used by you: only by the farm's owner and the members of its group"
+                f"you may not use {self._path}: only the farm's owner and the members of its group may"
             ) from error
         except (OSError, HTTPException) as error:
             why = (error.strerror if isinstance(error, OSError) else None) or error
             raise DaemonUnreachable(
-                f"no daemon answers on {self._socket} ({why}); `farm up` starts one"
+                f"no daemon answers on {self._path} ({why}); `farm up` starts one"
             ) from error
         try:
-            said = json.loads(text)
+            values = json.loads(text)
             if answer.status < 400:
-                return said
-            problem = api.Problem.model_validate(said)
+                return values
+            problem = api.Problem.model_validate(values)
             code = ErrorCode(problem.code)
         except ValueError:
-            words = text.decode(errors="replace")[:200]
-            raise FarmError(f"the daemon answered {answer.status}: {words}") from None
+            start = text.decode(errors="replace")[:200]
+            raise FarmError(f"the daemon answered {answer.status}: {start}") from None
         raise FarmError(problem.error, code)
 
 
-def _read(view: type[View], answer: object) -> View:
-    """Read an answer of the daemon. Raises FarmError where the daemon has another version."""
+def _validate(view: type[View], answer: object) -> View:
+    """Validate an answer. Raises FarmError where the daemon has another version."""
     try:
         return view.model_validate(answer)
     except ValidationError as error:
         why = describe_first_error(error.errors())
         raise FarmError(
-            f"the daemon has another version than this command ({why}): restart it; a "
-            "SIGTERM ends the daemon but no print, and `farm up` starts it again"
+            f"the daemon has another version than this command ({why}): end it with SIGTERM, which ends no "
+            "print, and start it again with `farm up`"
         ) from error

@@ -1,7 +1,7 @@
-"""`farm estop` of those who may not touch the agents: a socket of its own, without the daemon.
+"""Emergency stop by people who may not reach the agents: a socket of its own, without the daemon.
 
-Whoever may write to the socket names printers; a process of the farm's user, which `estop_server` starts for
-each request (`deploy/systemd/farm-estop.socket`), stops them and says line by line what came of it.
+A member of the socket's group sends the names of printers. For each request `farm.cli.estop_server` starts a
+process of the farm's user, which stops them and reports line by line (`deploy/systemd/farm-estop.socket`).
 """
 
 from __future__ import annotations
@@ -18,60 +18,60 @@ from farm.errors import ErrorCode, FarmError
 from farm.paths import Places
 
 _LONGEST = 1 << 16  # bytes of a line
-_PATIENCE_S = 180.0  # without a word; a printer that is hot is watched for 140 s
+_SILENCE_S = 180.0  # between two lines; a hot printer is watched for 140 s
 
 
 class _Line(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
-class Pressed(_Line):
-    """Stop these; all where there is none."""
+class StopRequest(_Line):
+    """The printers to stop; all where there is none."""
 
     printers: list[str]
 
 
-class Said(_Line):
-    """What became of a printer."""
+class StopReport(_Line):
+    """Progress or outcome of one printer's stop."""
 
     printer: str
-    seen_off: bool | None = None  # None: it is still looked at
+    seen_off: bool | None = None  # None: not decided yet
     still: bool | None = None  # seen not to move any more
     reset_after_s: float | None = None
     text: str
 
 
-class Over(_Line):
-    """All of them have been looked at."""
+class StopEnd(_Line):
+    """Last line of the answer."""
 
     over: Literal[True]
     error: str | None = None
     code: ErrorCode | None = None
 
 
-Say = Callable[[Said], None]
-_heard: TypeAdapter[Said | Over] = TypeAdapter(Said | Over)
+Report = Callable[[StopReport], None]
+_answer_line: TypeAdapter[StopReport | StopEnd] = TypeAdapter(StopReport | StopEnd)
 
 
-def way(places: Places) -> Path | None:
-    """The socket, where the farm is another user's; None where it is one's own.
+def find_estop_socket(places: Places) -> Path | None:
+    """Find the socket of a farm that belongs to another user; None where it is the caller's own.
 
-    Root goes there too, unless it was told where the farm's state folder is.
+    Root uses the socket too, unless the state folder that it named is there.
 
     Raises
     ------
     FarmError
-        It is another user's and has none: what this user's own folders say is of another farm.
+        The farm is another user's and has no such socket; this user's folders are of another farm.
     """
     path = places.socket.with_name("estop.sock")
     owners = {owner for socket in (path, places.socket) if (owner := _owner(socket)) is not None}
-    told = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
-    if told or owners <= {os.geteuid()}:
+    named_by_root = os.geteuid() == 0 and (places.state.root / "agents").is_dir()
+    if named_by_root or owners <= {os.geteuid()}:
         return None
     if _owner(path) is None:
         raise FarmError(
-            f"the farm at {places.socket} belongs to another user and has no estop.sock: its owner can stop "
-            "its printers, or switch them off by hand"
+            f"the farm at {places.socket} belongs to another user and has no estop.sock: ask its owner to "
+            "stop its printers, or switch them off by hand"
         )
     return path
 
@@ -83,53 +83,53 @@ def _owner(path: Path) -> int | None:
         return None
 
 
-def press(path: Path, printers: list[str], say: Say) -> None:
-    """Have printers stopped.
+def request_stop(path: Path, printers: list[str], report: Report) -> None:
+    """Have printers stopped by the process at the other end.
 
     Raises
     ------
     FarmError
-        Nobody answers there, or what `stop` raised at the other end.
+        Nobody answers there, or the error of the stop itself.
     """
     trouble = f"{path}: cannot be reached ({{}}); switch the printers off by hand"
     try:
-        with socket.socket(socket.AF_UNIX) as talk:
-            talk.settimeout(_PATIENCE_S)
-            talk.connect(str(path))
-            talk.sendall(Pressed(printers=printers).model_dump_json().encode() + b"\n")
-            with talk.makefile("r", encoding="utf-8") as lines:
+        with socket.socket(socket.AF_UNIX) as connection:
+            connection.settimeout(_SILENCE_S)
+            connection.connect(str(path))
+            connection.sendall(StopRequest(printers=printers).model_dump_json().encode() + b"\n")
+            with connection.makefile("r", encoding="utf-8") as lines:
                 for line in lines:
-                    heard = _heard.validate_json(line)
-                    if isinstance(heard, Over):
-                        if heard.error is not None:
-                            raise FarmError(heard.error, heard.code)
+                    answer = _answer_line.validate_json(line)
+                    if isinstance(answer, StopEnd):
+                        if answer.error is not None:
+                            raise FarmError(answer.error, answer.code)
                         return
-                    say(heard)
+                    report(answer)
     except PermissionError as error:
         raise FarmError(trouble.format("only members of its group may use it")) from error
-    except (OSError, ValueError) as error:  # what is no text is no line of ours either
+    except (OSError, ValueError) as error:  # ValueError: it is no line of ours
         raise FarmError(trouble.format(error)) from error
     raise FarmError(trouble.format("it ended before it reported the result"))
 
 
-def answer(asked: TextIO, said: TextIO, stop: Callable[[list[str], Say], None]) -> None:
-    """Stop what one line asks for, and say in lines what came of it; whoever asked may have gone."""
+def serve_request(request: TextIO, answers: TextIO, stop: Callable[[list[str], Report], None]) -> None:
+    """Stop what one line asks for, and answer in lines; it goes on where the caller has gone."""
 
-    def tell(line: BaseModel) -> None:
+    def send(line: BaseModel) -> None:
         try:
-            said.write(line.model_dump_json() + "\n")
-            said.flush()
+            answers.write(line.model_dump_json() + "\n")
+            answers.flush()
         except OSError:
             pass
 
     try:
-        pressed = Pressed.model_validate_json(asked.readline(_LONGEST))
+        wanted = StopRequest.model_validate_json(request.readline(_LONGEST))
     except ValueError:
-        tell(Over(over=True, error="the request cannot be read", code=ErrorCode.REFUSED))
+        send(StopEnd(over=True, error="the request cannot be read", code=ErrorCode.REFUSED))
         return
-    over = Over(over=True)
+    end = StopEnd(over=True)
     try:
-        stop(pressed.printers, tell)
+        stop(wanted.printers, send)
     except FarmError as error:
-        over = Over(over=True, error=str(error), code=error.code)
-    tell(over)
+        end = StopEnd(over=True, error=str(error), code=error.code)
+    send(end)

@@ -1,4 +1,4 @@
-"""`farm up`, `farm down` and `farm daemon`: the farm's start and end."""
+"""`farm up`, `farm down` and `farm daemon`: start and end of the daemon."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import typer
 
 from drivers.printers import PROFILES
 from farm.cli import completion
-from farm.cli.client.daemon_client import Client
-from farm.cli.display.console import print_notice
+from farm.cli.client import Client
+from farm.cli.display import print_notice
 from farm.cli.options import placed
 from farm.config import Fleet
 from farm.errors import DaemonUnreachable, FarmError
@@ -23,7 +23,7 @@ from farm.paths import Places
 from farm.text import format_count
 
 _START_TIMEOUT_S = 60.0
-_END_TIMEOUT_S = 180.0
+_STOP_TIMEOUT_S = 180.0
 _READABLE_BY_ALL = 0o004
 
 
@@ -37,7 +37,7 @@ def up(
         ),
     ] = None,
 ) -> None:
-    """Start the daemon, which starts an agent for each printer or connects to the running ones."""
+    """Start the daemon, and an agent for each printer that has none."""
     fleet = _load_fleet(places)
     _warn(fleet, places)
     client = Client(places.socket)
@@ -51,7 +51,7 @@ def up(
     else:
         print(f"farm {running.daemon.version} is already up: pid {running.daemon.pid}")
     for name in replace or ():
-        client.tell(f"/printers/{name}/replace")
+        client.send_command(f"/printers/{name}/replace")
         print(f"{name}: its agent is replaced")
 
 
@@ -62,27 +62,28 @@ def _load_fleet(places: Places) -> Fleet:
 
 
 def _warn(fleet: Fleet, places: Places) -> None:
-    """Name ports that are missing, and a fleet file that shows passwords to everybody."""
+    """Warn of missing ports, and of a fleet file that shows passwords to everybody."""
     for printer in fleet.printers:
-        here = printer.enabled and printer.host is None and printer.port.startswith("/")
-        if here and not Path(printer.port).exists():
+        local = printer.enabled and printer.host is None and printer.port.startswith("/")
+        if local and not Path(printer.port).exists():
             print_notice(
-                f"{printer.name}: there is no port {printer.port}: check its USB cable and power; the other "
+                f"{printer.name}: there is no port {printer.port}; check its USB cable and power; the other "
                 "printers start without it"
             )
     if fleet.fleet.notify and places.fleet.stat().st_mode & _READABLE_BY_ALL:
         print_notice(
-            f"{places.fleet} may hold passwords under `notify`, and every user can read it: `chmod o-r` it"
+            f"{places.fleet} may hold passwords under `notify`, and every user can read it: "
+            f"`chmod o-r {places.fleet}`"
         )
 
 
 def _start_daemon(places: Places, client: Client) -> None:
-    """Start the daemon in the background, and return when it answers.
+    """Start the daemon in the background, and wait until it answers.
 
     Raises
     ------
     FarmError
-        It ended or did not answer in time; the message has the last line of its log.
+        It ended or does not answer; the message has the last line of its log.
     """
     places.state.make()
     command = [sys.executable, "-P", "-m", "farm.cli.main", "daemon"]
@@ -113,7 +114,7 @@ def _start_daemon(places: Places, client: Client) -> None:
 
 @placed
 def daemon(places: Places) -> None:
-    """Run the daemon in the foreground (`farm up` runs it in the background)."""
+    """Run the daemon in the foreground; `farm up` runs it in the background."""
     from farm.daemon import run
 
     os.umask(0o077)  # the state folder may have been there, open to all: what is written into it is not
@@ -124,30 +125,30 @@ def daemon(places: Places) -> None:
 def down(
     places: Places,
     wait: Annotated[
-        bool, typer.Option("--wait", help="Let the prints end first; start no new ones.")
+        bool, typer.Option("--wait", help="Let open prints end first, and start no new ones.")
     ] = False,
-    now: Annotated[bool, typer.Option("--now", help="End all prints safely first.")] = False,
+    now: Annotated[bool, typer.Option("--now", help="End open prints safely first.")] = False,
 ) -> None:
-    """Stop the agents and the daemon. Refused while a printer prints, unless --wait or --now."""
+    """Stop the daemon and the agents. While a printer prints, --wait or --now is needed."""
     if wait and now:
         raise typer.BadParameter("--wait and --now exclude each other", param_hint="--now")
     client = Client(places.socket)
     pid = client.status().daemon.pid
-    client.down(now, wait)
-    give_up = time.monotonic() + _END_TIMEOUT_S
+    client.shut_down(now, wait)
+    give_up = time.monotonic() + _STOP_TIMEOUT_S
     while wait or time.monotonic() < give_up:
         if not _is_running(pid):
             print("farm is down")
             return
         time.sleep(0.1)
     raise FarmError(
-        f"the daemon (pid {pid}) has not ended within {_END_TIMEOUT_S:.0f} s; look at `farm status` and "
+        f"the daemon (pid {pid}) has not ended within {_STOP_TIMEOUT_S:.0f} s; look at `farm status` and "
         f"at its log {places.state.log}"
     )
 
 
 def _is_running(pid: int) -> bool:
-    """Whether a process exists and is no zombie."""
+    """Tell whether a process exists and is no zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

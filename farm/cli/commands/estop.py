@@ -15,8 +15,7 @@ import typer
 from drivers.printers import PROFILES, firmware_of
 from drivers.records import StartFile
 from farm.cli import completion
-from farm.cli.client import estop_socket
-from farm.cli.client.estop_socket import Said, Say
+from farm.cli.client import Report, StopReport, find_estop_socket, request_stop, serve_request
 from farm.cli.display.console import print_json
 from farm.cli.options import Json, placed
 from farm.errors import FarmError, FleetFileError, NoSuchThing
@@ -42,37 +41,37 @@ def estop(
 ) -> None:
     """Stop printers at once by resetting their boards, even if the daemon and the agents hang."""
     if asked:
-        estop_socket.answer(sys.stdin, sys.stdout, partial(stop_all, places))
+        serve_request(sys.stdin, sys.stdout, partial(stop_all, places))
         return
-    ended: list[Said] = []
+    outcomes: list[StopReport] = []
 
-    def say(said: Said) -> None:
-        if said.seen_off is not None:
-            ended.append(said)
+    def report(line: StopReport) -> None:
+        if line.seen_off is not None:
+            outcomes.append(line)
         if not json:
-            print_line(said)
+            print_report(line)
 
-    way = estop_socket.way(places)
+    socket = find_estop_socket(places)
     try:
-        if way is not None:
-            estop_socket.press(way, printers or [], say)
+        if socket is not None:
+            request_stop(socket, printers or [], report)
         else:
-            stop_all(places, printers or [], say)
+            stop_all(places, printers or [], report)
     finally:
         if json:
-            rows = [said.model_dump() for said in sorted(ended, key=lambda said: said.printer)]
+            rows = [line.model_dump() for line in sorted(outcomes, key=lambda line: line.printer)]
             print_json({"schema": 1, "printers": rows})
 
 
-def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
-    """Stop the printers of these names, all where there is none.
+def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
+    """Stop printers by their names; all where no name is given.
 
     Raises
     ------
     NoSuchThing
-        Of what no printer is called; the others are stopped.
+        A name is no printer's; the others are stopped.
     FarmError
-        Of those whose heaters were not seen off, or which were not seen to stand still.
+        The heaters of a printer were not seen off, or it was not seen to stand still.
     """
     began_s = time.time()
     targets, trouble = find_targets(places)
@@ -80,22 +79,13 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
         raise trouble
     names = list(printers)
     wanted = {name: targets[name] for name in names or targets if name in targets}
-    say = one_at_a_time(say)
+    report = serialise_reports(report)
     hot, moving = [], []
     with ThreadPoolExecutor(max_workers=max(1, len(wanted))) as pool:
-        tells = {name: partial(_go_on, say, name) for name in wanted}
-        for done in as_completed([pool.submit(stop, tells[name]) for name, stop in wanted.items()]):
+        stops = [pool.submit(stop, partial(_report_progress, report, name)) for name, stop in wanted.items()]
+        for done in as_completed(stops):
             result = done.result()
-            after_s = None if result.cut_s is None else round(result.cut_s - began_s, 3)
-            say(
-                Said(
-                    printer=result.printer,
-                    text=result.text,
-                    seen_off=result.seen_off,
-                    still=result.still,
-                    reset_after_s=after_s,
-                )
-            )
+            report(_describe_outcome(result, began_s))
             if not result.seen_off:
                 hot.append(result.printer)
             elif not result.still:
@@ -113,29 +103,47 @@ def stop_all(places: Places, printers: Iterable[str], say: Say) -> None:
         )
 
 
-def print_line(said: Said) -> None:
-    """Print what is said of a printer as one line in one write, so that lines never run into one another."""
-    sys.stdout.write(f"{said.printer}: {flatten_text(said.text)}\n")
+def _describe_outcome(result: Stopped, began_s: float) -> StopReport:
+    return StopReport(
+        printer=result.printer,
+        text=result.text,
+        seen_off=result.seen_off,
+        still=result.still,
+        reset_after_s=None if result.cut_s is None else round(result.cut_s - began_s, 3),
+    )
+
+
+def _report_progress(report: Report, printer: str, text: str) -> None:
+    """Report on a printer whose stop has not ended."""
+    report(StopReport(printer=printer, text=text))
+
+
+def print_report(line: StopReport) -> None:
+    """Print a report as one line in one write, so that lines of several printers never mix."""
+    sys.stdout.write(f"{line.printer}: {flatten_text(line.text)}\n")
     sys.stdout.flush()
 
 
-def one_at_a_time(say: Say) -> Say:
-    """Have lines of several printers said one after the other, whatever thread they come from."""
+def serialise_reports(report: Report) -> Report:
+    """Wrap `report` so that calls from several threads come one after the other."""
     lock = Lock()
 
-    def locked(said: Said) -> None:
+    def locked(line: StopReport) -> None:
         with lock:
-            say(said)
+            report(line)
 
     return locked
 
 
 def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None]:
-    """How to stop every printer of the state folder and of `fleet.yaml`; a bad file hides no agent's."""
+    """Find how to stop each printer of the state folder and of `fleet.yaml`.
+
+    Where `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
+    """
     from drivers.safety.estop import Target, known  # slow to load
 
     agents = known(places.state.root / "agents")
-    targets: dict[str, Stop] = {name: _here(target) for name, target in agents.items()}
+    targets: dict[str, Stop] = {name: _stop_here(target) for name, target in agents.items()}
     try:
         fleet = load_fleet(places.fleet, frozenset(PROFILES))
     except FleetFileError as error:
@@ -144,26 +152,21 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
         name, relay = section.name, section.power_off_cmd
         if section.host is not None:
             start = StartFile(name, section.model, section.port, power_off_cmd=relay)
-            way = (section.host, section.host_command, fleet.fleet.name)
-            targets[name] = _there(*way, start)
+            remote = (section.host, section.host_command, fleet.fleet.name)
+            targets[name] = _stop_there(*remote, start)
         elif section.enabled and name not in targets:
             target = Target(name, section.port, places.state.agent(name), relay, firmware_of(section.model))
-            targets[name] = _here(target)
+            targets[name] = _stop_here(target)
     return targets, None
 
 
-def _here(target: Target) -> Stop:
+def _stop_here(target: Target) -> Stop:
     from drivers.safety.estop import stop
 
     return lambda tell: stop(target, tell=tell)
 
 
-def _there(host: str, command: str, farm: str, start: StartFile) -> Stop:
+def _stop_there(host: str, command: str, farm: str, start: StartFile) -> Stop:
     from drivers.remote.bridge import stop_there  # slow to load, and most printers are on this host
 
     return lambda _: stop_there(host, command, farm, start)
-
-
-def _go_on(say: Say, printer: str, text: str) -> None:
-    """What is to be said of a printer before it has ended."""
-    say(Said(printer=printer, text=text))

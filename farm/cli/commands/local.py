@@ -8,43 +8,39 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.markup import escape
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from farm.cli.display.console import open_console, print_json
-from farm.cli.display.decomposition import summarise_decomposition
-from farm.cli.display.format import format_filament
-from farm.cli.options import Json, parse_printer_count
+from farm.cli.display import format_filament, open_console, print_json
+from farm.cli.options import Json, LongestSide, Quality, Scale, parse_printer_count
 from farm.errors import ErrorCode, FarmError
-from farm.text import format_duration
+from farm.text import format_count, format_duration
 
 
 def decompose(
     model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF.")],
     out: Annotated[Path, typer.Option(help="The folder for the parts.")],
     printers: Annotated[
-        str, typer.Option(help="The number of printers, or auto: the most worthwhile number.")
+        str, typer.Option(help="The number of printers, or auto: the number that saves most time.")
     ] = "8",
     volume: Annotated[str, typer.Option(help="Build volume of a printer, X,Y,Z in mm.")] = "223,223,205",
     brim: Annotated[float, typer.Option(min=0, help="Width of the brim, mm.")] = 8.0,
-    longest_side: Annotated[
-        float | None, typer.Option(help="Scale the model to this longest side, mm.")
-    ] = None,
-    scale: Annotated[float | None, typer.Option(help="Scale the model by this factor.")] = None,
+    longest_side: LongestSide = None,
+    scale: Scale = None,
     granularity: Annotated[
         str, typer.Option(help="auto, a name from the paper, or cells per side.")
     ] = "auto",
     interior: Annotated[
-        str, typer.Option(help="leave: leave out the deep inside; keep: print it too.")
+        str, typer.Option(help="leave: leave the deep inside hollow; keep: print it too.")
     ] = "leave",
     min_wall: Annotated[float, typer.Option(min=0, help="Thinnest wall around the hollow, mm.")] = 10.0,
     min_glue: Annotated[float, typer.Option(min=0, help="Smallest area of a joint that holds, mm2.")] = 25.0,
     engine: Annotated[str, typer.Option(help="The algorithm; best: guillotine and parallelobox.")] = "best",
     budget: Annotated[
-        float, typer.Option(min=0, help="best: computing time, about seconds of one core.")
+        float, typer.Option(min=0, help="best: computing time in seconds of one core, about.")
     ] = 20.0,
     seed: Annotated[int, typer.Option(min=0, help="Random seed, for engines that use one.")] = 0,
     tries: Annotated[int, typer.Option(min=1, help="parallelobox: attempts for each number of seeds.")] = 3,
@@ -56,13 +52,12 @@ def decompose(
     assemble: Annotated[float, typer.Option(min=0, help="auto: time to glue a part, s.")] = 216.0,
     json: Json = False,
 ) -> None:
-    """Cut a model into parts of about equal printing time, and write them to a folder. Needs no daemon."""
+    """Cut a model into parts of about equal printing time, and write them to a folder."""
     from farm.planning.local.decompose_file import DecomposeRequest, decompose_to_folder
 
-    size = _parse_volume(volume)
     request = DecomposeRequest(
+        volume_mm=_parse_volume(volume),
         printers=parse_printer_count(printers),
-        volume_mm=size,
         brim_mm=brim,
         longest_side_mm=longest_side,
         scale=scale,
@@ -87,20 +82,63 @@ def decompose(
         print(line)
 
 
+def summarise_decomposition(report: dict[str, Any], printers: int, out: Path) -> list[str]:
+    """Summarise a decomposition.
+
+    Parameters
+    ----------
+    report
+        The report, as `--json` prints it.
+    printers
+        The number of printers.
+    out
+        The folder with its files.
+
+    Returns
+    -------
+    list of str
+        At most six lines. The efficiency E in the first is the paper's: the time of the uncut model over
+        printers times makespan.
+    """
+    parts, makespan_s = report["parts"], report["makespan_s"]
+    efficiency = report["serial_as_is_s"] / (printers * makespan_s)
+    single = format_duration(report["serial_s"])
+    lines = [" ".join(report["repairs"])] if report["repairs"] else []
+    lines.append(
+        f"{format_count(len(parts), 'part')}: {format_duration(makespan_s)} on "
+        f"{format_count(printers, 'printer')}, {single} on a single large one; efficiency E {efficiency:.2f}"
+    )
+    gap = f"at most {report['gap']:.0%} above the lower bound"
+    askew = f", turned by {report['yaw_deg']:.0f} degrees about Z" if report["yaw_deg"] else ""
+    along = " for cuts along its grid" if report["cells"] else ""
+    lines.append(f"By {report['engine']}{askew}: {gap}{along}")
+    glued = [joint for joint in report["joints"] if joint["glued"]]
+    if glued:
+        small = min(glued, key=lambda joint: float(joint["area_mm2"]))
+        lines.append(
+            f"{format_count(len(glued), 'joint')}; the smallest, {small['a']} to {small['b']}, has "
+            f"{small['area_mm2']:.0f} mm2 of glue area and is {small['width_mm']:.1f} mm wide"
+        )
+    warnings = [f"{fault['part']} {fault['what']}" for fault in report["faults"]]
+    warnings += [f"{part['id']} may fall over while it is printed" for part in parts if not part["stands"]]
+    if warnings:
+        more = f", and {len(warnings) - 3} more" if len(warnings) > 3 else ""
+        lines.append(f"Check: {'; '.join(warnings[:3])}{more}")
+    ends = f"{parts[0]['file']} to {parts[-1]['file']}" if len(parts) > 1 else parts[0]["file"]
+    lines.append(f"In {out}: {ends}, assembly.png, assembly.glb, decomposition.json")
+    return lines
+
+
 def slice_model(
     model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF in mm; it is not turned.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="The G-code file.")],
     printer_model: Annotated[str, typer.Option(help="Cura's definition id.")] = "ultimaker2_plus",
-    quality: Annotated[str, typer.Option(help="glue, paper, or a quality of Cura's.")] = "glue",
+    quality: Quality = "glue",
     material: Annotated[str, typer.Option(help="Cura's material id.")] = "generic_pla",
     nozzle: Annotated[float, typer.Option(help="Nozzle size, mm.")] = 0.4,
     set_: Annotated[list[str] | None, typer.Option("--set", help="A Cura setting, KEY=VALUE.")] = None,
-    longest_side: Annotated[
-        float | None, typer.Option(help="Scale the model to this longest side, mm.")
-    ] = None,
-    scale: Annotated[
-        float | None, typer.Option(help="Scale the model by this factor (1000: metres).")
-    ] = None,
+    longest_side: LongestSide = None,
+    scale: Scale = None,
     price_per_kg: Annotated[
         float | None, typer.Option(min=0, help="Price of the filament, to show what the print costs.")
     ] = None,
@@ -110,7 +148,7 @@ def slice_model(
     no_cache: Annotated[bool, typer.Option("--no-cache", help="Do not use the slice cache.")] = False,
     json: Json = False,
 ) -> None:
-    """Slice one model as one plate for USB streaming, with all checks. Needs no daemon."""
+    """Slice a model as one plate for printing over USB, with all checks."""
     from farm.planning.local.slice_file import SliceOptions, default_cache, slice_to_file
 
     overrides = {}
@@ -140,7 +178,7 @@ def slice_model(
 
 
 def _exit(number: int, _: object) -> NoReturn:
-    """End as with Ctrl-C, so that the engine ends and temporary files are removed."""
+    """Exit as after Ctrl-C, so that the engine ends and temporary files are removed."""
     sys.exit(128 + number)
 
 
@@ -150,9 +188,9 @@ def _show_step() -> Iterator[Callable[[str], None]]:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(
         *columns, console=open_console(stderr=True), transient=True, disable=not sys.stderr.isatty()
-    ) as shown:
-        task = shown.add_task("starting")
-        yield lambda text: shown.update(task, description=escape(text))
+    ) as progress:
+        task = progress.add_task("starting")
+        yield lambda text: progress.update(task, description=escape(text))
 
 
 def _parse_volume(text: str) -> tuple[float, float, float]:

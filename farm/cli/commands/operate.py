@@ -1,4 +1,4 @@
-"""The operator's commands: `farm cleared`, `fail`, `reprint`, `cancel` and `maintenance`."""
+"""The operator's commands: `farm cleared`, `fail`, `reprint`, `cancel`, `pause`, `resume`, `load`, ..."""
 
 from __future__ import annotations
 
@@ -8,14 +8,24 @@ from typing import Annotated
 
 import typer
 
-from farm.api import Cleared, ClearedRequest, PrinterView
+from farm.api import Cleared, ClearedRequest, LoadRequest, PrinterView
 from farm.cli import completion
-from farm.cli.client.daemon_client import Client
+from farm.cli.client import Client
 from farm.cli.options import Job, Printer, Why, placed
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import Places
 
+Targets = Annotated[
+    list[str], typer.Argument(help="Printers, jobs (3) or parts (3/p01).", autocompletion=completion.targets)
+]
+Resumed = Annotated[
+    list[str] | None,
+    typer.Argument(
+        help="Printers, jobs (3) or parts (3/p01); none: the whole farm after an outage.",
+        autocompletion=completion.targets,
+    ),
+]
 Target = Annotated[
     str,
     typer.Argument(
@@ -24,8 +34,8 @@ Target = Annotated[
 ]
 
 
-def target_path(target: str) -> str:
-    """Build the HTTP path of a job (3), a part (3/p01 or 3/01) or a printer."""
+def find_target_path(target: str) -> str:
+    """Return the HTTP path of a job (3), a part (3/p01 or 3/01) or a printer."""
     if target.isdigit():
         return f"/jobs/{target}"
     if re.fullmatch(r"\d+/p?\d+[a-z]*", target):
@@ -35,9 +45,9 @@ def target_path(target: str) -> str:
 
 
 def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
-    """Select the printers that `all` means.
+    """Select the printers for `all`: those with a bed to clear.
 
-    Not those in maintenance or absent: a part may still lie there.
+    Printers in maintenance and absent ones are left out: a part may still lie there.
     """
     others = (HoldCode.MAINTENANCE, Link.ABSENT)
     return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
@@ -54,7 +64,7 @@ def cleared(
         ),
     ],
     bad: Annotated[bool, typer.Option("--bad", help="The printed part is bad: print it again.")] = False,
-    why: Annotated[str | None, typer.Option(help="What is wrong with the part; implies --bad.")] = None,
+    why: Annotated[str | None, typer.Option(help="Why the part is bad; implies --bad.")] = None,
     good: Annotated[
         str | None,
         typer.Option(metavar="PART", help="This part of a failed print is good: do not print it again."),
@@ -71,16 +81,16 @@ def cleared(
             "give exactly one printer: the one that printed the part", param_hint="--good"
         )
     client = Client(places.socket)
-    fleet_now = {p.name: p for p in client.status().printers}
+    fleet = {p.name: p for p in client.status().printers}
     if printers == ["all"]:
         if bad:
             raise typer.BadParameter("give the printers whose parts are bad, not all", param_hint="--bad")
-        printers = select_beds_to_clear(fleet_now.values())
+        printers = select_beds_to_clear(fleet.values())
         if not printers:
             print("no bed waits to be cleared")
-    unknown = [name for name in printers if name not in fleet_now]
+    unknown = [name for name in printers if name not in fleet]
     if unknown:
-        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet_now)}")
+        raise NoSuchThing(f"there is no printer {' '.join(unknown)}; the fleet has {' '.join(fleet)}")
     request = ClearedRequest(filament=filament, bad=bad or why is not None, why=why, good=good)
     for printer in printers:
         answer = client.cleared(printer, request)
@@ -88,7 +98,7 @@ def cleared(
 
 
 def _describe_part(request: ClearedRequest, answer: Cleared) -> list[str]:
-    """Say what happens to the part that was on the bed."""
+    """Describe what happens to the part that was on the bed."""
     if request.bad and answer.again is None:
         return ["its part was cancelled and is not printed again"]
     if request.bad:
@@ -104,7 +114,7 @@ def _describe_part(request: ClearedRequest, answer: Cleared) -> list[str]:
 @placed
 def fail(places: Places, printer: Printer, why: Why = "") -> None:
     """End a failing print safely, and print its part again."""
-    Client(places.socket).tell(f"/printers/{printer}/fail", why)
+    Client(places.socket).send_command(f"/printers/{printer}/fail", why)
     print(
         f"{printer}: its print ends, its part will be printed again; remove it, then `farm cleared {printer}`"
     )
@@ -121,7 +131,7 @@ def reprint(
 ) -> None:
     """Print a part again, at any time and whatever its state."""
     path = f"/jobs/{job}/parts/{part.rpartition('/')[2]}/reprint"
-    name = Client(places.socket).tell(path, why)
+    name = Client(places.socket).send_command(path, why)
     print(f"part {name} will be printed again")
 
 
@@ -133,21 +143,75 @@ def cancel(
     """Cancel a job or a part: prints end safely, and nothing of it is printed again."""
     client = Client(places.socket)
     if not target.isdigit():
-        name = client.tell(f"{target_path(target)}/cancel")
+        name = client.send_command(f"{find_target_path(target)}/cancel")
         print(
             f"part {name} is cancelled; if it was being printed, clear the bed, then `farm cleared PRINTER`"
         )
         return
     answer = client.cancel(int(target))
     printing = sorted({plate.printer for plate in answer.job.plates if plate.printing})
-    print(f"job {target} is cancelled{_ending(printing)}")
+    print(f"job {target} is cancelled{_describe_ending(printing)}")
 
 
-def _ending(printing: list[str]) -> str:
+def _describe_ending(printing: list[str]) -> str:
     if not printing:
         return ""
     prints = "prints end" if len(printing) > 1 else "print ends"
     return f"; {' '.join(printing)}: the {prints} safely; remove the parts, then `farm cleared PRINTER`"
+
+
+@placed
+def pause(places: Places, targets: Targets) -> None:
+    """Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.
+
+    A print that is not resumed within two hours is ended. Parts of a paused job that wait do not start.
+    """
+    client = Client(places.socket)
+    for target in targets:
+        path = find_target_path(target)
+        printer = client.send_command(f"{path}/pause")
+        effect = "pausing; none of its waiting parts starts" if target.isdigit() else "pausing"
+        if "/parts/" in path:
+            effect = f"pausing on {printer}" if printer else "will not start"
+        print(f"{_format_target(target)}: {effect}; continue with `farm resume {target}`")
+
+
+@placed
+def resume(places: Places, targets: Resumed = None) -> None:
+    """Resume what was paused; without a name, the whole farm after an outage."""
+    client = Client(places.socket)
+    if not targets:
+        lost = client.send_command("/outage/confirm")
+        print(f"the farm goes on; inspect the lost printers ({lost}), then `farm cleared PRINTER` for each")
+    for target in targets or ():
+        client.send_command(f"{find_target_path(target)}/resume")
+        print(f"{_format_target(target)}: resumed")
+    for task in client.status().todo:
+        if task.code == "hours":  # resumed, but it will be ended with the attended hours
+            print(task.text)
+
+
+def _format_target(target: str) -> str:
+    return f"job {target}" if target.isdigit() else target
+
+
+@placed
+def load(
+    places: Places,
+    printer: Printer,
+    material: Annotated[str | None, typer.Option(help="Material of the new reel, by Cura's name.")] = None,
+    colour: Annotated[str | None, typer.Option(help="Colour of the new reel.")] = None,
+    grams: Annotated[float | None, typer.Option(help="Filament on the new reel, g.", min=0)] = None,
+    nozzle: Annotated[float | None, typer.Option(help="Size of the mounted nozzle, mm.", min=0.1)] = None,
+) -> None:
+    """Record a new reel or nozzle. No print starts with too little filament left."""
+    if material is None and colour is None and grams is None and nozzle is None:
+        raise typer.BadParameter("give at least one of --material, --colour, --grams and --nozzle")
+    request = LoadRequest(material=material, colour=colour, grams=grams, nozzle_mm=nozzle)
+    reel = Client(places.socket).load(printer, request)
+    amount = f", {reel.grams:.0f} g" if reel.grams is not None else ", amount not known"
+    colours = f" {reel.colour}" if reel.colour else ""
+    print(f"{printer}: {reel.material}{colours}{amount}, nozzle {reel.nozzle_mm:g} mm")
 
 
 @placed
@@ -160,10 +224,10 @@ def maintenance(
     """Take a printer out of use after its current print, or put it back into use (--done)."""
     client = Client(places.socket)
     if done:
-        client.tell(f"/printers/{printer}/maintained")
+        client.send_command(f"/printers/{printer}/maintained")
         print(f"{printer}: back in use")
     elif not why:
         raise typer.BadParameter("give the reason; it is shown to others", param_hint="--why")
     else:
-        client.tell(f"/printers/{printer}/maintenance", why)
+        client.send_command(f"/printers/{printer}/maintenance", why)
         print(f"{printer}: in maintenance; put it back into use with `farm maintenance {printer} --done`")

@@ -1,24 +1,42 @@
-"""`farm status`: the status page, or the page of one job."""
+"""`farm status`, `farm history` and `farm report`: commands that only show."""
 
 from __future__ import annotations
 
+import os
 import time
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
 from rich.console import RenderableType
 from rich.live import Live
 
+from farm import api
 from farm.cli import completion
-from farm.cli.client.daemon_client import Client
-from farm.cli.display.console import open_console, print_json
-from farm.cli.display.job_page import render_job, show_job
-from farm.cli.display.progress import retry_over_restart
-from farm.cli.display.status_page import render_status
-from farm.cli.options import Json, placed
+from farm.cli.client import Client
+from farm.cli.display import (
+    format_deviation,
+    format_share,
+    format_time,
+    make_table,
+    open_console,
+    print_json,
+    print_notice,
+    render_job,
+    render_status,
+    retry_over_restart,
+    show_job,
+)
+from farm.cli.options import Job, Json, placed
+from farm.errors import FarmError
 from farm.paths import Places
+from farm.text import format_count, format_duration, format_mass
 
 _REFRESH_S = 1.0
+_ALL = 100_000
+_PICTURE_PX = 220
 
 
 @placed
@@ -36,9 +54,9 @@ def status(
         answer = client.job(job)
         print_json(answer) if json else show_job(answer.job)
     else:
-        whole = client.status()
+        view = client.status()
         screen = open_console()
-        print_json(whole) if json else screen.print(render_status(whole, screen.width))
+        print_json(view) if json else screen.print(render_status(view, screen.width))
 
 
 def _watch(client: Client, number: int | None) -> None:
@@ -54,3 +72,123 @@ def _watch(client: Client, number: int | None) -> None:
         while True:
             time.sleep(_REFRESH_S)
             live.update(retry_over_restart(draw), refresh=True)
+
+
+@placed
+def history(
+    places: Places,
+    job: Annotated[
+        int | None, typer.Option(help="Only prints of this job.", autocompletion=completion.jobs)
+    ] = None,
+    printer: Annotated[
+        str | None, typer.Option(help="Only prints on this printer.", autocompletion=completion.printers)
+    ] = None,
+    last: Annotated[int, typer.Option(min=1, max=_ALL, help="Number of prints.")] = 30,
+    json: Json = False,
+) -> None:
+    """List the latest prints: duration, deviation from the plan, filament and outcome."""
+    past = Client(places.socket).history(job, printer, last)
+    if json:
+        print_json(past)
+        return
+    rows = make_table("ENDED", "PRINTER", "PART", "MODEL", "DURATION", "VS PLAN", "USED", "BY", "OUTCOME")
+    for row in past.prints:
+        done = row.state == "done" and row.expected_s
+        deviation = format_deviation(row.took_s / row.expected_s - 1) if done else ""
+        why = row.why if row.verdict else row.reason or row.fault
+        outcome = str(row.verdict or row.state) + (f": {why}" if why and row.wasted else "")
+        used = f"{format_mass(row.grams)}{' wasted' if row.wasted and row.grams >= 0.5 else ''}"
+        name = row.name[:20]
+        duration, by = format_duration(row.took_s), row.submitted_by or ""
+        rows.add_row(
+            format_time(row.ended), row.printer, row.part, name, duration, deviation, used, by, outcome
+        )
+    screen = open_console()
+    screen.print(rows)
+    lost = [row for row in past.prints if row.wasted]
+    screen.print(
+        f"{format_count(len(past.prints), 'print')}, {len(lost)} of them wasted: "
+        f"{format_duration(sum(row.took_s for row in lost))}, {format_mass(sum(row.grams for row in lost))}"
+    )
+
+
+@placed
+def report(
+    places: Places,
+    job: Job,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The file to write; default job-N.html in this folder.")
+    ] = None,
+) -> None:
+    """Write an HTML page on a job: its figures, a Gantt chart, what failed and why, and its parts."""
+    from farm.views.report import render_page  # slow to load
+
+    client = Client(places.socket)
+    view = client.job(job).job
+    now = datetime.fromisoformat(client.status().fleet.now)
+    pictures = {part.id: png for part in view.parts if (png := draw_part(Path(part.file))) is not None}
+    assembly = Path(view.folder) / "assembly.png" if view.folder else None
+    readable = assembly is not None and os.access(assembly, os.R_OK)
+    target = out or Path(f"job-{job}.html")
+    text = render_page(
+        view,
+        client.history(None, None, _ALL).prints,
+        now,
+        list_figures(view),
+        pictures,
+        assembly.read_bytes() if assembly is not None and readable and len(view.parts) > 1 else None,
+    )
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        why = error.strerror or error
+        raise FarmError(f"{target} cannot be written ({why}); give another file with --out") from error
+    if view.parts and not pictures and not readable:
+        print_notice(f"you may not read {view.folder}: the page has no pictures")
+    print(target)
+
+
+def list_figures(view: api.JobView) -> list[tuple[str, str]]:
+    """List the figures of a job, each with its name."""
+    actual = "actual" if view.state in ("printed", "done") else "as known now"
+    rows = [
+        (
+            "submitted",
+            format_time(view.submitted) + (f" by {view.submitted_by}" if view.submitted_by else ""),
+        ),
+        ("plates printed", f"{view.printed} of {len(view.plates)}; good {view.good}"),
+        ("parallel printing time, expected", format_duration(view.estimated_s)),
+        (f"parallel printing time, {actual}", format_duration(view.current_s)),
+        ("single large printer", format_duration(view.serial_s)),
+        ("speed-up", f"{view.speedup:.1f}" if view.speedup else "-"),
+        ("utilisation", format_share(view.utilisation) if view.utilisation else "-"),
+        (
+            "wasted",
+            f"{format_duration(view.wasted_s)}, {format_mass(view.wasted_grams)}"
+            if view.wasted_s
+            else "nothing",
+        ),
+        ("filament", format_mass(view.grams) if view.grams is not None else "-"),
+    ]
+    if view.price is not None:
+        rows.append(("price of the filament", f"{view.price:.2f} {view.currency or ''}".strip()))
+    return rows
+
+
+def draw_part(stl: Path) -> bytes | None:
+    """Draw a part in its printing pose as PNG; None where the file is no STL that can be read."""
+    import numpy as np  # these are slow to load
+    import trimesh
+
+    from decompose.export import draw_assembly
+    from decompose.geometry import Solid
+    from decompose.results import Part
+
+    if stl.suffix != ".stl" or not os.access(stl, os.R_OK):
+        return None
+    mesh = trimesh.load_mesh(stl)
+    part = Part("", Solid.from_arrays(mesh.vertices, mesh.faces), np.eye(4), 0.0, "")
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "part.png"
+        draw_assembly([part], path, _PICTURE_PX)
+        return path.read_bytes()

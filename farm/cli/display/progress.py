@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from farm import api
-from farm.cli.client.daemon_client import Client
+from farm.cli.client import Client
 from farm.cli.display.console import open_console
 from farm.cli.display.format import format_cached, format_filament, format_planning
 from farm.errors import DaemonUnreachable

@@ -5,7 +5,7 @@ import asyncio
 import httpx
 import pytest
 
-from farm.cli.commands.operate import target_path
+from farm.cli.commands.operate import find_target_path
 from farm.http.app import make_app
 from farm.http.services import Services
 from farm.model import JobOptions, JobState, PrintState
@@ -41,7 +41,7 @@ def farm(tmp_path):
         async def call():
             transport = httpx.ASGITransport(app)
             async with httpx.AsyncClient(transport=transport, base_url="http://farm") as client:
-                return await client.post(f"{target_path(target)}/{verb}")
+                return await client.post(f"{find_target_path(target)}/{verb}")
 
         farm.effects.instructions.clear()
         return asyncio.run(call())

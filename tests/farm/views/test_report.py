@@ -7,12 +7,11 @@ from xml.etree import ElementTree
 import trimesh
 
 from example_night import night_books, view_context_of
-from farm.cli.commands.history import list_figures
+from farm.cli.commands.status import draw_part, list_figures
 from farm.model import Verdict
 from farm.state import events as ev
 from farm.views import describe_job, list_history
 from farm.views.report import COLOURS, draw_gantt, list_bars, render_page
-from farm.views.report.part_pictures import draw_part
 from make_books import run
 from make_stl import stl_bytes
 

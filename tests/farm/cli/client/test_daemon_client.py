@@ -9,8 +9,7 @@ from socketserver import UnixStreamServer
 import pytest
 
 from farm.api import ClearedRequest
-from farm.cli.client.daemon_client import Client
-from farm.cli.client.unix_http import DaemonConnection
+from farm.cli.client import Client, DaemonConnection
 from farm.errors import DaemonUnreachable, FarmError, NoSuchThing
 from farm.model import JobOptions
 
@@ -82,7 +81,7 @@ def test_who_is_not_in_the_farms_group_is_told_so(client, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(DaemonConnection, "connect", closed)
-    with pytest.raises(DaemonUnreachable, match=r"cannot be used by you: .* members of its group"):
+    with pytest.raises(DaemonUnreachable, match=r"you may not use .* members of its group"):
         client.status()
 
 
@@ -116,7 +115,7 @@ def test_what_the_daemon_refuses_keeps_its_code_and_its_words(daemon, client):
 def test_a_daemon_of_another_version_is_called_so(daemon, client):
     for text in (b"{}", b"[]", b'{"daemon": {"pid": 1, "version": "9", "since": "", "news": 1}, "job": 3}'):
         daemon.answer = (200, text)
-        with pytest.raises(FarmError, match=r"has another version than this command .*: restart it"):
+        with pytest.raises(FarmError, match=r"has another version than this command .*: end it with SIGTERM"):
             client.job(9)
 
 

@@ -7,8 +7,7 @@ import threading
 import pytest
 
 from drivers.safety.estop import Stopped
-from farm.cli.client import estop_socket
-from farm.cli.client.estop_socket import Said
+from farm.cli.client import StopReport, estop_socket
 from farm.cli.commands import estop
 from farm.errors import ErrorCode, FarmError, NoSuchThing
 from farm.paths import find_places
@@ -27,13 +26,13 @@ def pressed(tmp_path):
             def serve():
                 talk, _ = listening.accept()
                 with talk, talk.makefile("r", encoding="utf-8") as asked, talk.makefile("w") as said:
-                    estop_socket.answer(asked, said, stop)
+                    estop_socket.serve_request(asked, said, stop)
 
             serving = threading.Thread(target=serve)
             serving.start()
             heard = []
             try:
-                estop_socket.press(path, printers, heard.append)
+                estop_socket.request_stop(path, printers, heard.append)
             finally:
                 serving.join()
             return heard
@@ -42,7 +41,7 @@ def pressed(tmp_path):
 
 
 def test_what_came_of_it_is_said_as_it_comes(pressed):
-    words = [Said(printer="a", text="it cools"), Said(printer="a", text="off", seen_off=True)]
+    words = [StopReport(printer="a", text="it cools"), StopReport(printer="a", text="off", seen_off=True)]
     asked = []
 
     def stop(printers, say):
@@ -66,7 +65,7 @@ def test_what_went_wrong_at_the_other_end_goes_wrong_here(pressed):
 @pytest.mark.parametrize("rubbish", [b"\xff\xfe\n", b"\n", b'{"printers": "all"}\n', b"[" * 100_000 + b"\n"])
 def test_what_is_no_wish_is_refused_and_stops_nothing(tmp_path, rubbish):
     asked, said = io.TextIOWrapper(io.BytesIO(rubbish), encoding="utf-8"), io.StringIO()
-    estop_socket.answer(asked, said, lambda printers, say: pytest.fail(f"stopped {printers}"))
+    estop_socket.serve_request(asked, said, lambda printers, say: pytest.fail(f"stopped {printers}"))
     assert '"code":"refused"' in said.getvalue()
 
 
@@ -85,7 +84,7 @@ def test_an_end_that_answers_rubbish_is_no_printer_that_is_off(tmp_path, rubbish
         answering = threading.Thread(target=answer)
         answering.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
-            estop_socket.press(path, [], lambda said: None)
+            estop_socket.request_stop(path, [], lambda said: None)
         answering.join()
 
 
@@ -97,10 +96,10 @@ def test_an_end_that_dies_is_no_printer_that_is_off(tmp_path):
         dying = threading.Thread(target=lambda: listening.accept()[0].close())
         dying.start()
         with pytest.raises(FarmError, match="switch the printers off by hand"):
-            estop_socket.press(path, [], lambda said: None)
+            estop_socket.request_stop(path, [], lambda said: None)
         dying.join()
     with pytest.raises(FarmError, match="switch the printers off by hand"):
-        estop_socket.press(path, [], lambda said: None)
+        estop_socket.request_stop(path, [], lambda said: None)
 
 
 def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path, monkeypatch):
@@ -108,9 +107,9 @@ def test_another_users_farm_without_a_button_is_not_taken_for_ones_own(tmp_path,
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 4711)
     with pytest.raises(FarmError, match="belongs to another user and has no"):
-        estop_socket.way(places)
+        estop_socket.find_estop_socket(places)
     (tmp_path / "estop.sock").touch()
-    assert estop_socket.way(places) == tmp_path / "estop.sock"
+    assert estop_socket.find_estop_socket(places) == tmp_path / "estop.sock"
 
 
 def test_root_that_was_told_the_state_folder_needs_no_button(tmp_path, monkeypatch):
@@ -118,17 +117,20 @@ def test_root_that_was_told_the_state_folder_needs_no_button(tmp_path, monkeypat
     monkeypatch.setattr(estop_socket, "_owner", lambda path: 4711 if path.exists() else None)
     monkeypatch.setattr(estop_socket.os, "geteuid", lambda: 0)
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
-    assert estop_socket.way(places) == tmp_path / "estop.sock"
+    assert estop_socket.find_estop_socket(places) == tmp_path / "estop.sock"
     (tmp_path / "state" / "agents").mkdir(parents=True)
-    assert estop_socket.way(places) is None
+    assert estop_socket.find_estop_socket(places) is None
 
 
 def test_the_owner_of_a_farm_needs_no_button(tmp_path):
     (tmp_path / "estop.sock").touch()
     places = find_places(tmp_path / "state", tmp_path / "farm.sock", None)
-    assert estop_socket.way(places) is None
+    assert estop_socket.find_estop_socket(places) is None
     assert (
-        estop_socket.way(find_places(tmp_path / "state", tmp_path / "elsewhere" / "farm.sock", None)) is None
+        estop_socket.find_estop_socket(
+            find_places(tmp_path / "state", tmp_path / "elsewhere" / "farm.sock", None)
+        )
+        is None
     )
 
 
@@ -147,7 +149,7 @@ class Sheet(io.StringIO):
 def test_a_line_of_a_printer_is_written_whole_whatever_is_said_of_it(monkeypatch):
     sheet = Sheet()
     monkeypatch.setattr(estop.sys, "stdout", sheet)
-    estop.print_line(Said(printer="a", text="ssh said\nthis and\r that"))
+    estop.print_report(StopReport(printer="a", text="ssh said\nthis and\r that"))
     assert sheet.writes == ["a: ssh said this and that\n"]
 
 

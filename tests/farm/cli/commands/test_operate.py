@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from farm.api import JobStatus, JobView, PlateStatus, PrinterView
 from farm.cli.commands import operate, submit
-from farm.cli.commands.operate import select_beds_to_clear, target_path
+from farm.cli.commands.operate import find_target_path, select_beds_to_clear
 from farm.cli.main import app
 from farm.model import Hold, HoldCode
 
@@ -21,7 +21,7 @@ from farm.model import Hold, HoldCode
     ],
 )
 def test_a_target_is_a_job_a_part_or_a_printer(target, path):
-    assert target_path(target) == path
+    assert find_target_path(target) == path
 
 
 def test_all_beds_are_those_that_a_person_was_asked_to_clear():

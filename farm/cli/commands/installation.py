@@ -1,4 +1,4 @@
-"""`farm discover`: serial ports, and a test whether the farm can stop the printer on one."""
+"""`farm discover` and `farm doctor`: the ports of this host, and checks of the installation."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from drivers.errors import DriverError
 from drivers.locks import AGENT_LOCK, held
 from drivers.ports.port import NET
 from drivers.printers import PROFILES
-from farm.cli.display.console import print_json
+from farm.cli.client import Client
+from farm.cli.display import print_json
 from farm.cli.options import Json, placed
 from farm.config import PrinterSection
-from farm.errors import ErrorCode, FarmError, NoSuchThing, Refused
+from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.fleet_file import load_fleet
 from farm.paths import Places
 
 _MODEL = "ultimaker2_plus"
+_SCHEMA = 1  # of --json
 
 
 @placed
@@ -26,7 +28,7 @@ def discover(
     places: Places,
     commission: Annotated[
         str | None,
-        typer.Option(help="Test the reset of this printer or port: its board has to restart."),
+        typer.Option(help="Test whether the board of this printer, or on this port, can be reset."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="The printer is idle: do not ask.")] = False,
     json: Json = False,
@@ -44,7 +46,7 @@ def discover(
             {"port": str(row.port), "device": str(row.device), "what": row.what, "printer": row.printer}
             for row in rows
         ]
-        print_json({"schema": 1, "ports": ports})
+        print_json({"schema": _SCHEMA, "ports": ports})
         return
     if not rows:
         print("no serial port found: check the USB cable, and that the printer is switched on")
@@ -52,12 +54,14 @@ def discover(
         print(f"{row.port}  {row.what}  {row.printer or 'not in fleet.yaml'}")
     new = [row for row in rows if row.printer is None]
     if new:
-        print(f"\nlines for the new printers, to go under `printers` in {places.fleet}:")
+        print(f"\nadd the new printers under `printers` in {places.fleet}:")
     taken = {section.name for section in sections}
     for row in new:
-        print(_line(_name(taken), _MODEL, str(row.port)))
+        print(_format_entry(_make_name(taken), _MODEL, str(row.port)))
     if new:
-        print("then `farm discover --commission PORT` tests the emergency stop and names the model")
+        print(
+            "then test the emergency stop with `farm discover --commission PORT`, which also names the model"
+        )
 
 
 def _printers(places: Places) -> tuple[PrinterSection, ...]:
@@ -68,26 +72,26 @@ def _printers(places: Places) -> tuple[PrinterSection, ...]:
 
 
 def _same_port(wanted: str, section: PrinterSection) -> bool:
-    """Whether a path is the port of a printer on this host, by any of its names."""
+    """Tell whether a path is the port of a printer on this host, under any of its names."""
     if section.host is not None:
         return False
     same = wanted.startswith("/") and Path(wanted).resolve() == Path(section.port).resolve()
     return same or wanted == section.port
 
 
-def _name(taken: set[str]) -> str:
-    """Make up a name that no printer has."""
+def _make_name(taken: set[str]) -> str:
+    """Make a name that no printer has, and add it to `taken`."""
     name = next(name for number in range(1, 1000) if (name := f"um2-{number:02}") not in taken)
     taken.add(name)
     return name
 
 
-def _line(name: str, model: str, port: str) -> str:
+def _format_entry(name: str, model: str, port: str) -> str:
     return f'  - {{name: {name}, model: {model}, port: "{port}"}}'
 
 
 def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: str, yes: bool) -> None:
-    """Reset the board of an idle printer and see it restart, through its agent where one is running."""
+    """Reset the board of an idle printer and check that it restarts, through its agent where one runs."""
     from drivers.discovery import commission, commission_by_agent
 
     section = next((one for one in sections if wanted == one.name or _same_port(wanted, one)), None)
@@ -117,9 +121,36 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
         raise Refused(str(error)) from error
     print(f"{wanted}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")
     if section is None:
-        print(_line(_name({one.name for one in sections}), model, wanted))
+        print(_format_entry(_make_name({one.name for one in sections}), model, wanted))
     elif section.model != model:
         raise FarmError(
             f"{section.name} is an {model}, but fleet.yaml says {section.model}: change it there",
             ErrorCode.FLEET_FILE,
         )
+
+
+@placed
+def doctor(places: Places, json: Json = False) -> None:
+    """Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.
+
+    Ends with exit code 1 where there is a problem; a warning is none.
+    """
+    from farm.doctor import Level, check_installation, collect_facts  # slow to load
+
+    version = error = None
+    try:
+        version = Client(places.socket).status().daemon.version
+    except FarmError as trouble:
+        error = str(trouble)
+    findings = check_installation(collect_facts(places, version, error))
+    if json:
+        rows = [
+            {"check": one.check, "level": str(one.level), "text": one.text, "action": one.action}
+            for one in findings
+        ]
+        print_json({"schema": _SCHEMA, "findings": rows})
+    else:
+        for one in findings:
+            print(f"{one.level:<8} {one.check}: {one.text}{f'; {one.action}' if one.action else ''}")
+    if any(one.level is Level.PROBLEM for one in findings):
+        raise typer.Exit(ExitCode.FAILED)

@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from farm import api
-from farm.cli.commands import pause
+from farm.cli.commands import operate
 from farm.cli.main import app
 
 
@@ -14,7 +14,7 @@ class Daemon:
     def __init__(self, _: object) -> None:
         self.told: list[str] = []
 
-    def tell(self, path: str) -> str:
+    def send_command(self, path: str) -> str:
         return {"/jobs/3/parts/p01/pause": "um2-01"}.get(path, "")
 
     def status(self) -> api.Status:
@@ -24,7 +24,7 @@ class Daemon:
 
 
 def test_a_print_that_goes_on_but_not_to_its_end_is_warned_of(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(pause, "Client", Daemon)
+    monkeypatch.setattr(operate, "Client", Daemon)
     said = CliRunner().invoke(app, ["resume", "a"]).stdout.splitlines()
     assert said == ["a: resumed", "a needs until Fri 19:00"]
 
@@ -39,5 +39,5 @@ def test_a_print_that_goes_on_but_not_to_its_end_is_warned_of(monkeypatch: pytes
     ],
 )
 def test_what_is_paused_is_said(target: str, said: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(pause, "Client", Daemon)
+    monkeypatch.setattr(operate, "Client", Daemon)
     assert CliRunner().invoke(app, ["pause", target]).stdout == f"{said}\n"

@@ -5,8 +5,8 @@ import socket
 
 import pytest
 
-from farm.cli.client import estop_server
-from farm.cli.client.estop_server import MOST, MOST_EACH, REQUEST_S, EstopServer, peer_uid
+from farm.cli import estop_server
+from farm.cli.estop_server import MOST, MOST_EACH, REQUEST_S, EstopServer, peer_uid
 
 CROWD = 80
 REQUEST = b'{"printers":[]}\n'
@@ -45,20 +45,20 @@ class Bench:
         self.ends.append(one)
         one.connect(self.path)
         one.sendall(said)
-        self.turn()
-        self.turn()
+        self.serve_once()
+        self.serve_once()
         return one
 
-    def turn(self, later_s=0.0):
+    def serve_once(self, later_s=0.0):
         self.now_s += later_s
-        self.server.turn(self.now_s, 0.0)
+        self.server.serve_once(self.now_s, 0.0)
 
 
 @pytest.fixture
 def bench(tmp_path):
     bench = Bench(tmp_path)
     yield bench
-    for one in (bench.listening, *bench.ends, *bench.server._asking):
+    for one in (bench.listening, *bench.ends, *bench.server._pending):
         one.close()
 
 
@@ -75,16 +75,16 @@ def test_a_request_is_handed_on_whole_when_it_is_whole(bench):
     one = bench.connect(1000, REQUEST[:5])
     assert bench.begun == []
     one.sendall(REQUEST[5:])
-    bench.turn()
+    bench.serve_once()
     assert [said for said, _ in bench.begun] == [REQUEST]
 
 
 @pytest.mark.parametrize("said", [b"", REQUEST[:5]], ids=["nothing", "half a request"])
 def test_who_does_not_ask_within_two_seconds_is_ended(bench, said):
     one = bench.connect(1000, said)
-    bench.turn(REQUEST_S)
+    bench.serve_once(REQUEST_S)
     assert not refused(one)
-    bench.turn(0.1)
+    bench.serve_once(0.1)
     assert refused(one) and bench.begun == []
 
 
@@ -122,10 +122,10 @@ def test_where_no_descriptor_is_left_it_goes_on_a_second_later(bench, monkeypatc
     monkeypatch.setattr(bench.server, "_listening", Full())
     bench.connect(1000, REQUEST)
     monkeypatch.setattr(bench.server, "_listening", bench.listening)
-    bench.turn(0.5)
+    bench.serve_once(0.5)
     assert bench.begun == []
-    bench.turn(0.6)
-    bench.turn()
+    bench.serve_once(0.6)
+    bench.serve_once()
     assert len(bench.begun) == 1
 
 

@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from farm.cli.commands import local
-from farm.cli.display.decomposition import summarise_decomposition
+from farm.cli.commands.local import summarise_decomposition
 
 
 def report(**more: Any) -> dict[str, Any]:
