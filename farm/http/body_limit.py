@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from starlette.datastructures import MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LARGEST_BODY_BYTES = 64 * 1024
 """Of a request in JSON; an upload goes to the disk as it comes, and has limits of its own."""
 TOO_LARGE = 413
+_FIRST_ERROR = 400  # of the status codes
 
 
 class BodyLimit:
-    """Application whose requests have no larger bodies than that; one that goes on is read no further.
+    """Application that takes no larger bodies than that, and reads no further once it has refused a request.
 
     Parameters
     ----------
@@ -25,17 +27,28 @@ class BodyLimit:
         self._app, self._upload_path = app, upload_path
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or scope["path"] == self._upload_path:
+        if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        received = 0
+        limited = scope["path"] != self._upload_path
+        received, complete = 0, False
 
         async def receive_limited() -> Message:
-            nonlocal received
+            nonlocal received, complete
             message = await receive()
             received += len(message.get("body", b""))
-            if received > LARGEST_BODY_BYTES:
+            complete = not message.get("more_body", False)
+            if limited and received > LARGEST_BODY_BYTES:
                 raise HTTPException(TOO_LARGE)
             return message
 
-        await self._app(scope, receive_limited, send)
+        async def send_closing(message: Message) -> None:
+            if (
+                message["type"] == "http.response.start"
+                and message["status"] >= _FIRST_ERROR
+                and not complete
+            ):
+                MutableHeaders(scope=message)["connection"] = "close"  # else the server reads the rest
+            await send(message)
+
+        await self._app(scope, receive_limited, send_closing)

@@ -152,7 +152,7 @@ class Client:
         answer_s = answer_s or self._answer_s
         try:
             with closing(DaemonConnection(self._path, self._connect_s, answer_s)) as connection:
-                with suppress(BrokenPipeError):  # a daemon that ends may answer before it has read all
+                with suppress(BrokenPipeError, ConnectionResetError):  # it may answer before it has read all
                     connection.request(method, target, content, headers)
                 answer = connection.getresponse()
                 text = answer.read()
