@@ -19,8 +19,7 @@ from drivers.clock import Clock
 from farm.compute.worker_pool import Workers
 from farm.config import Fleet
 from farm.control.controller import Controller
-from farm.http.app import make_app
-from farm.http.services import Services
+from farm.http import Services, make_app
 from farm.model import (
     AgentPrint,
     AgentSnapshot,

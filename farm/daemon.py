@@ -25,10 +25,16 @@ from farm.control.job_commands import abort_prints
 from farm.control.notifier import Notifier, delete_record
 from farm.control.timers import Timers
 from farm.errors import FarmError, Refused
-from farm.http.app import make_app
-from farm.http.callers import PeerProtocol, check_operators, listen
-from farm.http.connections import BoundedServer, connection_limit, descriptor_limit
-from farm.http.services import Services
+from farm.http import (
+    BoundedServer,
+    PeerProtocol,
+    Services,
+    check_operators,
+    connection_limit,
+    descriptor_limit,
+    listen,
+    make_app,
+)
 from farm.paths import Places, StateFolder, read_anchor, write_anchor
 from farm.planning.job_planner import JobPlanner
 from farm.planning.parts.part_rooms import bed_boxes

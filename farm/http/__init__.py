@@ -1,0 +1,19 @@
+"""HTTP interface of the daemon: the application, its server, and who may call it."""
+
+from __future__ import annotations
+
+from farm.http.app import make_app
+from farm.http.callers import PeerProtocol, check_operators, listen
+from farm.http.connections import BoundedServer, connection_limit, descriptor_limit
+from farm.http.services import Services
+
+__all__ = [
+    "BoundedServer",
+    "PeerProtocol",
+    "Services",
+    "check_operators",
+    "connection_limit",
+    "descriptor_limit",
+    "listen",
+    "make_app",
+]

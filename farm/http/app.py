@@ -1,4 +1,4 @@
-"""HTTP interface of the daemon: its routes, and errors as problems in JSON. It decides nothing."""
+"""HTTP application of the daemon: all routes, and errors as JSON. It decides nothing."""
 
 from __future__ import annotations
 
@@ -18,13 +18,14 @@ from farm.http.job_routes import job_routes, part_routes
 from farm.http.printer_routes import printer_routes
 from farm.http.services import Services
 from farm.http.status_routes import status_routes
+from farm.http.uploads import upload_routes
 from farm.text import describe_first_error
 
 _STATUS = {ErrorCode.NO_SUCH_THING: 404, ErrorCode.REFUSED: 409, ErrorCode.FAILED: 500}
 
 
 def make_app(services: Services) -> FastAPI:
-    """Return the application."""
+    """Make the application with all routes."""
     app = FastAPI(title="farm", version=farm.__version__)
     app.state.controller = services.controller
     app.state.dry_runs = DryRuns(services.controller)
@@ -32,6 +33,7 @@ def make_app(services: Services) -> FastAPI:
     parts = PartCommands(services.controller, printers)
     jobs = JobCommands(services.controller, printers)
     app.include_router(status_routes(services))
+    app.include_router(upload_routes(services, jobs))
     app.include_router(job_routes(services, jobs, app.state.dry_runs))
     app.include_router(part_routes(parts))
     app.include_router(printer_routes(services, printers, parts))

@@ -1,4 +1,4 @@
-"""Limit on the bodies of requests: a body without end would be kept in memory whole."""
+"""Limit of the bodies of requests, as the whole of a body is kept in memory."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 LARGEST_BODY_BYTES = 64 * 1024
-"""Of a request in JSON; an upload goes to the disk as it comes, and has limits of its own."""
+"""Limit of a body in JSON; an upload is written to the disk chunk by chunk, and has its own limits."""
 TOO_LARGE = 413
 _FIRST_ERROR = 400  # of the status codes
 
 
 class BodyLimit:
-    """Application that takes no larger bodies than that, and reads no further once it has refused a request.
+    """Middleware that rejects larger bodies, and does not read the rest of a refused request.
 
     Parameters
     ----------
     app
         The application.
     upload_path
-        Where models are sent to.
+        The path of uploads, which it lets pass.
     """
 
     def __init__(self, app: ASGIApp, upload_path: str) -> None:

@@ -1,4 +1,4 @@
-"""Callers of the daemon: users at the other end of the socket, as the kernel names them, and operators."""
+"""Callers of the daemon: who they are, by the kernel, and who of them is an operator; the shared socket."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from farm.errors import FleetFileError, Refused
 
 log = logging.getLogger(__name__)
-_BACKLOG = 1024  # who waits there costs no descriptor, and whoever finds it full is turned away
+_BACKLOG = 1024  # a waiting connection costs no descriptor; where it is full, connections are refused
 _CREDENTIALS = struct.Struct("=iII")  # struct ucred: pid, uid, gid
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """User of this host."""
+    """User of this host who calls the daemon."""
 
     uid: int
     gid: int
@@ -40,7 +40,7 @@ class Person:
             return f"uid {self.uid}"
 
     def belongs_to(self, group: str) -> bool:
-        """Tell whether the group database, or how the person logged in, makes them a member."""
+        """Tell whether the person is a member of a group, by the group database or by their login."""
         number = _gid(group)
         try:
             return number in (self.gid, *os.getgrouplist(pwd.getpwuid(self.uid).pw_name, self.gid))
@@ -49,9 +49,9 @@ class Person:
 
 
 class PeerProtocol(H11Protocol):
-    """HTTP in which every request carries who is at the other end (`request.state.person`).
+    """HTTP protocol whose requests carry the caller as `request.state.person`.
 
-    It knows since when it waits for the rest of a request.
+    It also knows since when it has been waiting for the rest of a request.
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -59,17 +59,16 @@ class PeerProtocol(H11Protocol):
         self._waiting_since_s = self.loop.time()
         peer: socket.socket | None = transport.get_extra_info("socket")
         if peer is not None and peer.family == socket.AF_UNIX:
-            said = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-            _, uid, gid = _CREDENTIALS.unpack(said)
+            credentials = peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            _, uid, gid = _CREDENTIALS.unpack(credentials)
             self.app_state: dict[str, Any] = {**self.app_state, "person": Person(uid, gid)}
 
     def data_received(self, data: bytes) -> None:
         before = self.conn.their_state
         super().data_received(data)
         if self.conn.their_state is h11.SEND_BODY or self.conn.their_state is not before:
-            self._waiting_since_s = (
-                self.loop.time()
-            )  # a head has its time as a whole, a body each of its pieces
+            # the time limit is for a head as a whole, and for each chunk of a body
+            self._waiting_since_s = self.loop.time()
 
     def on_response_complete(self) -> None:
         self._waiting_since_s = self.loop.time()
@@ -77,7 +76,7 @@ class PeerProtocol(H11Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time since which the rest of a request is waited for, on the loop's clock; None where none is."""
+        """Moment since which it waits for the rest of a request, on the loop's clock; None: it does not."""
         waits = self.conn.their_state in (h11.IDLE, h11.SEND_BODY) and not self.flow.read_paused
         return self._waiting_since_s if waits else None
 
@@ -93,9 +92,9 @@ def caller_name(request: Request) -> str:
 
 
 def operator_name(request: Request) -> str:
-    """Return the name of a caller who may say that printers go on; raise Refused for others.
+    """Return the name of a caller who may let printers go on. Raises Refused for others.
 
-    Root and the daemon's own user could change the books anyway: they always may.
+    Root and the daemon's own user always may: they could change the database anyway.
     """
     group: str | None = request.app.state.controller.fleet.fleet.operators
     person = _person(request)
@@ -114,12 +113,12 @@ def check_operators(group: str | None) -> None:
 
 
 def listen(path: Path, group: str) -> socket.socket:
-    """Open a listening Unix socket for the members of a group; for its owner, where that cannot be.
+    """Open a listening Unix socket for a group; for its owner alone, where there is no such group.
 
     Raises
     ------
     Refused
-        Where there cannot be a socket.
+        Where the socket cannot be opened.
     """
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
@@ -140,7 +139,7 @@ def listen(path: Path, group: str) -> socket.socket:
 
 
 def _share(path: Path, group: str) -> None:
-    """Give a socket to a group, or say why only its owner may use it."""
+    """Give a socket to a group, or log why only its owner may use it."""
     number = _gid(group)
     if number is None:
         log.info("listening on %s, for this user alone: there is no group %s", path, group)
@@ -162,6 +161,6 @@ def _gid(group: str) -> int | None:
 
 
 CallerName = Annotated[str, Depends(caller_name)]
-"""Name of the caller of something that anybody may ask."""
+"""Parameter of a route that anybody may call: the name of the caller."""
 OperatorName = Annotated[str, Depends(operator_name)]
-"""Name of the caller of something that `fleet.operators` may keep for a group."""
+"""Parameter of a route for operators only (`fleet.operators`): the name of the caller."""

@@ -1,7 +1,8 @@
-"""Connections to the daemon: no more than its descriptors allow, and none that keeps a request to itself.
+"""Server with a limited number of connections, and a time limit for requests.
 
-Whoever connects and asks for nothing must not cost an agent its start: descriptors are kept back for agents,
-workers and the books. Where all connections are taken, the one that has owed a request longest makes room.
+A client that connects and sends nothing must not keep an agent from starting: some descriptors are reserved
+for agents, workers and the database. When all connections are taken, the one that has waited longest for its
+request is closed.
 """
 
 from __future__ import annotations
@@ -18,13 +19,11 @@ import uvicorn
 
 log = logging.getLogger(__name__)
 
-REQUEST_S = 10.0  # wall seconds for a request to come, and between two pieces of its body
+REQUEST_S = 10.0  # wall seconds for the head of a request to arrive, and between two chunks of its body
 MOST_CONNECTIONS = 64
 _LEAST_CONNECTIONS = 4
-_RESERVED_DESCRIPTORS = (
-    32  # descriptors of books, socket, timers and log, and what starting an agent takes for a moment
-)
-_EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # an upload is a file too
+_RESERVED_DESCRIPTORS = 32  # for database, socket, timers and log, and for the start of an agent
+_EACH_PRINTER, _EACH_WORKER, _EACH_CONNECTION = 3, 3, 2  # descriptors; an upload has a file too
 _SWEEP_S = 1.0
 _WAIT_S = 0.1
 _LOG_EVERY_S = 60.0
@@ -37,31 +36,31 @@ class WaitingConnection(Protocol):
 
     @property
     def waiting_since_s(self) -> float | None:
-        """Time since which it waits, on the event loop's clock; None where it does not."""
+        """Moment since which it waits, on the event loop's clock; None where it does not."""
 
 
 def connection_limit(descriptors: int, printers: int, workers: int) -> int:
-    """Return how many connections leave enough descriptors for agents and workers.
+    """Return the number of connections that leaves enough descriptors for agents and workers.
 
     Parameters
     ----------
     descriptors
         The soft limit of this process (RLIMIT_NOFILE).
     printers, workers
-        How many there are.
+        Their numbers.
     """
     kept = _RESERVED_DESCRIPTORS + _EACH_PRINTER * printers + _EACH_WORKER * workers
     return max(_LEAST_CONNECTIONS, min(MOST_CONNECTIONS, (descriptors - kept) // _EACH_CONNECTION))
 
 
 def descriptor_limit() -> int:
-    """Return how many descriptors this process may have open."""
+    """Return the number of descriptors that this process may have open."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return 2**20 if soft == resource.RLIM_INFINITY else soft
 
 
 def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list[WaitingConnection]:
-    """Return the connections that have waited for a request for too long."""
+    """Return the connections whose request takes too long."""
     return [
         one
         for one in connections
@@ -71,12 +70,12 @@ def find_overdue(connections: Iterable[WaitingConnection], now_s: float) -> list
 
 def find_longest_waiting(connections: Iterable[WaitingConnection]) -> WaitingConnection | None:
     """Return the connection that has waited for a request longest; None where none waits."""
-    owing = [one for one in connections if one.waiting_since_s is not None]
-    return min(owing, key=lambda one: one.waiting_since_s or 0.0, default=None)
+    waiting = [one for one in connections if one.waiting_since_s is not None]
+    return min(waiting, key=lambda one: one.waiting_since_s or 0.0, default=None)
 
 
 class RateLimitedLog:
-    """Logs a trouble that may come thousands of times once a minute, with how often it came."""
+    """Log of an error that may repeat thousands of times: once a minute, with its number."""
 
     def __init__(self) -> None:
         self._next_s = -math.inf
@@ -92,8 +91,8 @@ class RateLimitedLog:
 class BoundedServer(uvicorn.Server):
     """Server on one socket that takes a limited number of connections at a time.
 
-    It accepts by itself: asyncio's own servers accept without a bound, and where descriptors run out log each
-    of thousands of tries.
+    It has its own loop to accept: asyncio's servers accept without a limit, and log each of thousands of
+    errors when descriptors run out.
     """
 
     def __init__(self, config: uvicorn.Config, limit: int) -> None:
@@ -143,7 +142,7 @@ class BoundedServer(uvicorn.Server):
                     self._rate_limited_log.warn(f"a connection was refused: {error!r}", loop.time())
 
     async def _make_room(self) -> None:
-        """Wait until there are fewer than `most`; whoever has owed a request longest has to go."""
+        """Wait until there is room; close the connection that has waited longest for its request."""
         while len(self._connections) >= self._limit:
             idle = find_longest_waiting(self._connections)
             if idle is not None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter
 
 from farm import api
 from farm.control.dry_runs import DryRuns
@@ -13,13 +12,12 @@ from farm.control.job_commands import JobCommands
 from farm.control.part_commands import PartCommands
 from farm.http.callers import CallerName, OperatorName
 from farm.http.services import Services
-from farm.http.uploads import Uploads, display_name, parse_options
 from farm.views import describe_job, describe_timeline
 
 
 def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIRouter:
     """Return the routes of jobs."""
-    router, controller, uploads = APIRouter(), services.controller, Uploads(services)
+    router, controller = APIRouter(), services.controller
 
     @router.get("/jobs/{number}")
     async def job(number: int) -> api.JobStatus:
@@ -33,25 +31,6 @@ def job_routes(services: Services, jobs: JobCommands, dry_runs: DryRuns) -> APIR
     async def timeline(number: int) -> api.Timeline:
         context = controller.build_view_context(services.state)
         return describe_timeline(context, number, controller.fleet_printers(), controller.rules)
-
-    @router.post("/jobs")
-    async def submit(
-        request: Request,
-        request_id: Annotated[str, Query(min_length=8, max_length=64)],
-        name: Annotated[str, Query(min_length=1, max_length=200)],
-        size: Annotated[int, Query(ge=0)],
-        by: CallerName,
-        options: str = "{}",
-    ) -> api.Submitted:
-        wanted = parse_options(options)
-        known = jobs.find_submission(request_id)
-        if known is not None:
-            return api.Submitted(job=known, again=True)
-        jobs.check_submission(wanted)
-        name = display_name(name)
-        model = await uploads.receive_model(request.stream(), name, size, wanted)
-        number, again = jobs.submit(request_id, name, model, wanted, by)
-        return api.Submitted(job=number, again=again)
 
     @router.post("/jobs/{number}/approve")
     async def approve(number: int, request: api.ApproveRequest, by: OperatorName) -> None:

@@ -17,7 +17,7 @@ from farm.views import ViewContext
 
 
 async def refuse_replacing(name: str) -> None:
-    """Refuse to replace an agent, for a farm without agents."""
+    """Refuse to replace an agent; for a farm without agents."""
     raise Refused(f"{name} has no agent")
 
 
@@ -28,7 +28,7 @@ class Services:
     Attributes
     ----------
     controller
-        The farm's state and all decisions.
+        The entry to the farm's state.
     state
         The state folder.
     fleet_file
@@ -36,7 +36,7 @@ class Services:
     workers
         Processes that inspect models.
     shut_down
-        Ends the farm; with True every print first.
+        Ends the farm; with True, ends all prints first.
     replace_agent
         Replaces the agent of an idle printer.
     """
@@ -53,7 +53,7 @@ class Services:
         object.__setattr__(self, "since_s", self.controller.started_s)
 
     def daemon_view(self, context: ViewContext) -> api.DaemonView:
-        """Return which daemon this is, and since when it is up."""
+        """Describe this daemon: process, version, and since when it runs."""
         return api.DaemonView(
             pid=os.getpid(), version=farm.__version__, since=context.format_time(self.since_s) or ""
         )

@@ -26,23 +26,7 @@ def status_routes(services: Services) -> APIRouter:
 
     @router.get("/status")
     async def status() -> api.Status:
-        context = controller.build_view_context(services.state)
-        fleet = controller.fleet
-        obstacles = {printer.name: printer.obstacle() for printer in controller.fleet_printers()}
-        return api.Status(
-            daemon=services.daemon_view(context),
-            todo=list_tasks(context),
-            night=describe_night(context),
-            fleet=api.FleetView(
-                name=fleet.fleet.name,
-                timezone=fleet.fleet.timezone,
-                time_scale=fleet.fleet.time_scale,
-                now=context.format_time(context.now_s) or "",
-                file=str(services.fleet_file),
-            ),
-            printers=[describe_printer(context, p, obstacles.get(p.name)) for p in fleet.printers],
-            jobs=[describe_job(context, job) for job in select_shown_jobs(controller.books)],
-        )
+        return describe_farm(services)
 
     @router.get("/names")
     async def names() -> api.Names:
@@ -55,7 +39,7 @@ def status_routes(services: Services) -> APIRouter:
         )
 
     @router.get("/history")
-    async def past(
+    async def history(
         job: int | None = None,
         printer: str | None = None,
         last: Annotated[int, Query(ge=1, le=100_000)] = 100,
@@ -71,7 +55,31 @@ def status_routes(services: Services) -> APIRouter:
     async def shut_down(request: api.DownRequest, _: OperatorName) -> None:
         busy = sorted({attempt.printer for attempt in controller.books.open_prints()})
         if busy and not (request.now or request.wait):
-            raise Refused(f"printing: {' '.join(busy)}; use --wait, or --now to end everything safely")
+            raise Refused(
+                f"printing: {' '.join(busy)}; use --wait to let them end, or --now to end them safely"
+            )
         await services.shut_down(request.now)
 
     return router
+
+
+def describe_farm(services: Services) -> api.Status:
+    """Describe the whole farm: tasks, last night, printers, jobs."""
+    controller = services.controller
+    context = controller.build_view_context(services.state)
+    fleet = controller.fleet
+    obstacles = {printer.name: printer.obstacle() for printer in controller.fleet_printers()}
+    return api.Status(
+        daemon=services.daemon_view(context),
+        todo=list_tasks(context),
+        night=describe_night(context),
+        fleet=api.FleetView(
+            name=fleet.fleet.name,
+            timezone=fleet.fleet.timezone,
+            time_scale=fleet.fleet.time_scale,
+            now=context.format_time(context.now_s) or "",
+            file=str(services.fleet_file),
+        ),
+        printers=[describe_printer(context, p, obstacles.get(p.name)) for p in fleet.printers],
+        jobs=[describe_job(context, job) for job in select_shown_jobs(controller.books)],
+    )

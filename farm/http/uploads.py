@@ -7,12 +7,17 @@ import uuid
 from collections.abc import AsyncIterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Annotated
 
+from fastapi import APIRouter, Query, Request
 from pydantic import ValidationError
 from starlette.requests import ClientDisconnect
 
+from farm import api
 from farm.config import UploadsSection
+from farm.control.job_commands import JobCommands
 from farm.errors import ErrorCode, FarmError, Refused
+from farm.http.callers import CallerName
 from farm.http.services import Services
 from farm.model import JobOptions
 from farm.planning.plan import InspectedSubmission
@@ -20,18 +25,44 @@ from farm.planning.tasks import inspect_submission
 from farm.text import flatten_text, format_count
 
 _GB = 1e9
-_LONGEST_NAME = 60  # characters, so that it can be a file's name too
+_LONGEST_NAME = 60  # characters
 
 
-def display_name(name: str) -> str:
-    """Return a model's name without its folder: printable, on one line, fit for a file's name."""
+def upload_routes(services: Services, jobs: JobCommands) -> APIRouter:
+    """Return the route of submissions."""
+    router, uploads = APIRouter(), Uploads(services)
+
+    @router.post("/jobs")
+    async def submit(
+        request: Request,
+        request_id: Annotated[str, Query(min_length=8, max_length=64)],
+        name: Annotated[str, Query(min_length=1, max_length=200)],
+        size: Annotated[int, Query(ge=0)],
+        by: CallerName,
+        options: str = "{}",
+    ) -> api.Submitted:
+        wanted = parse_options(options)
+        known = jobs.find_submission(request_id)
+        if known is not None:
+            return api.Submitted(job=known, again=True)
+        jobs.check_submission(wanted)
+        name = clean_name(name)
+        model = await uploads.receive_model(request.stream(), name, size, wanted)
+        number, again = jobs.submit(request_id, name, model, wanted, by)
+        return api.Submitted(job=number, again=again)
+
+    return router
+
+
+def clean_name(name: str) -> str:
+    """Shorten a model's name to one that is printable and can be a file's name, without its folder."""
     last = name.replace("\\", "/").rpartition("/")[2]
     plain = flatten_text(last).lstrip(".")
     return plain[-_LONGEST_NAME:] or "model"
 
 
 def parse_options(options: str) -> JobOptions:
-    """Return the options of a submission from their JSON. Raises FarmError."""
+    """Parse the options of a submission. Raises FarmError where one is wrong."""
     try:
         return JobOptions.model_validate_json(options)
     except ValidationError as error:
@@ -46,24 +77,24 @@ def check_quota(
     Parameters
     ----------
     quota
-        What people may send.
+        The limits.
     name, size
-        Of the upload, in bytes.
+        The upload, and its bytes.
     missing_bytes
-        What is still to come of each upload under way.
+        The bytes that have not arrived of each open upload.
     free_bytes
-        Room on the disk of the state folder.
+        Free space on the disk of the state folder.
     open_jobs
-        How many jobs have not ended.
+        The number of jobs that have not ended.
 
     Raises
     ------
     Refused
-        With the key in `fleet.yaml` that sets the limit.
+        The message names the key in `fleet.yaml` that sets the limit.
     """
     if size > quota.model_gb * _GB:
         raise Refused(
-            f"{name} has {size / _GB:.1f} GB, and models of {quota.model_gb:g} GB at most are taken: "
+            f"{name} has {size / _GB:.1f} GB; the largest model may have {quota.model_gb:g} GB: "
             "simplify its mesh, or raise `fleet.uploads.model_gb` in fleet.yaml"
         )
     if len(missing_bytes) >= quota.at_once:
@@ -79,19 +110,14 @@ def check_quota(
     left_bytes = free_bytes - sum(missing_bytes) - size
     if left_bytes < quota.free_gb * _GB:
         raise Refused(
-            f"{name} would leave {max(0.0, left_bytes / _GB):.1f} GB on the disk of the state folder, and "
-            f"{quota.free_gb:g} GB stay free: make room there, or lower `fleet.uploads.free_gb` in fleet.yaml"
+            f"{name} would leave {max(0.0, left_bytes / _GB):.1f} GB free on the disk of the state folder, "
+            f"where {quota.free_gb:g} GB must stay free: delete files there, or lower "
+            "`fleet.uploads.free_gb` in fleet.yaml"
         )
 
 
 class Uploads:
-    """Uploads under way.
-
-    Parameters
-    ----------
-    services
-        Has the workers, the state folder, the fleet and its jobs.
-    """
+    """Open uploads, whose total is limited."""
 
     def __init__(self, services: Services) -> None:
         self._services = services
@@ -105,18 +131,18 @@ class Uploads:
         Parameters
         ----------
         content
-            The bytes, as they come.
+            The bytes of the file, in chunks.
         name
-            How the model is called.
+            The name of the model, for messages.
         size
-            Bytes that were announced.
+            The announced number of bytes.
         options
-            How the model is to be printed.
+            The options of the job.
 
         Raises
         ------
         Refused
-            As `check_quota`; or where fewer or more bytes come than were announced.
+            As `check_quota`; or where fewer or more bytes arrive than announced.
         FarmError
             Where the model cannot be printed.
         """
@@ -132,7 +158,7 @@ class Uploads:
         upload = state.work / f"upload-{uuid.uuid4().hex}"
         self._missing_bytes[upload] = size
         try:
-            with upload.open("wb") as file, suppress(ClientDisconnect):  # what came is too little then
+            with upload.open("wb") as file, suppress(ClientDisconnect):  # then too few bytes arrived
                 async for chunk in content:
                     self._missing_bytes[upload] -= len(chunk)
                     if self._missing_bytes[upload] < 0:

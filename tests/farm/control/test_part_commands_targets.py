@@ -6,8 +6,7 @@ import httpx
 import pytest
 
 from farm.cli.commands.operate import find_target_path
-from farm.http.app import make_app
-from farm.http.services import Services
+from farm.http import Services, make_app
 from farm.model import JobOptions, JobState, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan

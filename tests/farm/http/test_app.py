@@ -11,9 +11,8 @@ import trimesh
 from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control.controller import Controller
-from farm.http.app import make_app
+from farm.http import Services, make_app
 from farm.http.body_limit import LARGEST_BODY_BYTES
-from farm.http.services import Services
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.parts.part_rooms import bed_boxes
@@ -152,7 +151,7 @@ def test_an_upload_beyond_the_quota_is_refused_before_it_is_sent(daemon, monkeyp
         content=endless_body(taken),
     )
     assert (answer.status_code, answer.json()["exit_code"]) == (409, 5)
-    assert "big.stl has 3.0 GB, and models of 2 GB at most" in answer.json()["error"]
+    assert "big.stl has 3.0 GB; the largest model may have 2 GB" in answer.json()["error"]
     assert not taken
     usage = shutil.disk_usage(daemon.state.folder.root)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=500_000_500))

@@ -16,9 +16,8 @@ from drivers.clock import Clock
 from farm.config import Fleet
 from farm.control.controller import Controller
 from farm.errors import FleetFileError, Refused
-from farm.http.app import make_app
-from farm.http.callers import PeerProtocol, Person, check_operators, listen
-from farm.http.services import Services
+from farm.http import PeerProtocol, Services, check_operators, listen, make_app
+from farm.http.callers import Person
 from farm.model import AgentSnapshot, FilamentState, Link
 from farm.paths import StateFolder
 from farm.planning.parts.part_rooms import bed_boxes

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 import pytest
 import uvicorn
 
-from farm.http import connections
-from farm.http.callers import PeerProtocol
+from farm.http import BoundedServer, PeerProtocol, connection_limit, connections
 from farm.http.connections import (
     MOST_CONNECTIONS,
     REQUEST_S,
-    BoundedServer,
     RateLimitedLog,
-    connection_limit,
     find_longest_waiting,
     find_overdue,
 )

@@ -23,7 +23,7 @@ MB, GB = 10**6, 10**9
         (2 * GB + 1, (), 100 * GB, 0, r"a.stl has 2.0 GB.*fleet.uploads.model_gb"),
         (MB, (MB, MB), 100 * GB, 0, "2 models being received.*again in a moment.*fleet.uploads.at_once"),
         (MB, (), 100 * GB, 3, "3 open jobs already.*farm cancel JOB.*fleet.uploads.open_jobs"),
-        (MB, (), GB, 0, r"would leave 1.0 GB .*1 GB stay free.*fleet.uploads.free_gb"),
+        (MB, (), GB, 0, r"would leave 1.0 GB free .*1 GB must stay free.*fleet.uploads.free_gb"),
         (GB, (GB,), 3 * GB - 1, 0, "would leave"),  # the other one has not come yet
         (GB, (), GB // 2, 0, "would leave 0.0 GB"),
     ],

@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 from farm.cli.client import daemon_client
 from farm.cli.main import app as cli
 from farm.control.job_commands import abort_prints
-from farm.http.app import make_app
-from farm.http.services import Services
+from farm.http import Services, make_app
 from farm.model import AgentPrint, AgentSnapshot, Bed, FilamentState, JobOptions, JobState, Link, PrintState
 from farm.paths import StateFolder
 from farm.planning.plan import Plan
