@@ -1,6 +1,6 @@
-"""Requests and responses of the daemon: what the CLI may ask, and the form of `--json`.
+"""Requests and responses of the daemon, which are also the objects that `--json` prints.
 
-Moments are ISO 8601 in the fleet's time zone on the farm's clock; spans are seconds.
+Moments are ISO 8601 in the fleet's time zone, on the farm's clock; durations are in seconds.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from farm.text import flatten_text
 
 SCHEMA = 1
 Line = Annotated[str, AfterValidator(flatten_text)]
-"""What a person writes, and others are shown."""
+"""Text that a person writes and others see."""
 
 
 class _View(BaseModel):
@@ -22,22 +22,22 @@ class _View(BaseModel):
 
 
 class PrintView(_View):
-    """One attempt at the plate that a part is on."""
+    """One attempt to print the plate of a part."""
 
-    part: str  # as it was called then: a piece has the prints of its whole before it was cut
+    part: str  # its name at that time: a piece also has the prints of the part that it was cut from
     printer: str
     state: PrintState
     fault: str | None
     reason: str | None
     verdict: Verdict | None
-    why: str | None  # the verdict
+    why: str | None  # reason of the verdict
     started: str | None
     ended: str | None
 
 
 class PartView(_View):
     id: str
-    cut_from: str | None = None  # the part that failed, of which it is a piece
+    cut_from: str | None = None  # the failed part that it is a piece of
     verdict: Verdict | None
     plate: str
     file: str
@@ -45,21 +45,21 @@ class PartView(_View):
 
     @property
     def own_prints(self) -> list[PrintView]:
-        """Without those of the part that it is a piece of."""
+        """Prints of this part, without those of the part that it was cut from."""
         return [one for one in self.prints if one.part == self.id]
 
 
 class PlateStatus(_View):
     id: str
     parts: list[str]
-    printer: str  # where it is or was printed last, else where the plan puts it
+    printer: str  # of its last print, or of the plan
     gcode: str
     estimated_s: float
     grams: float
     filament_mm: float
     price: float | None
-    cached: bool  # its G-code was there already: the engine did not run
-    warnings: list[str]  # walls too thin to print, a part that may fall over
+    cached: bool  # its G-code was in the cache
+    warnings: list[str]  # such as walls too thin to print, or a part that may fall over
     printing: bool
     hold: Hold | None
 
@@ -73,39 +73,41 @@ class JobView(_View):
     paused: bool
     exit_code: int
     hold: Hold | None
-    progress: PlanProgress | None  # while it is being planned
+    progress: PlanProgress | None  # while it is planned
     submitted: str
-    submitted_by: str | None  # the user, by the kernel's word
+    submitted_by: str | None  # the user, as the kernel knows them
     options: JobOptions
     parts: list[PartView]
     plates: list[PlateStatus]
     repairs: list[str]
     scale: float | None
-    plan: str | None  # its hash: what `farm approve` releases
-    starts: str | None  # not before
+    plan: str | None  # hash of the plan, which `farm approve` releases
+    starts: str | None  # it starts no earlier
     estimated_s: float | None
-    lower_bound_s: float | None  # no order of its plates on these printers takes less
+    lower_bound_s: float | None  # of the parallel printing time on these printers
     eta: str | None
-    elapsed_s: float | None  # parallel printing time so far, or reached
+    elapsed_s: float | None  # parallel printing time so far, or actual
     serial_s: float | None
     speedup: float | None
     utilisation: float | None
     printed: int  # plates
-    good: int  # by a person's word
-    current_s: float | None  # parallel printing time by what is known now; reached, once printed
-    wasted_s: float  # of prints that failed, were cancelled, or are bad
+    good: int  # by the verdict of a person
+    current_s: float | None  # parallel printing time: expected from what is known now, or actual
+    wasted_s: float  # by prints that failed, were cancelled, or are bad
     wasted_grams: float
     grams: float | None
     filament_mm: float | None
-    price: float | None  # of its filament; None where a reel's price is not known
+    price: float | None  # of its filament; None where a price is not known
     currency: str | None
-    starved_share: float | None  # simulated printers that could not keep up; over 1 % the run is not valid
-    folder: str | None  # its files by name: parts (STL), plates (G-code), the picture
+    starved_share: (
+        float | None
+    )  # time that simulated printers waited for the host; over 1 % the run is not valid
+    folder: str | None  # with its files by name: parts (STL), plates (G-code), the picture
     waits_for_person: bool
 
     @property
     def prints(self) -> list[PrintView]:
-        """Each once: the pieces of a part share those of the whole."""
+        """All prints of the job; those that several pieces of a part share are listed once."""
         each = {(p.part, p.printer, p.started, p.ended): p for part in self.parts for p in part.prints}
         return list(each.values())
 
@@ -118,12 +120,12 @@ class Targets(_View):
 class Reel(_View):
     material: str
     colour: str | None
-    grams: float | None  # left; null where nobody said
+    grams: float | None  # left; null where it is not known
     nozzle_mm: float
 
 
 class PrintProgress(_View):
-    """What a printer is printing."""
+    """Progress of an open print."""
 
     job: int
     plate: str
@@ -133,17 +135,17 @@ class PrintProgress(_View):
     layer: int | None  # from 1; null before the first
     layers: int
     z_mm: float | None
-    feature: str | None  # what is printed, by Cura's name: WALL-OUTER, FILL, ...
-    pause_ends: str | None  # paused: when it is ended, unless it is resumed
+    feature: str | None  # Cura's name of what is printed now: WALL-OUTER, FILL, ...
+    pause_ends: str | None  # while it is paused: the moment at which it is ended unless it is resumed
 
 
 class LastPrint(_View):
-    """What was printed on a printer last; it lies on the bed until that is cleared."""
+    """The last print on a printer; its part is on the bed until that is cleared."""
 
     plate: str
     state: PrintState
     ended: str | None
-    off: float | None  # how much longer it took than expected, as a share; null where it did not end done
+    off: float | None  # share by which it took longer than expected; null where it did not end `done`
     verdict: Verdict | None
 
 
@@ -159,25 +161,25 @@ class PrinterView(_View):
     bed_c: float | None
     targets: Targets
     heaters_off: bool
-    time_factor: float  # its layers' time, reached over expected, as learned from its prints
+    time_factor: float  # actual over expected time of its layers, learned from its prints
     print: PrintProgress | None
     last: LastPrint | None
     look: str | None
-    maintenance: str | None  # why a person has taken it out of use
+    maintenance: str | None  # reason for which it is out of use
     hold: Hold | None
 
 
 class Todo(_View):
-    """What a person has to do now."""
+    """A task of a person."""
 
     code: str
     printers: list[str]
     text: str
-    brief: str = ""  # the same in few words
+    brief: str = ""  # the text in a few words
 
 
 class NightView(_View):
-    """What was printed since the afternoon before; of the plates, one is counted once."""
+    """Counts of the plates since the afternoon before; each plate is counted once."""
 
     since: str
     plates: int
@@ -216,7 +218,7 @@ class JobName(_View):
 
 
 class Names(_View):
-    """What a person may mean: what a shell completes."""
+    """Names of printers, jobs and parts, for shell completion."""
 
     printers: list[str]
     jobs: list[JobName]
@@ -244,8 +246,8 @@ class Status(_View):
     todo: list[Todo]
     fleet: FleetView
     printers: list[PrinterView]
-    jobs: list[JobView]  # those that go on or wait for a verdict, and the last of the others
-    night: NightView | None  # null where nothing ended since
+    jobs: list[JobView]  # those that are open or wait for a verdict, and the last of the others
+    night: NightView | None  # null where no print ended in it
 
 
 class JobStatus(_View):
@@ -257,14 +259,14 @@ class JobStatus(_View):
 
 
 class Submitted(_View):
-    """The daemon has the model; `again` where this request id had been submitted before."""
+    """Answer to a submission; `again` where this request id was submitted before."""
 
     job: int
     again: bool
 
 
 class Problem(_View):
-    """Why a request was refused."""
+    """Error of a request."""
 
     error: str
     code: str
@@ -272,36 +274,38 @@ class Problem(_View):
 
 
 class Reason(_View):
-    """Why a person does something."""
+    """Reason for a command, in the words of a person."""
 
     why: Line = Field(default="", max_length=200)
 
 
 class ClearedRequest(_View):
-    """A bed is clear; what was printed there is good, or bad."""
+    """Request to record that a bed is clear, and that its part is good, or bad."""
 
     filament: FilamentState | None = None
     bad: bool = False
     why: Line | None = Field(default=None, max_length=200)
-    good: Line | None = Field(default=None, max_length=40)  # the part of a failed print, whole after all
+    good: Line | None = Field(
+        default=None, max_length=40
+    )  # the part of a failed print that is good all the same
 
 
 class Cleared(_View):
-    """A bed was cleared; what was bad there is printed again, unless nobody wants it any more."""
+    """Answer for a cleared bed. A bad part is printed again, unless it was cancelled."""
 
-    again: str | None = None  # the part
-    good: str | None = None  # the part that was found whole
-    printed_on: list[str] = []  # printers that had begun to print that part again
+    again: str | None = None  # the part that is printed again
+    good: str | None = None  # the part of a failed print that is good
+    printed_on: list[str] = []  # printers that already print that part again
 
 
 class Named(_View):
-    """The part, or the printer, that was meant."""
+    """Name of the part or printer of a command."""
 
     name: str
 
 
 class LoadRequest(_View):
-    """What is on a printer now; what is not said stays as it was."""
+    """Request to record a new reel or nozzle; fields that are None stay as they were."""
 
     material: str | None = Field(default=None, max_length=100)
     colour: Line | None = Field(default=None, max_length=40)
@@ -310,13 +314,13 @@ class LoadRequest(_View):
 
 
 class ApproveRequest(_View):
-    """The plan that a person has seen."""
+    """Request to release a job with the plan that a person has seen."""
 
     plan: str
 
 
 class SlotView(_View):
-    """A plate's time on a printer: as reached, or as expected."""
+    """Time of a plate on a printer: actual or expected."""
 
     plate: str
     parts: list[str]
@@ -328,7 +332,7 @@ class SlotView(_View):
 
 
 class Timeline(_View):
-    """When and where a planned job prints."""
+    """Times and printers of the plates of a planned job."""
 
     model_config = ConfigDict(populate_by_name=True)
 
@@ -336,8 +340,8 @@ class Timeline(_View):
     job: int
     plan: str
     slots: list[SlotView]
-    left: list[str]  # plates that no printer can ever take, by material, reel or hours
-    notices: list[str]  # what was done to the model, and what of what was asked cannot be
+    left: list[str]  # plates that no printer can take, because of material, reel or hours
+    notices: list[str]  # changes to the model, and wishes that cannot be met
     makespan_s: float
     lower_bound_s: float
     grams: float
@@ -346,7 +350,7 @@ class Timeline(_View):
 
 
 class DownRequest(_View):
-    """`now`: end every print safely first; `wait`: let them end, and begin nothing new."""
+    """Request to end the farm: `now` ends open prints safely first, `wait` lets them end and starts no new ones."""
 
     now: bool = False
     wait: bool = False

@@ -78,9 +78,9 @@ class Daemon:
         self._notifier: Notifier | None = None
         if fleet.fleet.notify:
             urls, name = fleet.fleet.notify, fleet.fleet.name
-            self._notifier = Notifier(urls, name, self._state.told, self._clock.now())
+            self._notifier = Notifier(urls, name, self._state.notices, self._clock.now())
         else:
-            delete_record(self._state.told)
+            delete_record(self._state.notices)
         self._edge_s: float | None = None  # for which a timer is set
         self._server: uvicorn.Server | None = None
         self._ending: asyncio.Task[None] | None = None

@@ -1,4 +1,4 @@
-"""Errors of the farm, one root; each knows the exit code that a command ends with."""
+"""Errors of the farm, with the exit codes of the commands."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum, StrEnum
 
 
 class ExitCode(IntEnum):
-    """How every command ends."""
+    """Exit codes of all commands."""
 
     DONE = 0
     FAILED = 1
@@ -19,7 +19,7 @@ class ExitCode(IntEnum):
 
 
 class ErrorCode(StrEnum):
-    """The name of what went wrong, for `--json` and for the books."""
+    """Name of an error, in `--json` and in the books."""
 
     FAILED = "failed"
     FLEET_FILE = "fleet_file"
@@ -28,12 +28,12 @@ class ErrorCode(StrEnum):
     REFUSED = "refused"
     MODEL = "model"  # the model cannot be read or is no solid
     NO_FIT = "no_fit"  # no partition of it fits the printers
-    GEOMETRY = "geometry"  # a result broke a geometry rule: nothing of it is printed
+    GEOMETRY = "geometry"  # a result broke a geometry rule; nothing of it is printed
     GCODE = "gcode"  # a person's own G-code cannot be printed
     SETTINGS = "settings"
     ENGINE = "engine"  # CuraEngine is missing or failed
     SLICE = "slice"  # a slice was not accepted
-    LIMIT = "limit"  # the work on a model took too long, or too much memory
+    LIMIT = "limit"  # the work on a model took too much time or memory
     ATTEMPTS = "attempts"  # a plate failed too often
     CANCELLED = "cancelled"
 
@@ -58,7 +58,7 @@ EXIT_CODES: dict[ErrorCode, ExitCode] = {
 
 
 class FarmError(Exception):
-    """An error shown in one line: what, where, and what to do."""
+    """Error that is shown in one line: what, where, and what to do."""
 
     code: ErrorCode = ErrorCode.FAILED
 
@@ -73,24 +73,24 @@ class FarmError(Exception):
 
 
 class FleetFileError(FarmError):
-    """`fleet.yaml` is missing, is no YAML, or says something that is not allowed."""
+    """Error in `fleet.yaml`: missing, not YAML, or with a value that is not allowed."""
 
     code = ErrorCode.FLEET_FILE
 
 
 class DaemonUnreachable(FarmError):
-    """No daemon answers on the socket."""
+    """Error of a command whose daemon does not answer."""
 
     code = ErrorCode.UNREACHABLE
 
 
 class NoSuchThing(FarmError):
-    """A job, part, plate or printer of that name is not known."""
+    """Error of a command for an unknown job, part, plate or printer."""
 
     code = ErrorCode.NO_SUCH_THING
 
 
 class Refused(FarmError):
-    """The farm will not do this now."""
+    """Error of a command that is not allowed now."""
 
     code = ErrorCode.REFUSED

@@ -14,13 +14,13 @@ from pathlib import Path
 from farm.errors import FarmError, Refused
 
 SHARED_SOCKET = Path("/run/farm/farm.sock")
-"""Of the farm that all users of a host share (`deploy/systemd`)."""
-_LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108, and uvicorn knows no way round
+"""Socket of the farm that all users of a host share (`deploy/systemd`)."""
+_LONGEST_SOCKET_PATH = 100  # bytes; sun_path holds 108
 
 
 @dataclass(frozen=True, slots=True)
 class StateFolder:
-    """The daemon's folder. Each agent has one of its own below it."""
+    """Folder of the daemon, with a folder for each agent in it."""
 
     root: Path
 
@@ -30,7 +30,7 @@ class StateFolder:
 
     @property
     def backups(self) -> Path:
-        """Copies of the books, one a night."""
+        """Nightly copies of the database."""
         return self.root / "backups"
 
     @property
@@ -39,7 +39,7 @@ class StateFolder:
 
     @property
     def work(self) -> Path:
-        """Scratch space of plans being made; emptied when the daemon starts."""
+        """Scratch space of open plans; emptied when the daemon starts."""
         return self.root / "work"
 
     @property
@@ -47,7 +47,7 @@ class StateFolder:
         return self.root / "slices"
 
     def job(self, number: int) -> Path:
-        """Where a person finds a job's files by name."""
+        """Folder with the files of a job by name, for people."""
         return self.root / "jobs" / str(number)
 
     @property
@@ -63,8 +63,8 @@ class StateFolder:
         return self.root / "clock.json"
 
     @property
-    def told(self) -> Path:
-        """What people were notified of."""
+    def notices(self) -> Path:
+        """Keys of the notices that were sent."""
         return self.root / "told.json"
 
     def agent(self, printer: str) -> Path:
@@ -84,7 +84,7 @@ class StateFolder:
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """The three paths that every command takes: `--state`, `--socket`, `--fleet`."""
+    """Paths of `--state`, `--socket` and `--fleet`, which nearly every command takes."""
 
     state: StateFolder
     socket: Path
@@ -98,40 +98,53 @@ def find_places(
     env: Mapping[str, str] = os.environ,
     shared: Path = SHARED_SOCKET,
 ) -> Places:
-    """Flags first, then the environment, then the XDG folders.
+    """Find the paths of a farm: by the options, else by the environment, else in the XDG folders.
 
-    Where a state folder was named but no socket, the socket lies in that folder, so that two farms on one
-    host never meet. Where nothing was named, and this user has no farm that is up, it is the shared one's.
+    Where a state folder is named but no socket, the socket is in that folder, so that two farms on one host
+    never meet. Where neither is named, and this user has no daemon, the socket is the shared farm's.
+
+    Parameters
+    ----------
+    state, socket, fleet
+        Paths that were named by options.
+    env
+        The environment.
+    shared
+        Socket of the farm that all users share.
 
     Raises
     ------
     Refused
-        Where the socket has to lie in the system's temporary folder, and another user could put one there.
+        Where the socket has to be in the system's temporary folder, and another user could put one there.
     """
     home = Path(env.get("HOME", "/"))
-    named = state or (Path(env["FARM_STATE"]) if env.get("FARM_STATE") else None)
-    root = named or Path(env.get("XDG_STATE_HOME") or home / ".local/state") / "farm"
-    root = root.absolute()
-    if socket is None and env.get("FARM_SOCKET"):
-        socket = Path(env["FARM_SOCKET"])
+    named = state or _path(env, "FARM_STATE")
+    root = (named or (_path(env, "XDG_STATE_HOME") or home / ".local/state") / "farm").absolute()
+    socket = socket or _path(env, "FARM_SOCKET")
     if socket is None:
-        runtime = env.get("XDG_RUNTIME_DIR")
-        socket = Path(runtime) / "farm" / "farm.sock" if runtime and named is None else root / "farm.sock"
+        runtime = _path(env, "XDG_RUNTIME_DIR")
+        socket = runtime / "farm" / "farm.sock" if runtime and named is None else root / "farm.sock"
         if named is None and not socket.exists() and shared.parent.is_dir():
             socket = shared
-    socket = socket.absolute()
-    if len(os.fsencode(socket)) > _LONGEST_SOCKET_PATH:
-        digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
-        runtime = env.get("XDG_RUNTIME_DIR")
-        base = Path(runtime) if runtime else _make_private_folder(f"farm-{os.getuid()}")
-        socket = base / f"farm-{digest}.sock"
-    if fleet is None and env.get("FARM_FLEET"):
-        fleet = Path(env["FARM_FLEET"])
+    fleet = fleet or _path(env, "FARM_FLEET")
     if fleet is None:
-        config = Path(env.get("XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
+        config = (_path(env, "XDG_CONFIG_HOME") or home / ".config") / "farm" / "fleet.yaml"
         candidates = (Path("fleet.yaml"), config, Path("/etc/farm/fleet.yaml"))
         fleet = next((path for path in candidates if path.is_file()), candidates[0])
-    return Places(StateFolder(root), socket, fleet.absolute())
+    return Places(StateFolder(root), _shorten_socket_path(socket.absolute(), env), fleet.absolute())
+
+
+def _path(env: Mapping[str, str], name: str) -> Path | None:
+    return Path(env[name]) if env.get(name) else None
+
+
+def _shorten_socket_path(socket: Path, env: Mapping[str, str]) -> Path:
+    """Replace a path that is too long for a socket by a short one, the same each time."""
+    if len(os.fsencode(socket)) <= _LONGEST_SOCKET_PATH:
+        return socket
+    digest = hashlib.sha256(os.fsencode(socket)).hexdigest()[:16]
+    folder = _path(env, "XDG_RUNTIME_DIR") or _make_private_folder(f"farm-{os.getuid()}")
+    return folder / f"farm-{digest}.sock"
 
 
 def _make_private_folder(name: str) -> Path:
@@ -159,7 +172,7 @@ def _make_private_folder(name: str) -> Path:
 
 
 def read_anchor(path: Path) -> tuple[float, float] | None:
-    """Scale and anchor of the farm's clock as last written; None where there is none."""
+    """Read scale and anchor of the farm's clock; None where there is none."""
     try:
         saved = json.loads(path.read_text())
         return float(saved["scale"]), float(saved["anchor_s"])
@@ -168,7 +181,7 @@ def read_anchor(path: Path) -> tuple[float, float] | None:
 
 
 def write_anchor(path: Path, scale: float, anchor_s: float) -> None:
-    """Keep the clock, whole or not at all."""
+    """Write scale and anchor of the farm's clock, whole or not at all."""
     temporary = path.with_suffix(".tmp")
     temporary.write_text(json.dumps({"scale": scale, "anchor_s": anchor_s}))
     temporary.replace(path)

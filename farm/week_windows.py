@@ -13,7 +13,7 @@ _EXAMPLE = "write it as 'mon-fri 08:00-18:00', 'sat,sun 10:00-14:00' or '22:00-0
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """From `begins` on each of `days` to `ends`, which is on the next day where it is not after `begins`."""
+    """Hours from `begins` on each of `days`; `ends` is on the next day where it is not after `begins`."""
 
     days: frozenset[int]  # 0 is Monday
     begins: time
@@ -21,12 +21,12 @@ class Window:
 
 
 def parse_window(text: str) -> Window:
-    """A window as it is written in `fleet.yaml`; without days it is on every day.
+    """Parse a window of `fleet.yaml`; without days it is every day.
 
     Raises
     ------
     ValueError
-        With what to write instead.
+        The message says what to write instead.
     """
     found = _WINDOW.fullmatch(text.strip().lower())
     if found is None:
@@ -39,10 +39,10 @@ def parse_window(text: str) -> Window:
         begins, ends = time(hour, minute), time(end_hour, end_minute)
     except ValueError as error:
         raise ValueError(f"{text!r}: {error}; {_EXAMPLE}") from error
-    return Window(_days(days, text), begins, ends)
+    return Window(_parse_days(days, text), begins, ends)
 
 
-def _days(words: str | None, text: str) -> frozenset[int]:
+def _parse_days(words: str | None, text: str) -> frozenset[int]:
     if words is None:
         return frozenset(range(7))
     days: set[int] = set()

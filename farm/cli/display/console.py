@@ -1,7 +1,4 @@
-"""Consoles, tables and colours of everything that the CLI prints.
-
-What people and printers have written is printed as text, never as markup.
-"""
+"""Consoles, tables and colours of the CLI. Texts of people and printers are never read as markup."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from farm.model import JobState, PrintState
 from farm.text import format_duration, format_mass
 
 _LEAST_STARVED_SHARE = 0.01
-"""A simulated print that waited longer for its host took longer than a real one would."""
+"""Share above which the times of simulated printers are not those of real ones."""
 
 
 def show_job(view: api.JobView) -> None:
@@ -29,7 +29,7 @@ def show_job(view: api.JobView) -> None:
 
 
 def show_submitted(view: api.JobView, wait: bool) -> None:
-    """Print what was done to a submitted model and, unless the command waits, how to follow the job."""
+    """Print the changes to a submitted model and, unless the command waits, how to follow the job."""
     screen = open_console()
     screen.print(f"job {view.id}: {view.name} submitted")
     for line in _changes(view):
@@ -50,7 +50,7 @@ def show_result(view: api.JobView) -> None:
 
 
 def render_job(view: api.JobView) -> RenderableType:
-    """Lay out a job: what was done to its model, its figures, its parts, what failed and what waits."""
+    """Lay out a job: changes to its model, figures, parts, failures, and what it waits for."""
     rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING)]
     if view.reason:
         rows.append(Text(f"  {view.reason}", style=ERROR))
@@ -79,7 +79,7 @@ def render_job(view: api.JobView) -> RenderableType:
 
 
 def _changes(view: api.JobView) -> list[str]:
-    """List what the farm did to the model."""
+    """List the changes that the farm made to the model."""
     scaled = [f"Scaled by {view.scale:g}."] if view.scale is not None and view.scale != 1 else []
     return [*view.repairs, *scaled]
 

@@ -19,17 +19,17 @@ from farm.model import JobState, PlanStep, PrintState
 from farm.text import format_count, format_duration
 
 T = TypeVar("T")
-_RESTART_S = 60.0  # within which a restarted daemon answers again
+_RESTART_S = 60.0  # a restarted daemon answers again within this time
 _POLL_S = 0.5
 
 
 def retry_over_restart(ask: Callable[[], T]) -> T:
-    """Ask the daemon again and again while it is restarted.
+    """Repeat a request while the daemon restarts.
 
     Raises
     ------
     DaemonUnreachable
-        It has not answered for a minute.
+        It has not answered for `_RESTART_S`.
     """
     give_up: float | None = None
     while True:

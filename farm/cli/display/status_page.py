@@ -1,4 +1,4 @@
-"""The status page: what a person has to do now, the last night, the jobs, the printers."""
+"""Status page: the tasks of people, the last night, the jobs, the printers."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _TASK_LABELS = {
 }
 _HEADINGS = ("PRINTER", "STATE", "PART", "ENDS", "VS PLAN", "FACTOR", "REEL", "NOZZLE", "BED", "ACTION")
 _STATES = {"look": "inspect"}
-"""Where the table uses another word than `state` in `--json`."""
+"""Words of the table that differ from `state` in `--json`."""
 _NAME_WIDTH = 32  # columns of a model's name
 _SAME_NIGHT = timedelta(hours=20)
-"""A time that is not further back needs no weekday."""
+"""Age up to which a time needs no weekday."""
 
 
 def shorten_names(printers: Iterable[str]) -> str:
@@ -64,7 +64,7 @@ def _line(head: str, text: str, style: str = HEADING) -> Text:
 
 
 def _task_lines(todo: list[api.Todo], width: int) -> list[Text]:
-    """List everything that waits for a person, on as few lines as possible."""
+    """List all tasks of people, on as few lines as possible."""
     others = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
         f"clear {format_count(len(item.printers), 'bed')}: {shorten_names(item.printers)}"
@@ -92,7 +92,7 @@ def _fold(head: str, texts: list[str], gap: str, width: int, style: str = HEADIN
 
 
 def format_night(view: api.NightView) -> str:
-    """Count what became of the plates since the afternoon before."""
+    """Format the counts of the last night."""
     rest = {"failed": view.failed, "still printing": view.printing, "not started": view.waiting}
     counts = "".join(f", {count} {words}" for words, count in rest.items() if count)
     waste = f" + {format_mass(view.wasted_grams)} wasted" if view.wasted_grams >= 0.5 else ""
