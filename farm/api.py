@@ -350,7 +350,7 @@ class Timeline(_View):
 
 
 class DownRequest(_View):
-    """Request to end the farm: `now` ends open prints safely first, `wait` lets them end and starts no new ones."""
+    """Request to end the farm: `now` ends open prints safely first, `wait` lets them end by themselves."""
 
     now: bool = False
     wait: bool = False
