@@ -22,6 +22,7 @@ from statistics import median
 from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.firmware import ULTIMAKER2
+from drivers.gcode import remove_frame
 from drivers.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
 
@@ -212,8 +213,7 @@ class Recorder(EmulatedFirmware):
     def _accept(self, line: bytes) -> None:
         before = self._last_n
         super()._accept(line)
-        body = line.partition(b"*")[0].partition(b" ")[2]
-        if self._last_n != before and body != b"M105":
+        if self._last_n != before and (body := remove_frame(line)) != b"M105":
             self.taken.append(body)
 
 

@@ -1,7 +1,7 @@
 """G-code lines, programs and their timelines. Pure."""
 
 from drivers.gcode.filament_position import Moves, Point, measure_retraction, read_position
-from drivers.gcode.line import add_frame, checksum
+from drivers.gcode.frame import add_frame, checksum, remove_frame
 from drivers.gcode.program import (
     LONGEST_LINE_BYTES,
     Heat,
@@ -27,4 +27,5 @@ __all__ = [
     "measure_retraction",
     "read_position",
     "read_program",
+    "remove_frame",
 ]

@@ -1,4 +1,4 @@
-"""G-code lines: read as the firmware reads them, rewritten in one form, numbered for the wire. Pure.
+"""G-code lines: read as the firmware reads them, rewritten in one form. Pure.
 
 The firmware searches a line for its letters wherever they stand, takes the first of two, and a letter without
 a number for 0; it ends a line at ``:``, takes any ``N`` for a line number and any ``*`` for a checksum, and
@@ -128,24 +128,3 @@ def line_too_long(line: bytes, number: int, limit_bytes: int) -> BadGcode:
 def quote(text: bytes) -> str:
     """Quote the beginning of a line for a message."""
     return repr(text[:40].decode("ascii", "replace"))
-
-
-# --- the wire ---
-
-
-def checksum(line: bytes) -> int:
-    """Compute the XOR of at most 128 bytes, by folding one long number onto itself."""
-    n = int.from_bytes(line, "little")
-    n ^= n >> 512
-    n ^= n >> 256
-    n ^= n >> 128
-    n ^= n >> 64
-    n ^= n >> 32
-    n ^= n >> 16
-    return (n ^ n >> 8) & 0xFF
-
-
-def add_frame(number: int, command: bytes) -> bytes:
-    """Add line number, checksum and newline to a command."""
-    line = b"N%d %b" % (number, command)
-    return b"%b*%d\n" % (line, checksum(line))

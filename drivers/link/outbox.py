@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 
 from drivers.firmware import Firmware
-from drivers.gcode import add_frame
+from drivers.gcode import add_frame, remove_frame
 
 HISTORY_LINES = 32
 LINE_S = 50.0  # a line is given up after so long,
@@ -150,7 +150,7 @@ class Outbox:
         if self._source_number + self._source_stop - self._source_start > number:
             self._source_number += 1  # the program, or the rest of it, comes behind
         for at, old in enumerate(ahead, number + 1):
-            self._frames.append(add_frame(at, old[old.index(b" ") + 1 : old.rindex(b"*")]))
+            self._frames.append(add_frame(at, remove_frame(old)))
         self._careful = max(self._careful + 1, self._base + sent)
 
     # --- what goes out ---

@@ -9,7 +9,7 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import ProgramStore, read_program
+from drivers.gcode import ProgramStore, read_program, remove_frame
 from drivers.link import Link
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import PROFILES
@@ -122,8 +122,8 @@ class Rig:
 
     def moves(self) -> list[bytes]:
         """The file's own moves in the order of their numbers, as they were sent."""
-        frames = (line.partition(b" ") for line in self.sent.splitlines())
-        numbered = {number: rest.partition(b"*")[0] for number, _, rest in frames}
+        frames = (line for line in self.sent.splitlines() if line.startswith(b"N"))
+        numbered = {line.partition(b" ")[0]: remove_frame(line) for line in frames}
         file = set(self.program.lines(0, self.program.count))
         return [command for command in numbered.values() if command.startswith(b"G1 ") and command in file]
 

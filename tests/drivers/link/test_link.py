@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
-from drivers.gcode import add_frame, checksum
+from drivers.gcode import add_frame, checksum, remove_frame
 from drivers.link import Link, Phase, Report, Trouble, Up, replies
 from drivers.link.link import ASK_S
 from drivers.link.recovery import ASKS, TRIES
@@ -53,7 +53,7 @@ class Firmware:
             if reduce(xor, line[:star], 0) != int((said and said[0]) or b"-1"):
                 return self.wrong(b"checksum mismatch")
             self.last = n
-            body = line[:star].partition(b" ")[2]
+            body = remove_frame(line)
         elif star >= 0:
             return b"Error:No Line Number with checksum, Last Line: %d\n" % self.last
         if not body.strip():

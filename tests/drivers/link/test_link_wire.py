@@ -14,6 +14,7 @@ from drivers.emulator.firmware.firmware import EmulatedFirmware
 from drivers.emulator.hardware.noise import Noise
 from drivers.errors import Fault
 from drivers.firmware import ULTIMAKER2
+from drivers.gcode import remove_frame
 from drivers.link import Link, Phase, Trouble
 from drivers.printers import PROFILES
 
@@ -34,7 +35,7 @@ class Recorder(EmulatedFirmware):
         before = self._last_n
         super()._accept(line)
         if self._last_n != before:
-            self.taken.append((self._last_n, line.partition(b"*")[0].partition(b" ")[2]))
+            self.taken.append((self._last_n, remove_frame(line)))
 
 
 class Wire:

@@ -1,0 +1,139 @@
+"""Lines on the wire: what the firmware takes of them, and of those with one flipped bit."""
+
+import random
+from functools import reduce
+from operator import xor
+
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from drivers.emulator.faults import Faults
+from drivers.emulator.firmware.firmware import EmulatedFirmware
+from drivers.emulator.firmware.listener import Phase
+from drivers.emulator.firmware.machine import value
+from drivers.firmware import ULTIMAKER2
+from drivers.gcode import add_frame, checksum, remove_frame
+from drivers.gcode.frame import LINE_BYTES, running_checksums
+from drivers.gcode.line import is_plain_move
+from drivers.printers import PROFILES
+
+LETTERS = [bytes([letter]) for letter in b"ABCDEFGHIJKLMOPQRSTUVWXYZ"]  # no N, the line's number
+COLLIDING = b"G1 X10 Y112.30 E4.5"
+
+
+class Ear(EmulatedFirmware):
+    """The emulator's firmware up to the commands that it would carry out."""
+
+    def __init__(self) -> None:
+        super().__init__(PROFILES["ultimaker2_plus"], Faults(), random.Random(0), 0.0)
+        self.phase = Phase.RUNNING
+
+    def take(self, number: int, data: bytes) -> list[bytes]:
+        """Return the lines that are carried out of `data`, where line `number` is the next."""
+        self._deafen()
+        self._last_n = number - 1
+        self._receiver.put(data)
+        self._get_command()
+        return [line for line in self._buffer if any(letter in line for letter in b"GMT")]
+
+
+EAR = Ear()
+
+
+def meaning(line: bytes) -> dict[bytes, float]:
+    """Values of a line's letters; a J without a number, made of a newline, is the default of an arc."""
+    found = {letter: value(line, letter) for letter in LETTERS}
+    return {letter: v for letter, v in found.items() if v is not None and (letter, v) != (b"J", 0.0)}
+
+
+def flips(data: bytes) -> list[bytes]:
+    return [
+        data[:at] + bytes([data[at] ^ 1 << bit]) + data[at + 1 :]
+        for at in range(len(data))
+        for bit in range(8)
+    ]
+
+
+@st.composite
+def numbered(draw: st.DrawFn, words: bytes = b"FXYE") -> tuple[int, bytes]:
+    """A line number and a move, of which some decimals are the checksum of what is before them."""
+    number = draw(st.integers(1, 9_999_999))
+    command = b"G1"
+    for word in draw(st.lists(st.sampled_from(words), min_size=1, unique=True).map(sorted)):
+        command += b" %c%d." % (word, draw(st.integers(-300, 99_999)))
+        colliding = checksum(b"N%d %b" % (number, command[:-1]))
+        blank = colliding ^ ord(" ")
+        decimals = st.from_regex(rb"\A[0-9]{0,6}\Z")
+        sums = st.sampled_from([b"%d" % colliding, b"%03d" % colliding, b"%06d" % colliding, b"%d" % blank])
+        command += draw(sums | decimals)
+    return number, command
+
+
+@given(numbered())
+@example((4, COLLIDING))
+@settings(max_examples=100, deadline=None)
+def test_no_flipped_bit_makes_another_remove_frame_a_line(line):
+    number, command = line
+    sent = add_frame(number, command)
+    assert [meaning(taken) for taken in EAR.take(number, sent)] == [meaning(command)]
+    for data in flips(sent):
+        for taken in EAR.take(number, data + ULTIMAKER2.last_line_query):
+            assert meaning(taken) == meaning(command), (data, taken)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [b"M110", b"M105", b"G28", b"M104 S210", b"M109 S0", b"M140 S60", b"G92 E0", b"M106 S127.5", b"M401",
+     b"G2 X10.5 Y0.25 I5.125 J0 E1", b"M220 S100", b"M84", b"G4 P500", b"M85 S120", b"M82"],
+)  # fmt: skip
+def test_no_flipped_bit_makes_another_remove_frame_the_lines_of_a_session(command):
+    for number in (0, 1, 38, 999_999):
+        for data in flips(add_frame(number, command)):
+            for taken in EAR.take(number, data + ULTIMAKER2.last_line_query):
+                assert meaning(taken) == meaning(command), (data, taken)
+
+
+@given(numbered(b"EFIJRXYZ"))
+@settings(deadline=None)
+def test_a_frame_holds_its_command_and_fits(line):
+    number, command = line
+    assume(len(command) <= ULTIMAKER2.command_bytes)
+    sent = add_frame(number, command)
+    assert remove_frame(sent) == command
+    text, _, said = sent.removesuffix(b"\n").rpartition(b"*")
+    assert text.split() == [b"N%d" % number, *command.split()]
+    assert int(said) == checksum(text)
+    assert len(sent) <= LINE_BYTES + 1
+
+
+def test_a_blank_is_put_in_where_it_is_needed_alone():
+    assert checksum(b"N4 G1 X10 Y112") == 30
+    assert add_frame(4, COLLIDING).startswith(b"N4 G1 X10  Y112.30 E4.5*")
+    assert add_frame(5, COLLIDING).startswith(b"N5 G1 X10 Y112.30 E4.5*")
+
+
+@given(st.integers(1, 60_000), st.integers(0, 199_999), st.integers(0, 10**7))
+def test_few_lines_need_a_blank(number, x_um, e_10nm):
+    command = b"G1 X%.3f E%.5f" % (x_um / 1000, e_10nm / 1e5)
+    assert is_plain_move(command)
+    line = b"N%d %b" % (number, command)
+    plain = b"%b*%d\n" % (line, checksum(line))
+    collides = any(
+        checksum(line[:at]) == int(line[at + 1 :].split()[0])
+        for at, byte in enumerate(line)
+        if byte == ord(".")
+    )
+    assert (add_frame(number, command) == plain) is not collides
+
+
+def test_a_line_with_no_room_for_a_blank_keeps_its_length():
+    command = COLLIDING + b" " + b"S" * (ULTIMAKER2.command_bytes - len(COLLIDING) - 1)
+    assert len(add_frame(4, command)) <= LINE_BYTES + 1
+    longest = command + b"S" * (LINE_BYTES - len(b"N4 *255") - len(command))
+    assert len(add_frame(4, longest)) <= LINE_BYTES + 1
+
+
+@given(st.binary(min_size=1, max_size=128))
+def test_running_checksums_are_those_of_each_beginning(line):
+    assert list(running_checksums(line)) == [reduce(xor, line[: at + 1]) for at in range(len(line))]
