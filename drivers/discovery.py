@@ -17,8 +17,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.link import Link, Report, Said, Up
 from drivers.link.dialogue import talk
 from drivers.locks import AGENT_LOCK, hold
-from drivers.ports.port import Port, open_port, plugged_in
-from drivers.ports.serial_port import Device, devices
+from drivers.ports import Device, Port, identify_device, list_devices, open_port
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL, Journal
 from drivers.remote.client import AgentClient
@@ -65,9 +64,9 @@ def plugged(
     homes = {Path(port).resolve(): name for name, port in fleet if port.startswith("/")}
     links = {link.resolve(): link for link in sorted(by_path.glob("*"), reverse=True)}
     result = []
-    for device in devices() if found is None else found:
+    for device in list_devices() if found is None else found:
         real = device.path.resolve()
-        result.append(Plugged(links.get(real, device.path), real, device.what, homes.get(real)))
+        result.append(Plugged(links.get(real, device.path), real, device.description, homes.get(real)))
     return result
 
 
@@ -109,7 +108,7 @@ def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> st
             port.close()
         if folder is not None:
             journal = Journal(folder / JOURNAL)
-            journal.write(time.time(), reset_verified=url, opened=plugged_in(url))
+            journal.write(time.time(), reset_verified=url, opened=identify_device(url))
     finally:
         if lock is not None:
             os.close(lock)

@@ -12,9 +12,9 @@ from drivers.agent.loop import Agent
 from drivers.agent.sleep_inhibitor import Inhibitor
 from drivers.errors import AgentError
 from drivers.locks import AGENT_LOCK, held, hold, sign
-from drivers.printers import PROFILES, firmware_of
+from drivers.printers import PROFILES
 from drivers.records import JOURNAL, StartFile, read_journal
-from drivers.safety.estop import Target, cut
+from drivers.safety import StopTarget, stop_board
 
 
 def main() -> int:
@@ -64,9 +64,7 @@ def _mine(folder: Path) -> bool:
 def _end_heat(given: StartFile, folder: Path) -> None:
     """End the heat of the last agent: nothing can be written, so nothing is printed."""
     if read_journal(folder / JOURNAL)[0].may_be_hot:
-        stopped = cut(
-            Target(given.printer, given.port, folder, given.power_off_cmd, firmware_of(given.model))
-        )
+        stopped = stop_board(StopTarget.of_agent(given, folder))
         logging.error("%s: its last agent left a print behind: %s", given.printer, stopped.text)
 
 

@@ -7,7 +7,7 @@ import math
 
 from drivers.clock import wall_s
 from drivers.records import Alarm, Suspicion
-from drivers.safety.mains import LOOK_S, NO_COMMAND, PowerOff
+from drivers.safety import NO_COMMAND, POLL_S, PowerOff
 from drivers.session import Session
 
 log = logging.getLogger(__name__)
@@ -115,4 +115,4 @@ class Alarms:
 
     def wake_wall_s(self) -> float:
         """Wall time at which `outcome` wants to be called."""
-        return math.inf if self._run is None else wall_s() + LOOK_S
+        return math.inf if self._run is None else wall_s() + POLL_S

@@ -13,10 +13,10 @@ from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
 from drivers.errors import AgentError, Fault, PortError, PortNotIdle
 from drivers.link import Event, Events, Link, Phase, Report, Said, Trouble, Up
-from drivers.ports.port import Port, open_port, plugged_in
+from drivers.ports import Port, identify_device, open_port
 from drivers.printers import Profile
 from drivers.records import BoardState
-from drivers.safety.last_words import end_blind, end_heard
+from drivers.safety import send_abort, send_abort_until_accepted
 from drivers.session import Pace, Session
 
 log = logging.getLogger(__name__)
@@ -118,7 +118,7 @@ class Board:
         before: it is left alone until somebody has said that the printer does not print by itself.
         """
         try:
-            device = plugged_in(self._url)
+            device = identify_device(self._url)
             if not (
                 self.simulated or self._ours or self._said_idle or (device and device == self.state.opened)
             ):
@@ -135,7 +135,7 @@ class Board:
         if not self._ours:
             self._opened()
         elif self.simulated:
-            end_blind(self._port, self._firmware)
+            send_abort(self._port, self._firmware)
             self._opened()
         else:
             self._reset()  # opening alone resets no board whose last host left DTR up, as ours do
@@ -220,7 +220,7 @@ class Board:
         """Switch everything off by a reset, where heat of ours may be on: the agent is about to end."""
         if self._port is None or not self._ours:
             return
-        (end_heard if self.refuted else end_blind)(self._port, self._firmware)
+        (send_abort_until_accepted if self.refuted else send_abort)(self._port, self._firmware)
         with suppress(PortError):
             self._port.reset()
 
@@ -350,7 +350,7 @@ class Board:
         assert self._port is not None
         self._moved(None)
         if self._ours:
-            end_blind(self._port, self._firmware)  # a reset that does not get through is noticed late
+            send_abort(self._port, self._firmware)  # a reset that does not get through is noticed late
         try:
             self._port.reset()
         except PortError as error:

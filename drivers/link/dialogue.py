@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from drivers.link.link import Link, Phase
 from drivers.link.replies import Event
-from drivers.ports.port import Port
+from drivers.ports import Port
 
 
 def talk(

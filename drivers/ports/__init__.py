@@ -1,0 +1,15 @@
+"""Serial ports of this host and of others. The only user of pyserial."""
+
+from drivers.ports.port import NET, NetPort, Port, identify_device, open_port
+from drivers.ports.serial_port import Device, SerialPort, list_devices
+
+__all__ = [
+    "NET",
+    "Device",
+    "NetPort",
+    "Port",
+    "SerialPort",
+    "identify_device",
+    "list_devices",
+    "open_port",
+]

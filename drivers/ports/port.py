@@ -1,4 +1,4 @@
-"""Every kind of port that can be printed over, behind one face."""
+"""Ports over which a printer can be driven, behind one interface."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Protocol
 
 from drivers.clock import Clock
 from drivers.errors import PortError
-from drivers.ports.serial_port import DTR_PULSE_S, Distant, SerialPort, resolve
+from drivers.ports.serial_port import DTR_PULSE_S, RemotePort, SerialPort, find_device
 
 NET = "rfc2217://"
 _BYTES = 4096
@@ -38,98 +38,114 @@ class Port(Protocol):
 
 
 class NetPort:
-    """A port on another host, by RFC 2217 (`ser2net`), DTR included.
+    """A port on another host over RFC 2217 (`ser2net`), with DTR.
 
-    pyserial carries the bytes in a thread of its own; another one passes them on, so that there is a
-    descriptor to wait for.
+    pyserial receives bytes in a thread of its own; another thread passes them on to a socket, so that there
+    is a descriptor to wait for.
 
     Parameters
     ----------
     url
         ``rfc2217://HOST:PORT``.
+    baud_rate
+        Bits per second.
 
     Raises
     ------
     PortError
-        Nobody answers there, or DTR cannot be set.
+        The host does not answer, or DTR cannot be set.
     """
 
     def __init__(self, url: str, baud_rate: int) -> None:
         self._url = url
-        self._distant = Distant(url, baud_rate)
+        self._remote = RemotePort(url, baud_rate)
         self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
-        threading.Thread(target=self._carry, args=(self._distant, self._theirs), daemon=True).start()
+        threading.Thread(target=self._forward, args=(self._remote, self._theirs), daemon=True).start()
 
     @staticmethod
-    def _carry(distant: Distant, to: socket.socket) -> None:
-        with suppress(Exception), to:  # whatever ends it, the reader sees the end
+    def _forward(remote: RemotePort, to: socket.socket) -> None:
+        with suppress(Exception), to:  # whatever ends it, the reader sees a closed socket
             while True:
-                to.sendall(distant.read_some())
+                to.sendall(remote.read_some())
 
     def fileno(self) -> int:
         return self._ours.fileno()
 
     def read(self) -> bytes:
-        """Read what has come, perhaps nothing. Raises PortError where the port went away."""
+        """Read the bytes received so far, perhaps none. Raises PortError where the port went away."""
         try:
             data = self._ours.recv(_BYTES)
         except BlockingIOError:
             return b""
         if not data:
-            raise PortError(f"{self._url}: went away; look at its host and the network")
+            raise PortError(f"{self._url}: went away; check its host and the network")
         return data
 
     def write(self, data: bytes) -> None:
-        """Send. Raises PortError where the port went away."""
+        """Send bytes. Raises PortError where the port went away."""
         if data:
-            self._distant.write(data)
+            self._remote.write(data)
 
     def write_now(self, data: bytes) -> None:
-        """Send this instead of what waits on the other host. Raises PortError where the port went away."""
-        self._distant.write_now(data)
+        """Send bytes in place of those that wait on the other host. Raises PortError."""
+        self._remote.write_now(data)
 
     @property
     def unwritten(self) -> bool:
         return False
 
     def reset(self) -> None:
-        """A pulse of DTR, each edge acknowledged by the other host. Raises PortError."""
-        self._distant.set_dtr(up=False)
+        """Reset the board by a pulse of DTR; the other host acknowledges both edges. Raises PortError."""
+        self._remote.set_dtr(up=False)
         time.sleep(DTR_PULSE_S)
         with suppress(BlockingIOError):
             while self._ours.recv(_BYTES):
                 pass
-        self._distant.set_dtr(up=True)  # the board may have said `start` before that is acknowledged
+        self._remote.set_dtr(up=True)  # the board may have said `start` before that is acknowledged
 
     def close(self) -> None:
-        """Give the port up."""
-        self._distant.close()
+        """Close the port."""
+        self._remote.close()
         self._ours.close()
 
 
 def open_port(url: str, folder: Path, clock: Clock, baud_rate: int) -> Port:
-    """Open the port that `fleet.yaml` names; an emulator is started where none is alive.
+    """Open a port of `fleet.yaml`; start its emulator where it is simulated and has none.
+
+    Parameters
+    ----------
+    url
+        A device path, ``rfc2217://HOST:PORT`` or ``sim://MODEL``.
+    folder
+        Folder of the emulator.
+    clock
+        The farm's clock, for the emulator.
+    baud_rate
+        Bits per second.
 
     Raises
     ------
     PortError
-        It is not there, somebody else has it, or it is none that can be printed over.
+        The port does not exist, is in use, or cannot be used for a printer.
     """
     if url.startswith(NET):
         return NetPort(url, baud_rate)
-    return SerialPort(resolve(url, folder, clock), baud_rate)
+    return SerialPort(find_device(url, folder, clock), baud_rate)
 
 
-def plugged_in(url: str) -> str | None:
-    """A name for the device behind a port that changes when it is plugged in anew or its host starts anew.
+def identify_device(url: str) -> str | None:
+    """Name the device behind a port. The name changes when it is plugged in again or its host restarts.
 
-    None where nobody can tell.
+    Returns
+    -------
+    str or None
+        None for a port of another host, or a simulated one.
 
     Raises
     ------
     PortError
-        It is not there.
+        The device does not exist.
     """
     if "://" in url:
         return None
@@ -138,5 +154,5 @@ def plugged_in(url: str) -> str | None:
         node = path.stat()
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError as error:
-        raise PortError(f"{path}: is not there; is the printer plugged in and switched on?") from error
+        raise PortError(f"{path}: does not exist; is the printer plugged in and switched on?") from error
     return f"{boot}:{os.major(node.st_rdev)}:{os.minor(node.st_rdev)}:{node.st_ino}:{node.st_ctime_ns}"

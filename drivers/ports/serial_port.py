@@ -1,7 +1,7 @@
-"""The serial port itself: the only user of pyserial.
+"""Serial ports by pyserial, of which this is the only user.
 
-pyserial opens and sets up the port; bytes then go through `os.read` and `os.write` on its descriptor, as
-pyserial's own calls select and lock each time, and a link of thousands of lines a second feels it.
+pyserial opens and configures the port. Bytes then go through `os.read` and `os.write` on its descriptor:
+pyserial's own calls select and lock each time, which is too slow for thousands of lines a second.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from drivers.errors import PortError
 
 DTR_PULSE_S = 0.1
 DRAIN_S = 1.0
-_DRAIN_LOOK_S = 0.01
+_DRAIN_POLL_S = 0.01
 _READ_BYTES = 4096
-_PTY = "/dev/pts/"  # the kernel forgets of no pty that it was exclusive before its other end is closed
+_PTY = "/dev/pts/"  # the kernel keeps a pty exclusive until its other end is closed
 
 
 class SerialPort:
@@ -39,12 +39,12 @@ class SerialPort:
     baud_rate
         Bits per second.
     shared
-        Open it even where somebody else has it: for an emergency stop, and for nothing else.
+        Open the port even where it is in use: for an emergency stop only.
 
     Raises
     ------
     PortError
-        It is not there, or somebody else has it.
+        The port does not exist, or is in use.
     """
 
     def __init__(self, path: Path, baud_rate: int, *, shared: bool = False) -> None:
@@ -59,7 +59,7 @@ class SerialPort:
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(f"{self.path}: cannot be opened ({_cause(error)}); {_advice(error)}") from error
         try:
-            # Else a closed port drops DTR, and the next host to open it resets the board twice.
+            # Else closing the port drops DTR, and the next host to open it resets the board twice.
             fd = port.fileno()
             attributes = termios.tcgetattr(fd)
             attributes[2] &= ~termios.HUPCL
@@ -67,19 +67,19 @@ class SerialPort:
             attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 1, 0
             termios.tcsetattr(fd, termios.TCSANOW, attributes)
             if self._exclusive and not os.ttyname(fd).startswith(_PTY):
-                fcntl.ioctl(fd, termios.TIOCEXCL)  # also against programs that ask for no lock
+                fcntl.ioctl(fd, termios.TIOCEXCL)  # for programs that take no lock
             os.set_blocking(fd, False)  # pyserial has discarded what was there before
         except (termios.error, OSError) as error:
             port.close()
-            raise PortError(f"{self.path}: is no serial port ({error}); name the printer's device") from error
+            raise PortError(f"{self.path}: is no serial port ({error}); give another device") from error
         self._serial, self._fd = port, fd
 
     def fileno(self) -> int:
-        """The descriptor; `reset` may change it."""
+        """Return the descriptor; `reset` may change it."""
         return self._fd
 
     def read(self) -> bytes:
-        """Read what has come, perhaps nothing.
+        """Read the bytes received so far, perhaps none.
 
         Raises
         ------
@@ -91,13 +91,13 @@ class SerialPort:
         except BlockingIOError:
             return b""
         except OSError as error:
-            raise PortError(f"{self.path}: went away ({error}); look at its cable and power") from error
+            raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
         if not data:
-            raise PortError(f"{self.path}: went away; look at its cable and power")
+            raise PortError(f"{self.path}: went away; check its cable and power")
         return data
 
     def write(self, data: bytes) -> None:
-        """Send, or keep what the port does not take yet for the next call.
+        """Send bytes; those that the port does not take yet are kept for the next call.
 
         Raises
         ------
@@ -111,18 +111,18 @@ class SerialPort:
         except BlockingIOError:
             written = 0
         except OSError as error:
-            raise PortError(f"{self.path}: went away ({error}); look at its cable and power") from error
+            raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
         self._unwritten = data[written:]
 
     @property
     def unwritten(self) -> bool:
-        """Whether something waits to be written."""
+        """True while bytes wait for the next call of `write`."""
         return bool(self._unwritten)
 
     def write_now(self, data: bytes) -> None:
-        """Send this instead of all that was not sent yet, and wait until it is on the wire.
+        """Send bytes in place of all unsent ones, and wait until they are on the wire.
 
-        Where the board has stopped taking bytes, no longer than `DRAIN_S`.
+        Waits `DRAIN_S` at most, as the board may have stopped taking bytes.
 
         Raises
         ------
@@ -137,18 +137,18 @@ class SerialPort:
             while self._unwritten or self._queued():
                 if time.monotonic() > until_s:
                     return
-                time.sleep(_DRAIN_LOOK_S)
+                time.sleep(_DRAIN_POLL_S)
                 if self._unwritten:
                     self.write(b"")
         except (OSError, termios.error) as error:
-            raise PortError(f"{self.path}: went away ({error}); look at its cable and power") from error
+            raise PortError(f"{self.path}: went away ({error}); check its cable and power") from error
 
     def _queued(self) -> int:
         """Count the bytes that the kernel has not sent yet."""
         return int.from_bytes(fcntl.ioctl(self._fd, termios.TIOCOUTQ, bytes(4)), sys.byteorder)
 
     def reset(self) -> None:
-        """Reset the board: a pulse of DTR, or on a pseudo-terminal, which has none, close and open.
+        """Reset the board by a pulse of DTR, or on a pseudo-terminal, which has none, by closing and opening.
 
         Raises
         ------
@@ -166,21 +166,21 @@ class SerialPort:
             self._serial.dtr = True
             termios.tcflush(self._fd, termios.TCIFLUSH)
         except (OSError, termios.error) as error:
-            raise PortError(f"{self.path}: cannot be reset ({error}); look at its cable and power") from error
+            raise PortError(f"{self.path}: cannot be reset ({error}); check its cable and power") from error
 
     def close(self) -> None:
-        """Give the port up. The board goes on with what it has, heaters and all."""
-        with suppress(OSError):  # it went away
+        """Close the port. The board goes on with its buffered moves, and its heaters stay on."""
+        with suppress(OSError):  # the port is gone
             self._serial.close()
 
 
-def resolve(url: str, folder: Path, clock: Clock) -> Path:
-    """The device behind a port of `fleet.yaml`; starts the emulator of a ``sim://`` port where none is alive.
+def find_device(url: str, folder: Path, clock: Clock) -> Path:
+    """Return the device of a port of `fleet.yaml`; start the emulator of a ``sim://`` port that has none.
 
     Raises
     ------
     PortError
-        The kind of port is not one that can be printed over, or the emulator does not start.
+        This kind of port cannot be used for a printer, or the emulator does not start.
     """
     kind, mark, _ = url.partition("://")
     if not mark:
@@ -196,14 +196,14 @@ def resolve(url: str, folder: Path, clock: Clock) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """A serial device of this host, which nobody has opened for that."""
+    """A serial device of this host, as found without opening it."""
 
     path: Path
-    what: str  # as its maker calls it
+    description: str  # its maker's
 
 
-def devices() -> list[Device]:
-    """All serial devices on USB, by name."""
+def list_devices() -> list[Device]:
+    """List all serial devices on USB, sorted by path."""
     found = (
         Device(Path(port.device), port.description or "")
         for port in list_ports.comports()
@@ -212,8 +212,8 @@ def devices() -> list[Device]:
     return sorted(found, key=lambda device: device.path)
 
 
-class Distant:
-    """pyserial's port on another host, its errors in our words."""
+class RemotePort:
+    """A port on another host, by pyserial; its errors become `PortError`."""
 
     def __init__(self, url: str, baud_rate: int) -> None:
         self._url = url
@@ -225,39 +225,39 @@ class Distant:
             ) from error
 
     def read_some(self) -> bytes:
-        """Wait for bytes; raises what pyserial raises where the port went away."""
+        """Wait for bytes. Raises errors of pyserial where the port went away."""
         data: bytes = self._port.read(1)
         if not data:
             raise PortError(f"{self._url}: went away")
         return data + self._port.read(self._port.in_waiting)
 
     def write(self, data: bytes) -> None:
-        """Send them; raises PortError."""
+        """Send bytes. Raises PortError."""
         try:
             self._port.write(data)
         except (serial.SerialException, OSError) as error:
-            raise PortError(f"{self._url}: went away ({error}); look at its host and the network") from error
+            raise PortError(f"{self._url}: went away ({error}); check its host and the network") from error
 
     def write_now(self, data: bytes) -> None:
-        """Send this instead of what waits on the other host, if that can be told so; raises PortError."""
+        """Send bytes in place of those that wait on the other host, if it supports that. Raises PortError."""
         with suppress(serial.SerialException, OSError, ValueError):
             self._port.reset_output_buffer()
         self.write(data)
 
     def set_dtr(self, *, up: bool) -> None:
-        """Set DTR and wait until the other host says that it is; raises PortError."""
+        """Set DTR, and wait until the other host acknowledges it. Raises PortError."""
         try:
             self._port.dtr = up
         except (serial.SerialException, OSError, ValueError) as error:
             raise PortError(f"{self._url}: DTR cannot be set there ({error})") from error
 
     def close(self) -> None:
-        with suppress(Exception):  # it went away
+        with suppress(Exception):  # the port is gone
             self._port.close()
 
 
 def _cause(error: BaseException) -> str:
-    """The innermost reason: pyserial wraps the system's own words twice."""
+    """Return the system's own message, which pyserial wraps twice."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 
@@ -269,5 +269,5 @@ def _advice(error: BaseException) -> str:
         case 13:
             return "add the farm's user to the group that owns it"
         case 11 | 16:
-            return "another program has it: end that first"
-    return "look at its cable and power"
+            return "another program uses it: end that first"
+    return "check its cable and power"

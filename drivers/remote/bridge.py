@@ -89,7 +89,7 @@ def folder_of(farm: str, printer: str, env: Mapping[str, str] = os.environ) -> P
 
 def stop_there(
     host: str, command: str, farm: str, start: StartFile, patience_s: float = _STOP_S
-) -> estop.Stopped:
+) -> estop.StopResult:
     """The emergency stop of a printer on another host. Never raises."""
     errand, said = Errand(Do.STOP, farm, start), ""
     try:
@@ -97,12 +97,12 @@ def stop_there(
             words(host, command), input=errand.line(), capture_output=True, timeout=patience_s, check=False
         )
         said = done.stderr.decode(errors="replace").strip()
-        return estop.Stopped(**json.loads(done.stdout))
+        return estop.StopResult(**json.loads(done.stdout))
     except subprocess.TimeoutExpired:
         why = "does not answer"
     except (OSError, ValueError, TypeError) as error:
         why = said.splitlines()[-1] if said else f"the way there said nothing ({error})"
-    return estop.Stopped(start.printer, None, False, f"cannot be stopped: {host}: {why}; switch it off")
+    return estop.StopResult(start.printer, None, False, f"cannot be stopped: {host}: {why}; switch it off")
 
 
 def serve(errand: Errand, folder: Path) -> None:
@@ -176,10 +176,10 @@ def main() -> int:
         folder = folder_of(errand.farm, errand.start.printer)
         if errand.do is Do.STOP:
             start = errand.start
-            target = estop.Target(
+            target = estop.StopTarget(
                 start.printer, start.port, folder, start.power_off_cmd, firmware_of(start.model)
             )
-            _write(json.dumps(asdict(estop.stop(target))).encode() + b"\n")
+            _write(json.dumps(asdict(estop.stop_printer(target))).encode() + b"\n")
         else:
             serve(errand, folder)
     except BrokenPipeError:

@@ -1,14 +1,14 @@
-"""Ends a printer's heat from outside, whatever its agent and the daemon are doing.
+"""Emergency stop: ends a printer's heat from outside, whatever its agent and the daemon are doing.
 
-1. The agent is killed: a stopped or hung process asks for nothing, and its death gives the port free.
-2. Its lock is taken, so that no other agent comes up in between.
-3. The board is told to end motion and heat (`last_words`), and reset at once, by DTR, which switches heaters,
-   motors and fan off; a board that DTR does not reset has heard the words.
-4. M105 is asked until a report shows both targets 0, and M114, where it did not start again, until the head
-   was twice at the same place; then the motors go off. M105 is asked on until both heaters cool (`Watch`):
-   only that is called off.
-5. The agent's journal says that a person has to look: nothing is printed there before `farm cleared`.
-6. What could not be shown off is taken from the mains, where the fleet has a `power_off_cmd`.
+1. The agent is killed: a stopped or hung process answers no request, and its death frees the port.
+2. Its lock is taken, so that no other agent starts meanwhile.
+3. The board gets the abort sequence (`abort`) and at once a reset by DTR, which switches heaters, motors and
+   fan off; a board that DTR does not reset has received the sequence.
+4. M105 is sent until a report shows both targets 0. A board that did not restart is asked M114 until the head
+   was twice at the same position; then its motors are switched off. M105 goes on until both heaters cool
+   (`HeaterWatch`): only that counts as off.
+5. The agent's journal says that a person has to check the printer: nothing is printed before `farm cleared`.
+6. If the heaters were not seen off, the mains are cut, where the fleet has a `power_off_cmd`.
 """
 
 from __future__ import annotations
@@ -29,31 +29,45 @@ from drivers.gcode import HeaterName
 from drivers.link import Event, Link, Report, Said, Up
 from drivers.link.dialogue import talk
 from drivers.locks import AGENT_LOCK, hold, kill_holder
-from drivers.ports.port import NET, NetPort, Port
-from drivers.ports.serial_port import SerialPort
+from drivers.ports import NET, NetPort, Port, SerialPort
 from drivers.printers import firmware_of
 from drivers.records import ESTOPPED, JOURNAL, Journal, StartFile
-from drivers.safety import mains
-from drivers.safety.heater_watch import Watch
-from drivers.safety.last_words import end_blind
+from drivers.safety.abort import send_abort
+from drivers.safety.heater_watch import HeaterWatch
+from drivers.safety.mains import cut_mains
 
 EMULATOR = "emulator"
 _SHOW_S = 20.0  # for `start`, the banner and a report
-_ASK_S = 0.5  # between two reports, and two questions where the head is
-_COOL_S = 120.0  # `Watch` finds before that what does not cool
-_COUNT = re.compile(rb"Count (X.*)")  # where the head is, of M114's answer
+_ASK_S = 0.5  # between two reports, and between two questions for the position
+_COOL_S = 120.0  # `HeaterWatch` finds a heater that does not cool before that
+_COUNT = re.compile(rb"Count (X.*)")  # the position of the head in the answer to M114
 
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
+"""Receives a sentence for people while a stop is under way."""
 
 
-def _say_nothing(text: str) -> None:
-    """For whoever only wants to know how it ended."""
+def _ignore(text: str) -> None:
+    """Receive a sentence that nobody reads."""
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
-    """A printer to stop, as `fleet.yaml` has it or as its last agent wrote it down."""
+class StopTarget:
+    """A printer to stop.
+
+    Parameters
+    ----------
+    printer
+        Its name in the fleet.
+    port
+        Its port, as in `fleet.yaml`.
+    folder
+        The folder of its agent.
+    power_off_cmd
+        Command that cuts its mains; see `PowerOff`.
+    firmware
+        Its firmware.
+    """
 
     printer: str
     port: str
@@ -61,21 +75,26 @@ class Target:
     power_off_cmd: str | None = None
     firmware: Firmware = ULTIMAKER2
 
+    @classmethod
+    def of_agent(cls, start: StartFile, folder: Path) -> StopTarget:
+        """Make the target from the start file of an agent in `folder`."""
+        return cls(start.printer, start.port, folder, start.power_off_cmd, firmware_of(start.model))
+
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
-    """Outcome of an emergency stop.
+class StopResult:
+    """Result of an emergency stop.
 
     Attributes
     ----------
     cut_s
-        Wall seconds (time.time) at which the board had been reset; None where that could not be done.
+        Wall seconds (time.time) at which the board had been reset; None where that was not possible.
     seen_off
-        The printer itself has shown both targets 0 and cooled since, or it is a simulated one without power.
-    still
-        It was seen not to move any more: it started anew, or M114 named the same place twice.
+        The printer has shown both targets 0 and cooled since, or it is a simulated one without power.
     text
-        One sentence for a person.
+        One sentence for people.
+    still
+        It was seen not to move: it restarted, or M114 returned the same position twice.
     """
 
     printer: str
@@ -85,20 +104,19 @@ class Stopped:
     still: bool = False
 
 
-def known(agents: Path) -> dict[str, Target]:
-    """The printers whose agents have left word in their folders."""
+def list_targets(agents: Path) -> dict[str, StopTarget]:
+    """Find the printers whose agents have a start file, by name."""
     found = {}
     for folder in sorted(agents.glob("*/")):
         with suppress(AgentError):
-            begun = StartFile.read(folder)
-            found[folder.name] = Target(
-                folder.name, begun.port, folder, begun.power_off_cmd, firmware_of(begun.model)
+            found[folder.name] = replace(
+                StopTarget.of_agent(StartFile.read(folder), folder), printer=folder.name
             )
     return found
 
 
-def stop(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> Stopped:
-    """Stop one printer. Never raises; takes as long as it takes to see that it cools, 140 s at most.
+def stop_printer(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
+    """Stop one printer. Never raises; returns when it was seen to cool, after 140 s at most.
 
     Parameters
     ----------
@@ -106,8 +124,8 @@ def stop(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> 
         The printer.
     show_s
         Wall seconds in which it has to show both targets 0.
-    tell
-        Hears in the meantime what a person wants to know.
+    notify
+        Receives the first result, before the printer has cooled.
     """
     with suppress(OSError):  # another user's: its port is not free then
         kill_holder(target.folder / AGENT_LOCK)
@@ -116,50 +134,57 @@ def stop(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> 
         target.folder.mkdir(parents=True, exist_ok=True)
         lock = hold(target.folder / AGENT_LOCK)
     try:
-        stopped = cut(target, show_s, tell)
+        result = stop_board(target, show_s, notify)
         if lock is not None:
-            with suppress(DriverError, OSError):  # a full disk: the next agent doubts the bed all the same
-                Journal(target.folder / JOURNAL).write(time.time(), look=ESTOPPED, hot=not stopped.seen_off)
+            with suppress(DriverError, OSError):  # a full disk: the next agent does not trust the bed anyway
+                Journal(target.folder / JOURNAL).write(time.time(), look=ESTOPPED, hot=not result.seen_off)
     finally:
         if lock is not None:
             os.close(lock)
-    return stopped
+    return result
 
 
-def cut(target: Target, show_s: float = _SHOW_S, tell: Tell = _say_nothing) -> Stopped:
-    """The same where no agent lives: the board, and where that does not help the mains. Never raises."""
-    stopped = _reset(target, show_s, tell)
-    if stopped.seen_off or not target.power_off_cmd:
-        return stopped
-    return replace(stopped, text=f"{stopped.text}; {mains.cut(target.power_off_cmd, target.printer)}")
+def stop_board(target: StopTarget, show_s: float = _SHOW_S, notify: Notify = _ignore) -> StopResult:
+    """Stop the board of a printer without an agent; cut the mains where that fails. Never raises.
+
+    Parameters
+    ----------
+    target, show_s, notify
+        See `stop_printer`.
+    """
+    result = _reset(target, show_s, notify)
+    if result.seen_off or not target.power_off_cmd:
+        return result
+    return replace(result, text=f"{result.text}; {cut_mains(target.power_off_cmd, target.printer)}")
 
 
-def _reset(target: Target, show_s: float, tell: Tell) -> Stopped:
-    """Reset the board and see its heaters off."""
+def _reset(target: StopTarget, show_s: float, notify: Notify) -> StopResult:
+    """Reset the board and confirm that its heaters are off."""
     name = target.printer
     try:
         port = _open(target)
     except PortError as error:
-        return Stopped(name, None, False, f"cannot be stopped: {error}; switch it off")
+        return StopResult(name, None, False, f"cannot be stopped: {error}; switch it off")
     if port is None:
         text = f"is switched off: no emulator of it in {target.folder}"
-        return Stopped(name, time.time(), True, text, still=True)
-    cut_s, board = None, _Board(port, target.firmware, tell)
+        return StopResult(name, time.time(), True, text, still=True)
+    cut_s, board = None, _Board(port, target.firmware, notify)
     try:
-        end_blind(port, target.firmware)
+        send_abort(port, target.firmware)
         if not target.port.startswith("sim://"):  # else opening was the reset
-            with suppress(PortError):  # the words may have ended it; what has gone is seen below
+            with suppress(PortError):  # the abort sequence may have sufficed; that is checked below
                 port.reset()
         cut_s = time.time()
-        text, seen = board.show(show_s)
+        text, seen = board.confirm_off(show_s)
     except PortError as error:
         text, seen = f"{error}; switch it off", False
     finally:
         port.close()
-    return Stopped(name, cut_s, seen, f"{text}; {board.motion}", board.still)
+    return StopResult(name, cut_s, seen, f"{text}; {board.motion}", board.still)
 
 
-def _open(target: Target) -> Port | None:
+def _open(target: StopTarget) -> Port | None:
+    """Open the printer's port; None where it is simulated and without power. Raises PortError."""
     path = Path(target.port)
     if target.port.startswith("sim://"):
         emulator = target.folder / EMULATOR
@@ -171,11 +196,11 @@ def _open(target: Target) -> Port | None:
     try:
         return SerialPort(path, target.firmware.baud_rate)
     except PortError:
-        return SerialPort(path, target.firmware.baud_rate, shared=True)  # whoever has it: this comes first
+        return SerialPort(path, target.firmware.baud_rate, shared=True)  # an emergency stop comes first
 
 
 class _Board:
-    """A board that was told to stop, and what it shows of that.
+    """A board that was stopped, and its answers since.
 
     Attributes
     ----------
@@ -183,26 +208,32 @@ class _Board:
         It was seen not to move.
     """
 
-    def __init__(self, port: Port, firmware: Firmware, tell: Tell) -> None:
+    def __init__(self, port: Port, firmware: Firmware, notify: Notify) -> None:
         self.still = False
-        self._port, self._tell = port, tell
+        self._port, self._notify = port, notify
         self._firmware = firmware
         self._link = Link(firmware)
         self._link.only_ask = True
         self._link.poll_every_s = _ASK_S
         self._up: Up | None = None
         self._report: Report | None = None
-        self._place: bytes | None = None
+        self._position: bytes | None = None
 
     @property
     def motion(self) -> str:
-        """Say what was seen of its motion."""
-        return "it stands still" if self.still else "it was not seen to stand still: look whether it moves"
+        """Clause for people on its motion."""
+        return "it stands still" if self.still else "it was not seen to stand still: check whether it moves"
 
-    def show(self, show_s: float) -> tuple[str, bool]:
-        """Whether its heaters were seen off, and what is to be said of them."""
+    def confirm_off(self, show_s: float) -> tuple[str, bool]:
+        """Ask until both targets are 0 and the heaters cool.
+
+        Returns
+        -------
+        (str, bool)
+            A sentence for people; True where the heaters were seen off.
+        """
         for now_s, event in talk(self._port, self._link, show_s, hail=self._firmware.abort_unnumbered):
-            self._hear(now_s, event)
+            self._on_event(now_s, event)
             if self.still and self._report is not None and self._report.off:
                 break
         if self._report is None or self._up is None:
@@ -212,16 +243,16 @@ class _Board:
             heats = f"nozzle {report.nozzle_target_c:g} C, bed {report.bed_target_c:g} C"
             return f"still shows targets ({heats}): switch it off", False
         how = "its board was reset" if up.restarted else "by command: its board was not reset"
-        with suppress(OSError):  # nobody listens any more: it is watched all the same
-            self._tell(f"shows both targets 0 ({how}), {self.motion}; it is watched until it cools")
-        return self._cool(how)
+        with suppress(OSError):  # nobody reads it any more: the printer is watched all the same
+            self._notify(f"shows both targets 0 ({how}), {self.motion}; it is watched until it cools")
+        return self._confirm_cooling(how)
 
-    def _hear(self, now_s: float, event: Event) -> None:
+    def _on_event(self, now_s: float, event: Event) -> None:
         if isinstance(event, Up):
             self._up = event
             if event.restarted:
                 self.still = True
-            else:  # once more, numbered, as what was sent blind may have been lost
+            else:  # once more, numbered, as the unnumbered abort may have been lost
                 self._link.send(now_s, *self._firmware.abort)
             self._link.poll(now_s)
         elif isinstance(event, Report):
@@ -229,16 +260,16 @@ class _Board:
             if not self.still and self._link.drained:
                 self._link.send(now_s, self._firmware.position_query)
         elif isinstance(event, Said) and (found := _COUNT.search(event.text)) is not None:
-            if found[1] == self._place and not self.still:
+            if found[1] == self._position and not self.still:
                 self.still = True
                 self._link.send(now_s, self._firmware.motors_off)
-            self._place = found[1]
+            self._position = found[1]
 
-    def _cool(self, how: str) -> tuple[str, bool]:
-        watch, report = Watch(0.0), self._report
+    def _confirm_cooling(self, how: str) -> tuple[str, bool]:
+        watch, report = HeaterWatch(0.0), self._report
         assert report is not None
         for now_s, event in talk(self._port, self._link, _COOL_S, anew=False):
-            self._hear(now_s, event)
+            self._on_event(now_s, event)
             if isinstance(event, Report):
                 report = event
                 finding = watch.judge(event, dict.fromkeys(HeaterName, 0.0), now_s)

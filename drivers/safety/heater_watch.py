@@ -1,10 +1,10 @@
-"""Both heaters against their targets, at every report. Pure.
+"""Compares both heaters with their targets at every report. Pure.
 
-What the firmware itself does not notice, or notices and goes on after
-(docs/explanation/ultimaker2-serial.md, section 3.2): an M109 that would end ``ok`` with a dead heater, an
-M190 that would wait for ever, a heater that fails in mid-print, one that heats on when it is off. Reports
-carry no checksum, so every value is the median of three. Between two reports at most `GAP_S` count: what
-nobody saw, as behind a long move or with the host asleep, is no fault.
+It finds faults that the firmware does not notice, or ignores (docs/explanation/ultimaker2-serial.md, section
+3.2): an M109 that would end ``ok`` with a dead heater, an M190 that would wait for ever, a heater that fails
+in the middle of a print, one that still heats when it is off. Reports carry no checksum, so every value is
+the median of three. Of the time between two reports at most `GAP_S` counts: time without reports, as behind
+a long move or while the host sleeps, is no fault.
 """
 
 from __future__ import annotations
@@ -16,32 +16,30 @@ from statistics import median
 
 from drivers.errors import Fault
 from drivers.gcode import HeaterName
-from drivers.link.replies import Report
+from drivers.link import Report
 
-__all__ = ["Finding", "Rule", "Watch"]
-
-NEARER_C = 1.0  # less than this in `Rule.stall_s` is no progress
+NEARER_C = 1.0  # less than this in `HeaterRule.stall_s` is no progress
 GAP_S = 15.0
-RISES_C, RISES_S = 10.0, 10.0  # off so long, and so much hotter: [assumed] more than any overshoot
-BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, of which the firmware says nothing
+RISES_C, RISES_S = 10.0, 10.0  # off for so long, and so much hotter; [assumed] more than any overshoot
+BROKEN_C = 0.0  # no room is so cold: a shorted bed sensor, which the firmware does not report
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
-    """Limits of a heater in good health. [assumed; the nozzle's are wider than what a fan costs]
+class HeaterRule:
+    """Limits of a healthy heater. [assumed; the nozzle's allow for the part cooling fan]
 
     Attributes
     ----------
     band_c
-        It has arrived when it is so near to its target.
+        It has reached its target when it is this near.
     stall_s
-        Until it has, it comes `NEARER_C` nearer within this time.
+        Until then it comes `NEARER_C` nearer within this time.
     hold_c, away_s
-        Once arrived, it is never further away than this for so long.
+        Afterwards it is never further away than `hold_c` for `away_s`.
     cold_c
-        Below this it is off, and nobody can tell whether it still cools.
+        Below this it is taken to be off: it may not cool any further.
     falls_c, falls_s
-        Switched off above that, it falls by so much within this time: the rate at which 'off' is believed.
+        Switched off above `cold_c`, it falls by `falls_c` within `falls_s`: proof that it is off.
     """
 
     band_c: float
@@ -54,8 +52,8 @@ class Rule:
 
 
 RULES = {
-    HeaterName.NOZZLE: Rule(3.0, 60.0, 10.0, 30.0, 50.0, 2.0, 90.0),
-    HeaterName.BED: Rule(2.0, 150.0, 6.0, 120.0, 45.0, 0.5, 90.0),
+    HeaterName.NOZZLE: HeaterRule(3.0, 60.0, 10.0, 30.0, 50.0, 2.0, 90.0),
+    HeaterName.BED: HeaterRule(2.0, 150.0, 6.0, 120.0, 45.0, 0.5, 90.0),
 }
 
 
@@ -65,8 +63,12 @@ class Finding:
 
     Attributes
     ----------
+    fault
+        The fault.
+    text
+        Clause for people.
     off
-        Its target is 0 already: no command can switch it off.
+        The target is 0 already: no command can switch the heater off.
     """
 
     fault: Fault
@@ -74,74 +76,84 @@ class Finding:
     off: bool = False
 
 
-class Watch:
-    """Tell it every report with what the heaters were set to.
+class HeaterWatch:
+    """Judges every report of a print, from cold to cold.
 
     Parameters
     ----------
     patience_s
-        No rule's time is shorter: an accelerated clock must not take the host's scheduling for a fault.
+        Lower bound of every rule's times, in seconds: an accelerated clock must not take the host's
+        scheduling for a fault.
     """
 
     def __init__(self, patience_s: float) -> None:
         self._gap_s = max(GAP_S, patience_s / 4)
-        self._heard_s = math.nan
-        self._watched_s = 0.0  # time in which reports came
+        self._reported_s = math.nan
+        self._watched_s = 0.0  # seconds that reports cover
         self._heaters = {name: _Heater(name, rule, patience_s) for name, rule in RULES.items()}
 
     def judge(self, report: Report, set_c: dict[HeaterName, float], now_s: float) -> Finding | None:
-        """Take in a report; the first thing found wrong, or None.
+        """Judge a report.
 
         Parameters
         ----------
+        report
+            The report.
         set_c
-            What each heater was set to, which is never garbled.
+            Target that the farm has set for each heater.
+        now_s
+            Time of the report, in seconds of a steady clock.
+
+        Returns
+        -------
+        Finding or None
+            The first fault found.
         """
-        if not math.isnan(self._heard_s):
-            self._watched_s += min(max(now_s - self._heard_s, 0.0), self._gap_s)
-        self._heard_s = now_s
+        if not math.isnan(self._reported_s):
+            self._watched_s += min(max(now_s - self._reported_s, 0.0), self._gap_s)
+        self._reported_s = now_s
         reported_c = {
             HeaterName.NOZZLE: (report.nozzle_c, report.nozzle_target_c),
             HeaterName.BED: (report.bed_c, report.bed_target_c),
         }
         found = [
-            heater.look(*reported_c[name], set_c[name], self._watched_s)
+            heater.check(*reported_c[name], set_c[name], self._watched_s)
             for name, heater in self._heaters.items()
         ]
         return next((finding for finding in found if finding is not None), None)
 
     def now_c(self, name: HeaterName) -> float:
-        """The median of the last three reports; NaN before the first."""
+        """Median of the last three reports; NaN before the first."""
         return self._heaters[name].now_c
 
     @property
     def cools(self) -> bool:
-        """Both were switched off, and since then each was seen to fall or to be cold."""
+        """True where both are off, and since then each was seen to cool or to be cold."""
         return all(heater.cools for heater in self._heaters.values())
 
     def restart(self) -> None:
-        """Both were switched off now: what was seen before tells nothing of that."""
+        """Forget what was seen: both were switched off now."""
         for heater in self._heaters.values():
-            heater.forget()
+            heater.restart()
 
 
 class _Heater:
-    def __init__(self, name: HeaterName, rule: Rule, patience_s: float) -> None:
+    def __init__(self, name: HeaterName, rule: HeaterRule, patience_s: float) -> None:
         self._name, self._rule, self._patience_s = name, rule, patience_s
         self._last: deque[float] = deque(maxlen=3)
-        self._rise = _Rise(rule, patience_s)
-        self.aim(0.0)
+        self._rise = _RiseDetector(rule, patience_s)
+        self.set_target(0.0)
 
-    def forget(self) -> None:
+    def restart(self) -> None:
         self._last.clear()
-        self.aim(0.0)
+        self.set_target(0.0)
 
-    def aim(self, set_c: float) -> None:
-        """From now on it has another target."""
+    def set_target(self, set_c: float) -> None:
+        """Begin to compare with another target."""
         self.cools = False
         self._set_c = set_c
         self._arrived = False
-        self._since_s = math.nan  # the first report since then
+        self._since_s = math.nan  # time of the first report since then
         self._nearest_c, self._nearer_s = math.inf, math.nan
         self._away_s = math.inf  # since when it has been away again
         self._hottest_c = -math.inf  # since it was switched off
@@ -151,16 +163,16 @@ class _Heater:
     def now_c(self) -> float:
         return median(self._last) if self._last else math.nan
 
-    def look(self, is_c: float, target_c: float, set_c: float, now_s: float) -> Finding | None:
+    def check(self, is_c: float, target_c: float, set_c: float, now_s: float) -> Finding | None:
         self._last.append(is_c)
         if set_c != self._set_c:
-            self.aim(set_c)
+            self.set_target(set_c)
         if math.isnan(self._since_s):
             self._since_s = now_s
         if len(self._last) < 3:
             return None
         now_c = self.now_c
-        rises = self._rise.look(now_c, max(target_c, set_c), now_s)
+        rises = self._rise.check(now_c, max(target_c, set_c), now_s)
         if now_c <= BROKEN_C:
             self.cools = False
             return self._finding(Fault.MINTEMP, f"reads {now_c:g} C: its sensor is broken")
@@ -200,7 +212,7 @@ class _Heater:
         rule = self._rule
         if self.cools:
             self._coolest_c = max(rule.cold_c, min(self._coolest_c, now_c))
-            if now_c > self._coolest_c + rule.hold_c:  # more than a hot neighbour gives
+            if now_c > self._coolest_c + rule.hold_c:  # more than the other heater's heat
                 self.cools, self._since_s, self._hottest_c = False, now_s, now_c
         elif now_c < rule.cold_c or now_c <= self._hottest_c - rule.falls_c:
             self.cools, self._coolest_c = True, now_c
@@ -217,21 +229,21 @@ class _Heater:
         return Finding(fault, f"the {self._name} {what}")
 
 
-class _Rise:
+class _RiseDetector:
     """Finds a heater that gets hotter after it was switched off.
 
-    It counts from the first report that shows the target 0, so that a command on its way is no fault, and it
-    goes on over a reset of the board.
+    Time counts from the first report that shows the target 0, so that a command on its way is no fault, and
+    continues over a reset of the board.
     """
 
-    def __init__(self, rule: Rule, patience_s: float) -> None:
+    def __init__(self, rule: HeaterRule, patience_s: float) -> None:
         self._cold_c, self._after_s = rule.cold_c, max(RISES_S, patience_s)
         self._targets: deque[float] = deque(maxlen=3)
         self._since_s = math.nan
         self.coolest_c = math.inf  # since it was shown to be off
 
-    def look(self, now_c: float, target_c: float, now_s: float) -> bool:
-        """Take in a report; whether the heater is stuck on."""
+    def check(self, now_c: float, target_c: float, now_s: float) -> bool:
+        """Return True where this report shows that the heater is stuck on."""
         self._targets.append(target_c)
         if median(self._targets) != 0.0:
             self._since_s, self.coolest_c = math.nan, math.inf

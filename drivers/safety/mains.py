@@ -1,4 +1,4 @@
-"""The mains switch of a printer: a command that a fleet may have for where heaters cannot be shown off."""
+"""Mains switch of a printer: a command of the fleet, run where heaters were not seen off."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from contextlib import suppress
 
 log = logging.getLogger(__name__)
 
-PATIENCE_S = 10.0  # wall seconds for a relay to answer
-LOOK_S = 0.05  # wall seconds between two looks at it
-KILL_S = 1.0  # wall seconds for a process that was killed to be gone
+TIMEOUT_S = 10.0  # wall seconds for a relay to answer
+POLL_S = 0.05  # wall seconds between two checks for its end
+KILL_S = 1.0  # wall seconds for a killed process to end
 BY_HAND = "switch it off by hand"
 NO_COMMAND = f"it has no power_off_cmd: {BY_HAND}"
-_TAIL_BYTES, _WORDS = 4096, 200  # of what it says on stderr
+_STDERR_BYTES, _MESSAGE_CHARACTERS = 4096, 200  # what is kept and shown of its stderr
 
 
 class PowerOff:
-    """A command under way. Nothing here waits, and nothing raises.
+    """A run of the command. Its methods neither wait nor raise.
 
-    It has a session of its own, so that it outlives an agent that is killed.
+    The command has a session of its own, so that it outlives an agent that is killed.
 
     Parameters
     ----------
     command
-        `power_off_cmd` of `fleet.yaml`: words as in a shell, but no shell; ``{printer}`` is the name.
+        `power_off_cmd` of `fleet.yaml`: split as in a shell, but run without one; ``{printer}`` is the name.
     printer
-        Its name in the fleet.
-    patience_s
-        A command that takes longer is ended.
+        The printer's name in the fleet.
+    timeout_s
+        Wall seconds after which the command is killed.
     """
 
-    def __init__(self, command: str, printer: str, patience_s: float = PATIENCE_S) -> None:
-        self._printer, self._patience_s = printer, patience_s
-        self._by_s = time.monotonic() + patience_s
-        self._late = False
-        self._heard = b""
-        self._said: str | None = None
+    def __init__(self, command: str, printer: str, timeout_s: float = TIMEOUT_S) -> None:
+        self._printer, self._timeout_s = printer, timeout_s
+        self._deadline_s = time.monotonic() + timeout_s
+        self._killed = False
+        self._stderr_tail = b""
+        self._outcome: str | None = None
         try:
             words = [word.replace("{printer}", printer) for word in shlex.split(command)]
             self._process = subprocess.Popen(
@@ -57,45 +57,46 @@ class PowerOff:
             self._end(f"power_off_cmd could not be run ({error}): {BY_HAND}")
 
     def outcome(self) -> str | None:
-        """Say what came of it in a few words; None while it is under way."""
-        if self._said is not None:
-            return self._said
-        self._listen()
+        """Return the outcome as a clause for people; None while the command runs."""
+        if self._outcome is not None:
+            return self._outcome
+        self._read_stderr()
         code, now_s = self._process.poll(), time.monotonic()
-        if self._late:
-            if code is not None or now_s > self._by_s + KILL_S:
-                self._end(f"power_off_cmd did not end in {self._patience_s:g} s: {BY_HAND}")
+        if self._killed:
+            if code is not None or now_s > self._deadline_s + KILL_S:
+                self._end(f"power_off_cmd did not end in {self._timeout_s:g} s: {BY_HAND}")
         elif code == 0:
-            self._end("power_off_cmd took its mains away")
+            self._end("power_off_cmd cut its mains")
         elif code is not None:
-            last = self._heard.decode(errors="replace").strip().splitlines()[-1:]
-            self._end(f"power_off_cmd failed ({' '.join(last)[:_WORDS] or code}): {BY_HAND}")
-        elif now_s > self._by_s:
-            self._late = True
+            last = self._stderr_tail.decode(errors="replace").strip().splitlines()[-1:]
+            message = " ".join(last)[:_MESSAGE_CHARACTERS]
+            self._end(f"power_off_cmd failed ({message or code}): {BY_HAND}")
+        elif now_s > self._deadline_s:
+            self._killed = True
             with suppress(ProcessLookupError):
                 os.killpg(self._process.pid, signal.SIGKILL)
-        return self._said
+        return self._outcome
 
-    def _listen(self) -> None:
+    def _read_stderr(self) -> None:
         with suppress(BlockingIOError):
-            self._heard = (self._heard + os.read(self._stderr.fileno(), 1 << 16))[-_TAIL_BYTES:]
+            self._stderr_tail = (self._stderr_tail + os.read(self._stderr.fileno(), 1 << 16))[-_STDERR_BYTES:]
 
-    def _end(self, said: str) -> None:
-        self._said = said
+    def _end(self, outcome: str) -> None:
+        self._outcome = outcome
         if hasattr(self, "_stderr"):
             self._stderr.close()
-        log.warning("%s: %s", self._printer, said)
+        log.warning("%s: %s", self._printer, outcome)
 
 
-def cut(command: str, printer: str, patience_s: float = PATIENCE_S) -> str:
-    """Run the command, wait for it, and say in a few words what came of it. Never raises.
+def cut_mains(command: str, printer: str, timeout_s: float = TIMEOUT_S) -> str:
+    """Run the command, wait for its end, and return the outcome as a clause for people. Never raises.
 
     Parameters
     ----------
-    command, printer, patience_s
+    command, printer, timeout_s
         See `PowerOff`.
     """
-    run = PowerOff(command, printer, patience_s)
-    while (said := run.outcome()) is None:
-        time.sleep(LOOK_S)
-    return said
+    run = PowerOff(command, printer, timeout_s)
+    while (outcome := run.outcome()) is None:
+        time.sleep(POLL_S)
+    return outcome

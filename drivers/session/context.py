@@ -17,7 +17,7 @@ from drivers.link import Link, Report, Up
 from drivers.messages import Filament, PrintPhase
 from drivers.printers import Profile
 from drivers.records import Suspicion
-from drivers.safety.heater_watch import Watch
+from drivers.safety import HeaterWatch
 
 REPORT_S = 180.0  # without a report while heating; behind a slow move, and sent again, one may take this long
 BLIND_S = 700.0  # printing without a report: longer than any command may take
@@ -163,7 +163,7 @@ class SessionContext:
     greeting: Up | None = field(default=None, init=False)
     report: Report | None = field(default=None, init=False)
     report_s: float = field(init=False)
-    watch: Watch = field(init=False)
+    watch: HeaterWatch = field(init=False)
     odd_reports: int = field(default=0, init=False)
     position: Point | None = field(default=None, init=False)
     answer: bytes = field(default=b"", init=False)
@@ -178,7 +178,7 @@ class SessionContext:
 
     def __post_init__(self) -> None:
         self.started_s = self.report_s = self.fed_s = self.now_s
-        self.watch = Watch(2 * self.pace.floor_s)
+        self.watch = HeaterWatch(2 * self.pace.floor_s)
 
     @property
     def firmware(self) -> Firmware:

@@ -15,7 +15,7 @@ from drivers.clock import Clock
 from drivers.discovery import commission, model_of, plugged
 from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
-from drivers.ports.serial_port import Device
+from drivers.ports import Device
 from drivers.records import Journal
 from drivers.remote.client import pid, spawn
 

@@ -19,7 +19,7 @@ from drivers.emulator.launch import Command, control, launch, read_status
 from drivers.errors import Fault, PortError
 from drivers.firmware import ULTIMAKER2
 from drivers.link import Link, Phase, Trouble
-from drivers.ports.serial_port import SerialPort
+from drivers.ports import SerialPort
 
 HERE = Path(__file__).parent
 PYTHON = Path(os.environ.get("FARM_INTEROP", "none"))  # of that environment

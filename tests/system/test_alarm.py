@@ -21,7 +21,7 @@ def test_a_nozzle_that_burns_on_an_idle_printer_is_the_first_thing_to_do_and_los
         control(farm.emulator("um2-01"), "break", fault="nozzle_burns_after")
         wait_for("its mains to be cut", mark.exists, 40.0)
         alarm = wait_for(
-            "what came of it", lambda: [t for t in farm.status()["todo"] if "mains away" in t["text"]]
+            "what came of it", lambda: [t for t in farm.status()["todo"] if "cut its mains" in t["text"]]
         )
         assert alarm[0] == farm.status()["todo"][0] and alarm[0]["code"] == "alarm"
         assert "go to um2-01 now: " in alarm[0]["text"] and ", nozzle " in alarm[0]["text"]

@@ -24,9 +24,9 @@ from farm.paths import Places
 from farm.text import flatten_text
 
 if TYPE_CHECKING:
-    from drivers.safety.estop import Stopped, Target, Tell
+    from drivers.safety import Notify, StopResult, StopTarget
 
-    Stop = Callable[[Tell], Stopped]
+    Stop = Callable[[Notify], StopResult]
 
 
 @placed
@@ -103,7 +103,7 @@ def stop_all(places: Places, printers: Iterable[str], report: Report) -> None:
         )
 
 
-def _describe_outcome(result: Stopped, began_s: float) -> StopReport:
+def _describe_outcome(result: StopResult, began_s: float) -> StopReport:
     return StopReport(
         printer=result.printer,
         text=result.text,
@@ -140,9 +140,9 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
 
     Where `fleet.yaml` cannot be read, the printers of the state folder remain, with the error.
     """
-    from drivers.safety.estop import Target, known  # slow to load
+    from drivers.safety import StopTarget, list_targets  # slow to load
 
-    agents = known(places.state.root / "agents")
+    agents = list_targets(places.state.root / "agents")
     targets: dict[str, Stop] = {name: _stop_here(target) for name, target in agents.items()}
     try:
         fleet = load_fleet(places.fleet, frozenset(PROFILES))
@@ -155,15 +155,16 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
             remote = (section.host, section.host_command, fleet.fleet.name)
             targets[name] = _stop_there(*remote, start)
         elif section.enabled and name not in targets:
-            target = Target(name, section.port, places.state.agent(name), relay, firmware_of(section.model))
+            folder, firmware = places.state.agent(name), firmware_of(section.model)
+            target = StopTarget(name, section.port, folder, relay, firmware)
             targets[name] = _stop_here(target)
     return targets, None
 
 
-def _stop_here(target: Target) -> Stop:
-    from drivers.safety.estop import stop
+def _stop_here(target: StopTarget) -> Stop:
+    from drivers.safety import stop_printer
 
-    return lambda tell: stop(target, tell=tell)
+    return lambda notify: stop_printer(target, notify=notify)
 
 
 def _stop_there(host: str, command: str, farm: str, start: StartFile) -> Stop:

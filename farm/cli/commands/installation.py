@@ -9,7 +9,7 @@ import typer
 
 from drivers.errors import DriverError
 from drivers.locks import AGENT_LOCK, held
-from drivers.ports.port import NET
+from drivers.ports import NET
 from drivers.printers import PROFILES
 from farm.cli.client import Client
 from farm.cli.display import print_json

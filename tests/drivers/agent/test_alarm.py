@@ -16,11 +16,11 @@ from drivers.errors import Fault, JournalError
 from drivers.link.replies import Report, Trouble
 from drivers.messages import Filament, PrintPhase, PrintSnapshot
 from drivers.records import JOURNAL, Alarm, Journal, read_journal
-from drivers.safety.mains import NO_COMMAND
+from drivers.safety import NO_COMMAND
 from print_rig import PLUS, Rig, gcode
 
 DEADLINE_S = 20.0
-CUT = "power_off_cmd took its mains away"
+CUT = "power_off_cmd cut its mains"
 
 
 class Agent:

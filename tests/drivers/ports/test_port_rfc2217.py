@@ -20,9 +20,9 @@ from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
 from drivers.link import Link, Report, Up
 from drivers.link.dialogue import talk
-from drivers.ports.port import NetPort
+from drivers.ports import NetPort
 from drivers.remote.client import AgentClient, spawn
-from drivers.safety import estop
+from drivers.safety import StopTarget, stop_printer
 
 MODEL = "ultimaker2_plus"
 DEADLINE_S = 60.0
@@ -98,7 +98,7 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
         assert settled(tmp_path / "emulator", lambda status: status.nozzle_target_c == 150.0)
     finally:
         port.close()
-    assert estop.stop(estop.Target("a", url, tmp_path / "a")).seen_off
+    assert stop_printer(StopTarget("a", url, tmp_path / "a")).seen_off
 
 
 @pytest.mark.system

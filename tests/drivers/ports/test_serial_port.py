@@ -13,7 +13,8 @@ from agent_with_emulator import everything
 from drivers.clock import Clock
 from drivers.errors import PortError
 from drivers.firmware import ULTIMAKER2
-from drivers.ports.serial_port import SerialPort, resolve
+from drivers.ports import SerialPort
+from drivers.ports.serial_port import find_device
 
 TCGETS2 = 0x802C542A  # a rate that has no name among those of POSIX
 
@@ -71,7 +72,7 @@ def test_a_port_whose_printer_went_away_says_so(ends: tuple[int, Path]):
 @pytest.mark.parametrize("url", ["socket://printer:5000", "telnet://printer:5000", "sim://mendel"])
 def test_ports_that_cannot_be_printed_over_are_refused_in_one_line(url: str, tmp_path: Path):
     with pytest.raises(PortError) as refused:
-        resolve(url, tmp_path, Clock())
+        find_device(url, tmp_path, Clock())
     assert "\n" not in str(refused.value)
 
 
@@ -80,7 +81,7 @@ def test_a_path_that_is_no_port_is_refused(tmp_path: Path):
     plain.write_text("")
     for path in (tmp_path / "none", plain):
         with pytest.raises(PortError):
-            SerialPort(resolve(str(path), tmp_path, Clock()), ULTIMAKER2.baud_rate)
+            SerialPort(find_device(str(path), tmp_path, Clock()), ULTIMAKER2.baud_rate)
 
 
 def test_a_reset_of_a_printer_that_went_away_is_a_port_error(ends: tuple[int, Path]):

@@ -1,4 +1,4 @@
-"""The emergency stop, on real processes that hang."""
+"""The emergency stop, with real agents that hang."""
 
 import asyncio
 import hashlib
@@ -25,7 +25,7 @@ from drivers.emulator.launch import control, launch, read_status
 from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
 from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote.client import AgentClient, alive, spawn
-from drivers.safety import estop, heater_watch
+from drivers.safety import StopTarget, estop, heater_watch, list_targets, stop_printer
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nM140 S60\nG28\nM190 S60\nM109 S210\nG1 F2400 Z20\nG92 E0\nG1 F47 E7.8\nG92 E0\n"
@@ -34,7 +34,7 @@ DEADLINE_S = 30.0
 
 
 async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> None:
-    """Have an agent print; return when head and heaters are at it."""
+    """Start a print; return when it extrudes."""
     text = HEAD + "".join(
         f"G1 F6000 X{50 + 100 * (i % 2)} Y{50 + i % 100} Z0.3 E{i * 0.5}\n" for i in range(50_000)
     )
@@ -64,7 +64,7 @@ async def print_until_hot(folder: Path, process: subprocess.Popen[bytes]) -> Non
 
 
 async def ended(folder: Path) -> m.PrintSnapshot:
-    """What the next agent says of the print that was stopped."""
+    """Return the stopped print as the next agent reports it."""
     client = AgentClient(folder)
     await client.connect()
     try:
@@ -78,7 +78,7 @@ async def ended(folder: Path) -> m.PrintSnapshot:
 
 
 @pytest.mark.system
-def test_a_printer_is_stopped_although_its_agent_hangs_and_a_person_has_to_look_before_the_next_print(
+def test_a_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
     tmp_path: Path,
 ):
     folder = tmp_path / "state" / "agents" / "um2-01"
@@ -163,8 +163,8 @@ def test_queued_moves_and_heat_end_on_a_board_that_dtr_does_not_reset(tmp_path: 
         control(emulator, "power_off")
 
 
-@pytest.mark.parametrize(("relay", "said"), [("exit 0", "mains away"), ("echo stuck >&2; exit 3", "stuck")])
-def test_a_board_that_does_not_show_its_heaters_off_loses_its_mains(tmp_path: Path, relay: str, said: str):
+@pytest.mark.parametrize(("relay", "said"), [("exit 0", "cut its"), ("echo stuck >&2; exit 3", "stuck")])
+def test_a_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: Path, relay: str, said: str):
     master, slave = pty.openpty()
     tty.setraw(slave)
     port = os.ttyname(slave)
@@ -173,8 +173,8 @@ def test_a_board_that_does_not_show_its_heaters_off_loses_its_mains(tmp_path: Pa
     script.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/cut\n{relay}\n')
     script.chmod(0o700)
     try:
-        target = estop.Target("um2-01", port, tmp_path / "um2-01", f"{script} {{printer}}")
-        stopped = estop.stop(target, show_s=0.05)
+        target = StopTarget("um2-01", port, tmp_path / "um2-01", f"{script} {{printer}}")
+        stopped = stop_printer(target, show_s=0.05)
         assert not stopped.seen_off and stopped.cut_s is not None
         assert "shows no temperatures" in stopped.text and said in stopped.text
         assert (tmp_path / "cut").read_text() == "um2-01\n"
@@ -183,7 +183,7 @@ def test_a_board_that_does_not_show_its_heaters_off_loses_its_mains(tmp_path: Pa
 
 
 @pytest.mark.parametrize("listens", [True, False], ids=["", "nobody listens any more"])
-def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
+def test_a_heater_that_does_not_cool_is_not_reported_as_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, listens: bool
 ):
     for name, rule in tuple(heater_watch.RULES.items()):
@@ -207,7 +207,7 @@ def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
 
     threading.Timer(0.2, board).start()
     try:
-        stopped = estop.stop(estop.Target("a", os.ttyname(slave), tmp_path / "a"), tell=tell)
+        stopped = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a"), notify=tell)
         assert not stopped.seen_off and "not seen to cool" in stopped.text
         assert len(heard) == 1 and "both targets 0" in heard[0]
         assert Journal(tmp_path / "a" / "journal.jsonl").state.board.hot
@@ -216,24 +216,24 @@ def test_a_heater_that_is_off_and_does_not_cool_is_not_called_off(
         os.close(master)
 
 
-def test_an_agent_of_another_user_is_no_crash_and_no_printer_that_is_off(
+def test_the_agent_of_another_user_means_that_the_printer_is_not_seen_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def denied(path: Path) -> bool:
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(estop, "kill_holder", denied)
-    stopped = estop.stop(estop.Target("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01"))
+    stopped = stop_printer(StopTarget("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01"))
     assert not stopped.seen_off
     assert "cannot be stopped" in stopped.text
 
 
-def test_a_simulated_printer_without_power_is_off_and_nobody_is_needed(tmp_path: Path):
-    stopped = estop.stop(estop.Target("um2-01", f"sim://{MODEL}", tmp_path / "um2-01"))
+def test_a_simulated_printer_without_power_is_off(tmp_path: Path):
+    stopped = stop_printer(StopTarget("um2-01", f"sim://{MODEL}", tmp_path / "um2-01"))
     assert stopped.seen_off
 
 
-def test_the_farm_names_the_printer_that_it_could_not_stop(tmp_path: Path):
+def test_farm_estop_names_printers_that_it_could_not_stop(tmp_path: Path):
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(f"printers:\n  - {{name: a, model: {MODEL}, port: {tmp_path}/no-such-tty}}\n")
     farm = [Path(sys.executable).with_name("farm"), "estop", "--state", tmp_path, "--fleet", fleet]
@@ -244,7 +244,7 @@ def test_the_farm_names_the_printer_that_it_could_not_stop(tmp_path: Path):
     assert done.returncode == 4 and "no printer b" in done.stderr
 
 
-def test_a_lock_tells_who_holds_it(tmp_path: Path):
+def test_a_lock_names_its_holder(tmp_path: Path):
     path = tmp_path / AGENT_LOCK
     assert holder(path) is None
     lock = hold(path)
@@ -267,16 +267,16 @@ def test_a_lock_tells_who_holds_it(tmp_path: Path):
     os.close(lock)
 
 
-def test_what_an_agent_was_started_with_is_found_again_and_rubbish_is_no_printer(tmp_path: Path):
+def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path: Path):
     for name, text in (("a", None), ("b", "{}"), ("c", "[")):
         (tmp_path / name).mkdir()
         if text is not None:
             (tmp_path / name / "start.json").write_text(text)
     StartFile("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
-    assert estop.known(tmp_path) == {"d": estop.Target("d", "/dev/null", tmp_path / "d", "relay d")}
+    assert list_targets(tmp_path) == {"d": StopTarget("d", "/dev/null", tmp_path / "d", "relay d")}
 
 
-def test_what_is_the_same_is_not_written_anew_as_a_disk_may_be_full(tmp_path: Path):
+def test_an_unchanged_start_file_is_not_written_again(tmp_path: Path):
     begun = StartFile("d", MODEL, "/dev/null")
     begun.write(tmp_path)
     (tmp_path / ".start.json.new").mkdir()  # nothing can be written there
@@ -285,7 +285,7 @@ def test_what_is_the_same_is_not_written_anew_as_a_disk_may_be_full(tmp_path: Pa
         replace(begun, port="/dev/zero").write(tmp_path)
 
 
-def test_no_process_is_killed_for_a_number_that_an_agent_left_behind(tmp_path: Path):
+def test_no_process_is_killed_for_the_pid_of_a_former_agent(tmp_path: Path):
     bystander = subprocess.Popen(["sleep", "60"])
     try:
         (tmp_path / AGENT_LOCK).write_text(str(bystander.pid))

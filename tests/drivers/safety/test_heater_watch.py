@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from drivers.errors import Fault
 from drivers.gcode import HeaterName
 from drivers.link.replies import Report
-from drivers.safety.heater_watch import RULES, Finding, Watch
+from drivers.safety import Finding, HeaterWatch
+from drivers.safety.heater_watch import RULES
 
 NOZZLE, BED = HeaterName.NOZZLE, HeaterName.BED
 
@@ -28,7 +29,7 @@ class Curve:
         return self.now_c
 
 
-def look(watch: Watch, name: HeaterName, now_c: float, set_c: float, now_s: float) -> Finding | None:
+def look(watch: HeaterWatch, name: HeaterName, now_c: float, set_c: float, now_s: float) -> Finding | None:
     nozzle_c, bed_c = (now_c, 21.0) if name is NOZZLE else (21.0, now_c)
     return watch.judge(Report(nozzle_c, 0.0, bed_c, 0.0), {NOZZLE: 0.0, BED: 0.0} | {name: set_c}, now_s)
 
@@ -38,7 +39,7 @@ def look(watch: Watch, name: HeaterName, now_c: float, set_c: float, now_s: floa
 def test_a_heater_in_good_health_is_left_alone_from_cold_to_cold(
     name: HeaterName, set_c: float, every_s: float
 ):
-    watch, curve, rng = Watch(4.0), Curve(name), random.Random(1)
+    watch, curve, rng = HeaterWatch(4.0), Curve(name), random.Random(1)
     now_s = 0.0
     for target_c, seconds in ((set_c, 1800.0), (set_c - 15, 900.0), (set_c, 900.0), (0.0, 3600.0)):
         until_s = now_s + seconds
@@ -57,7 +58,7 @@ def test_a_heater_in_good_health_is_left_alone_from_cold_to_cold(
     ("name", "fails_at_c", "within_s"), [(NOZZLE, 150.0, 80.0), (BED, 45.0, 170.0), (NOZZLE, 30.0, 80.0)]
 )
 def test_a_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_c: float, within_s: float):
-    watch, curve = Watch(4.0), Curve(name)
+    watch, curve = HeaterWatch(4.0), Curve(name)
     set_c = 210.0 if name is NOZZLE else 60.0
     now_s, failed_s = 0.0, math.nan
     while now_s < 3600.0:
@@ -77,7 +78,7 @@ def test_a_heater_that_stops_getting_warmer_is_found(name: HeaterName, fails_at_
 @pytest.mark.parametrize("name", [NOZZLE, BED])
 def test_a_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
     set_c = 210.0 if name is NOZZLE else 60.0
-    watch, curve, now_s = Watch(4.0), Curve(name, set_c), 0.0
+    watch, curve, now_s = HeaterWatch(4.0), Curve(name, set_c), 0.0
     for _ in range(100):
         now_s += 3.0
         assert look(watch, name, set_c, set_c, now_s) is None
@@ -92,7 +93,7 @@ def test_a_heater_that_leaves_its_target_is_found(name: HeaterName, on: bool):
 @pytest.mark.parametrize("name", [NOZZLE, BED])
 def test_off_is_believed_when_it_falls_and_doubted_when_it_does_not(name: HeaterName):
     warm_c = 200.0 if name is NOZZLE else 60.0
-    falls, stays, late = Watch(4.0), Watch(4.0), Watch(4.0)
+    falls, stays, late = HeaterWatch(4.0), HeaterWatch(4.0), HeaterWatch(4.0)
     curve, again = Curve(name, warm_c), Curve(name, warm_c)
     found = None
     for second in range(1, 200):
@@ -112,14 +113,14 @@ def test_a_gap_without_reports_is_no_fault_of_a_heater(name: HeaterName, seconds
     """A host that slept, a clock that was set, a move that took long."""
     set_c = 210.0 if name is NOZZLE else 60.0
     for target_c, start_c in ((set_c, 30.0), (0.0, set_c)):
-        watch, curve, now_s = Watch(4.0), Curve(name, start_c), 0.0
+        watch, curve, now_s = HeaterWatch(4.0), Curve(name, start_c), 0.0
         for second in range(60):
             now_s += seconds if second in (5, 6, 30) else 1.0
             assert look(watch, name, curve.step(target_c > 0, 1.0), target_c, now_s) is None
 
 
 def test_a_sensor_that_reads_below_freezing_is_broken_and_not_cold():
-    watch = Watch(4.0)
+    watch = HeaterWatch(4.0)
     found = [look(watch, BED, -14.0, 0.0, float(second)) for second in range(5)]
     assert found[-1] is not None and found[-1].fault is Fault.MINTEMP
     assert not watch.cools
@@ -131,7 +132,7 @@ def test_a_sensor_that_reads_below_freezing_is_broken_and_not_cold():
 def test_a_garbled_report_among_good_ones_changes_nothing(garbled: list[tuple[int, float]], name: HeaterName):
     """At most every third is garbled: a report carries no checksum."""
     set_c = 210.0 if name is NOZZLE else 60.0
-    watch, now_s = Watch(4.0), 0.0
+    watch, now_s = HeaterWatch(4.0), 0.0
     for good, bad_c in garbled:
         for seen_c in (*[set_c] * (good + 2), bad_c):
             now_s += 3.0

@@ -1,20 +1,20 @@
-"""The command that takes a printer's mains away, with whatever a person may have written there."""
+"""The command that takes a printer's cut its mains, with whatever a person may have written there."""
 
 import os
 from pathlib import Path
 
 import pytest
 
-from drivers.safety import mains
+from drivers.safety import cut_mains
 
 
-def test_a_relay_is_told_which_printer_and_no_shell_sees_the_words(tmp_path: Path):
+def test_the_command_gets_the_printer_and_no_shell_sees_its_words(tmp_path: Path):
     seen = tmp_path / "seen"
     relay = tmp_path / "relay"
     relay.write_text(f'#!/bin/sh\nprintf "%s|" "$@" > {seen}\n')
     relay.chmod(0o700)
-    said = mains.cut(f"{relay} {{printer}} 'a b' $(touch${{IFS}}x) ; &", "um2-01")
-    assert said == "power_off_cmd took its mains away"
+    said = cut_mains(f"{relay} {{printer}} 'a b' $(touch${{IFS}}x) ; &", "um2-01")
+    assert said == "power_off_cmd cut its mains"
     assert seen.read_text() == "um2-01|a b|$(touch${IFS}x)|;|&|"
 
 
@@ -32,6 +32,6 @@ def test_a_relay_is_told_which_printer_and_no_shell_sees_the_words(tmp_path: Pat
         ("sh -c 'exec sleep 2 & exec sleep 60'", "did not end"),
     ],
 )
-def test_whatever_goes_wrong_is_said_and_a_person_is_asked(command: str, why: str):
-    said = mains.cut(command, "um2-01", patience_s=0.2)
+def test_every_failure_is_reported_and_asks_for_a_person(command: str, why: str):
+    said = cut_mains(command, "um2-01", timeout_s=0.2)
     assert why in said and said.endswith("switch it off by hand")

@@ -10,7 +10,7 @@ from drivers.gcode import HeaterName
 from drivers.link.replies import Report
 from drivers.messages import Filament, PrintPhase
 from drivers.records import Suspicion
-from drivers.safety.heater_watch import Finding, Watch
+from drivers.safety import Finding, HeaterWatch
 from drivers.session import Pace, Session, SessionContext
 from print_rig import PLUS, Rig, gcode
 
@@ -152,7 +152,7 @@ def test_a_finding_of_long_ago_asks_as_soon_as_the_heater_had_time_to_show_that_
 
 
 def test_no_rule_is_quicker_than_the_patience_of_an_accelerated_clock():
-    quick, slow = Watch(4.0), Watch(480.0)
+    quick, slow = HeaterWatch(4.0), HeaterWatch(480.0)
     for now_s in range(400):
         report = Report(200.0 + now_s, 0.0, 21.0, 0.0)
         late = slow.judge(report, {NOZZLE: 0.0, BED: 0.0}, float(now_s))
@@ -178,18 +178,18 @@ def overshoot(now_s: float, peak_c: float) -> float:
     )
 
 
-def look(watch: Watch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
+def look(watch: HeaterWatch, nozzle_c: float, target_c: float, now_s: float) -> Finding | None:
     return watch.judge(Report(nozzle_c, target_c, 21.0, 0.0), {NOZZLE: 0.0, BED: 0.0}, now_s)
 
 
 @pytest.mark.parametrize("peak_c", [2.0, 6.0, 9.0])
 def test_a_nozzle_in_good_health_that_overshoots_is_left_alone(peak_c: float):
-    watch = Watch(4.0)
+    watch = HeaterWatch(4.0)
     assert all(look(watch, overshoot(s, peak_c), 0.0, s) is None for s in map(float, range(60)))
 
 
 def test_heat_before_the_board_has_heard_that_it_is_off_is_no_fault():
     """A command waits behind a homing: the report shows that the target is not 0 yet."""
-    watch = Watch(4.0)
+    watch = HeaterWatch(4.0)
     assert all(look(watch, 100.0 + 3 * s, 210.0, float(s)) is None for s in range(36))
     assert all(look(watch, overshoot(s, 3.0), 0.0, 36.0 + s) is None for s in map(float, range(60)))

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from drivers.safety.estop import Stopped
+from drivers.safety import StopResult
 from farm.cli.client import StopReport, estop_socket
 from farm.cli.commands import estop
 from farm.errors import ErrorCode, FarmError, NoSuchThing
@@ -162,7 +162,7 @@ def test_lines_of_several_printers_are_said_one_after_the_other(tmp_path, monkey
             all_there.wait(10.0)
             for _ in range(20):
                 tell("it cools")
-            return Stopped(name, 0.0, True, "off", still=True)
+            return StopResult(name, 0.0, True, "off", still=True)
 
         return end
 
@@ -186,7 +186,7 @@ def test_lines_of_several_printers_are_said_one_after_the_other(tmp_path, monkey
 def test_a_printer_that_was_not_seen_to_stop_is_an_error_that_names_it(
     tmp_path, monkeypatch, seen_off, still, said
 ):
-    targets = {"a": lambda tell: Stopped("a", 0.0, seen_off, "hm", still)}
+    targets = {"a": lambda tell: StopResult("a", 0.0, seen_off, "hm", still)}
     monkeypatch.setattr(estop, "find_targets", lambda places: (targets, None))
     heard = []
     with pytest.raises(FarmError, match=said):

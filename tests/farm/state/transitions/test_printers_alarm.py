@@ -13,7 +13,7 @@ from farm.views import ViewContext, describe_printer, list_due_notices, list_tas
 from make_books import printing, run
 
 FOUND = "the nozzle went up to 257 C, above 210"
-CUT = f"{FOUND}; power_off_cmd took its mains away"
+CUT = f"{FOUND}; power_off_cmd cut its mains"
 FLEET = Fleet.model_validate(
     {"printers": [{"name": name, "model": "m", "port": f"/dev/{name}"} for name in "abc"]}
 )

@@ -1,4 +1,4 @@
-"""The words that end motion and heat of a board which nothing resets, against the emulated firmware."""
+"""The abort sequence, sent to the emulated firmware."""
 
 from __future__ import annotations
 
@@ -16,11 +16,9 @@ from drivers.emulator.faults import Faults
 from drivers.emulator.firmware.receiver import RING_BYTES
 from drivers.firmware import ULTIMAKER2
 from drivers.link import Event, Link, Up
-from drivers.ports.port import Port
-from drivers.ports.serial_port import SerialPort
+from drivers.ports import Port, SerialPort
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
-from drivers.safety import estop
-from drivers.safety.last_words import end_heard
+from drivers.safety import StopTarget, send_abort_until_accepted, stop_printer
 from firmware_host import Host, numbered
 
 MOVE_S = 2.0
@@ -29,7 +27,7 @@ BLOCKED = 18  # moves that fill the planner, and one that waits for room
 
 
 def busy_host(moves: int = BLOCKED) -> Host:
-    """A hot board with its fan on whose planner is full of moves of 2 s."""
+    """Make a hot board, fan on, with a planner full of moves of 2 s."""
     host = Host(faults=Faults(no_reset=True))
     host.say("G28")
     host.say("M140 S60")
@@ -42,8 +40,8 @@ def busy_host(moves: int = BLOCKED) -> Host:
     return host
 
 
-def converse(host: Host, link: Link, seconds: float) -> list[Event]:
-    """Let link and board talk; what the link heard."""
+def exchange(host: Host, link: Link, seconds: float) -> list[Event]:
+    """Pass bytes between link and board; return what the link received."""
     events: list[Event] = []
     end_s = host.now_s + seconds
     while True:
@@ -64,7 +62,7 @@ def ended(host: Host) -> bool:
     return board.nozzle.target_c == board.bed.target_c == 0.0 and not machine.waiting and not machine.planner
 
 
-def test_they_end_heat_and_queued_moves_within_one_move():
+def test_heat_and_queued_moves_end_within_one_move():
     host = busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     assert not ended(host)
@@ -73,19 +71,19 @@ def test_they_end_heat_and_queued_moves_within_one_move():
 
 
 @pytest.mark.parametrize("cut_off", ["G1 X7", "N19 G1 X70 Y5", "N1"])
-def test_a_line_that_was_cut_off_before_them_costs_one_more_move_at_most(cut_off: str):
+def test_a_truncated_line_before_the_abort_costs_one_more_move_at_most(cut_off: str):
     host = busy_host()
     host.firmware.feed(cut_off.encode(), host.now_s)
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
     link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
-    events = converse(host, link, 2.1 * MOVE_S)
+    events = exchange(host, link, 2.1 * MOVE_S)
     assert ended(host)
     [up] = [event for event in events if isinstance(event, Up)]
     assert not up.restarted
 
 
-def test_behind_the_longest_line_they_and_a_question_fit_into_the_ring():
+def test_the_longest_line_the_abort_and_a_poll_fit_into_the_receive_buffer():
     assert LONGEST_LINE_BYTES + len(ULTIMAKER2.abort_unnumbered) + len(b"M105\n") <= RING_BYTES
     host = busy_host()
     line = numbered(host.n + 1, "G1 X90 " + " " * 80)[: LONGEST_LINE_BYTES - 1]
@@ -93,24 +91,24 @@ def test_behind_the_longest_line_they_and_a_question_fit_into_the_ring():
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     link = Link(ULTIMAKER2)
     link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
-    converse(host, link, 3.1 * MOVE_S)
+    exchange(host, link, 3.1 * MOVE_S)
     assert ended(host) and link.drained
 
 
-def test_a_board_that_was_reset_loses_them_in_its_bootloader_and_is_known_to_be_new():
+def test_a_restarting_board_loses_the_abort_and_is_seen_to_restart():
     host = busy_host()
     host.firmware.feed(ULTIMAKER2.abort_unnumbered, host.now_s)
     host.firmware.reset(host.now_s)
     link = Link(ULTIMAKER2)
     link.opened(host.now_s, ULTIMAKER2.abort_unnumbered)
-    events = converse(host, link, 5.0)
+    events = exchange(host, link, 5.0)
     assert [event.restarted for event in events if isinstance(event, Up)] == [True]
     assert ended(host) and link.drained
 
 
 @pytest.fixture
 def silent_board():
-    """A port, and the other end of it, which says nothing by itself."""
+    """Make a port, and return it with its other end, which sends nothing by itself."""
     master, slave = pty.openpty()
     tty.setraw(slave)
     yield os.ttyname(slave), master
@@ -118,14 +116,14 @@ def silent_board():
     os.close(master)
 
 
-def test_an_emergency_stop_says_them_before_it_waits_for_anything(tmp_path: Path, silent_board):
+def test_an_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
-    stopped = estop.stop(estop.Target("a", url, tmp_path / "a"), show_s=0.0)
+    stopped = stop_printer(StopTarget("a", url, tmp_path / "a"), show_s=0.0)
     assert everything(master) == ULTIMAKER2.abort_unnumbered
     assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
 
 
-def test_an_agent_says_them_when_it_opens_the_port_of_a_print_that_was_left(tmp_path: Path, silent_board):
+def test_an_agent_that_finds_an_open_print_sends_the_abort_on_opening_the_port(tmp_path: Path, silent_board):
     url, master = silent_board
     board = Board(url, ULTIMAKER2_PLUS, tmp_path, Clock(1.0, 0.0), lambda: None, lambda _: None)
     board.state.hot = True
@@ -136,12 +134,12 @@ def test_an_agent_says_them_when_it_opens_the_port_of_a_print_that_was_left(tmp_
         board.close()
 
 
-def test_an_agent_that_ends_says_them_again_to_a_board_that_refused_them(silent_board):
+def test_an_agent_that_ends_repeats_the_abort_after_a_refusal(silent_board):
     url, master = silent_board
     port: Port = SerialPort(Path(url), ULTIMAKER2.baud_rate)
     try:
         os.write(master, b"Error:No Checksum with line number, Last Line: 4\nResend: 5\nok\n")
-        end_heard(port, ULTIMAKER2)
+        send_abort_until_accepted(port, ULTIMAKER2)
         assert everything(master) == 2 * ULTIMAKER2.abort_unnumbered
     finally:
         port.close()
