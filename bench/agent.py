@@ -1,9 +1,9 @@
-"""What an agent costs, and how soon it answers an ok, against peers that only acknowledge.
+"""CPU, memory and turnaround of agents whose printers only acknowledge.
 
 ``python -m bench.agent [--agents N] [--lines N] [--rate LINES_PER_S] [--megabytes MB] [--json]``. Real
-agents on real pseudo-terminals and wall time; the peers, all in this process, say `ok` to a line when the
-last one was said 1/rate ago. Turnaround is from the writing of that ok to the reading of the next line, so
-this process and the kernel are in it. CPU and memory are the kernel's figures for each agent while it
+agents on real pseudo-terminals and wall time; the peers, all in this process, send at most `rate` `ok`
+a second. Turnaround is the time from writing an ok to reading the next line, with this process and the kernel
+included. CPU and memory are the kernel's figures for each agent while it
 streams.
 """
 
@@ -40,7 +40,7 @@ PLACE = b"X:0.00Y:224.50Z:215.00E:0.00 Count X: 0.00Y:224.50Z:215.00\n"
 
 
 class Peer:
-    """A board that acknowledges, is as hot as it was told, and knows where its head is."""
+    """Board that acknowledges, reaches every target at once, and knows the position of its head."""
 
     def __init__(self, link: Path, period_s: float) -> None:
         profile = PROFILES[MODEL]
@@ -53,13 +53,13 @@ class Peer:
         self._free_s = self._said_s = self.boots_s = 0.0
 
     def reset(self) -> None:
-        """The host opened the port."""
+        """Reset, as when the host opens the port."""
         self.port.discard()
         self._partial, self._nozzle_c, self._bed_c = b"", b"0", b"0"
         self.boots_s = time.monotonic() + BOOT_S
 
     def hear(self, now_s: float) -> float | None:
-        """Take what came; when the ok to a move is due, if one is."""
+        """Take received bytes; return the time at which the ok to a move is due, if one is."""
         data = self.port.read()
         if self.boots_s:
             return None
@@ -90,14 +90,14 @@ class Peer:
         self.port.write(answers.get(name, b"") + wording.OK)
 
     def due(self) -> None:
-        """Say what is due: the banner after a reset, else an ok."""
+        """Send what is due: the banner after a reset, else an ok."""
         booted, self.boots_s = self.boots_s, 0.0
         self.port.write(self._banner if booted else wording.OK)
         self._said_s = 0.0 if booted else time.monotonic()
 
 
 class Peers(threading.Thread):
-    """All of them, on one poll."""
+    """All peers, served by one poll."""
 
     def __init__(self, peers: list[Peer]) -> None:
         super().__init__(daemon=True)
@@ -140,7 +140,7 @@ class Peers(threading.Thread):
 
 
 def cost(pid: int) -> tuple[float, float]:
-    """CPU seconds and resident MB of a process."""
+    """Measure CPU seconds and resident MB of a process."""
     process = Path("/proc") / str(pid)
     fields = (process / "stat").read_text().rpartition(")")[2].split()
     rss = next(line for line in (process / "status").read_text().splitlines() if line.startswith("VmRSS"))
@@ -148,7 +148,7 @@ def cost(pid: int) -> tuple[float, float]:
 
 
 def _waits(process: subprocess.Popen[bytes]) -> bool:
-    """Whether it is still there after a while."""
+    """Tell whether a process is still there after a while."""
     try:
         process.wait(60.0)
     except subprocess.TimeoutExpired:
@@ -157,7 +157,7 @@ def _waits(process: subprocess.Popen[bytes]) -> bool:
 
 
 async def one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | None) -> dict[str, float]:
-    """Print on one printer, to the end or `most` lines: its agent's share of a core and memory meanwhile."""
+    """Print on one printer, to the end or for `most` lines; measure CPU share and memory of its agent."""
     process = spawn(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
     cleared = asked = False
@@ -206,7 +206,7 @@ async def one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | No
 
 
 def file(lines: int, megabytes: int) -> bytes:
-    """A G-code file of so many moves in layers and features, and then as large as that with more of them."""
+    """Write a G-code file with at least so many moves in layers and features, up to a size."""
     text = [HEAD, "G0 F9000 X100 Y100 Z0.3\n"]
     size = i = 0
     while i < lines or size < megabytes * 1_000_000:

@@ -1,8 +1,8 @@
-"""How long the curve of makespan over the number of printers takes, and the proof of a bound.
+"""Time for the curve of makespan over the number of printers, and for the proof of a bound.
 
 Usage: python -m bench.curve MODEL [--most 100] [--printers 20] [--side 450] [--json]
 
-Seconds of wall time and of the processors, of a machine that should have nothing else to do.
+Wall and CPU seconds, on a machine without other load.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""What the decomposition reaches on models, numbers of printers and engines: all parts sliced by CuraEngine.
+"""Quality of decompositions by model, number of printers and engine, with all parts sliced by CuraEngine.
 
 Usage: python -m bench.decompose --models DIR [--printers 20,50,100] [--engines best,parallelobox-faithful]
        [--only NAME,...] [--side 450] [--quality paper] [--results DIR] [--jobs N] [--no-slices] [--json]
 
-Engines other than `best` run at the first number of printers alone; where one that knows of no number answers
-k parts, `best` is run for k printers too, so that they can be compared part for part. What the guillotine
-engine cut is levelled again by what its slices take (`decompose.relevel`) wherever that gains. Each run is a
-file in --results and is not made again; slices are kept by content. A model as it stands is sliced whole,
-once, on a bed without limits (--no-whole: its time is the cost's estimate).
+Engines other than `best` run at the first number of printers alone; where one that takes no number gives
+k parts, `best` is run for k printers too, for a fair comparison. Partitions of the guillotine engine are
+balanced again by their sliced times (`decompose.relevel`) where that is faster. Each run is a file in
+--results and is not repeated; slices are cached. The uncut model is sliced once, on a bed without limits
+(--no-whole: its time is the cost's estimate).
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ LEVELLED = 2  # times at most, by what the slices tell
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """One model, number of printers and engine."""
+    """Run of one engine on one model for a number of printers."""
 
     path: Path
     side_mm: float
@@ -81,7 +81,7 @@ class Run:
 
 
 def cut(run: Run, folder: Path) -> dict[str, Any]:
-    """Model to parts in a process of its own: the report, with the wall time and the peak of memory."""
+    """Decompose a model in a process of its own; return the report, with wall time and peak memory."""
     recipe = recipe_of(run.quality)
     cost = CostModel.from_recipe(recipe)
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
@@ -105,7 +105,7 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
 
 
 def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
-    """What was written to a folder, levelled by what its parts take; None: as it was."""
+    """Balance a partition in a folder by its sliced times; None where that changes nothing."""
     was = pickle.loads((folder / CUTTING).read_bytes())
     start = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
@@ -120,7 +120,7 @@ def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | Non
 
 
 def _written(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
-    """The report, with the parts in a folder, and what `relevel` needs of them."""
+    """Write the parts into a folder, with what `relevel` needs; return the report."""
     report = write_decomposition(result, folder).as_dict()
     (folder / CUTTING).write_bytes(pickle.dumps(result.without_parts()))
     report["wall_s"] = wall_s
@@ -129,7 +129,7 @@ def _written(result: Decomposition, folder: Path, wall_s: float) -> dict[str, An
 
 
 def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None:
-    """Compile what the first run in a process compiles, outside of the time that is measured."""
+    """Compile the kernels before the measured time."""
     from decompose.geometry import Model, Solid
 
     box = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
@@ -138,7 +138,7 @@ def _warm(cost: CostModel, room: tuple[tuple[float, float, float], ...]) -> None
 
 
 def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, jobs: int) -> list[float | None]:
-    """CuraEngine's time of every part in seconds; None where its slice is not accepted."""
+    """Slice every part; return CuraEngine's times in seconds, None where a slice is refused."""
     request = SettingsRequest(slicing_printer(BEDS[PRINTER]), quality=run.quality)
     settings = resolve_settings(request, find_resources())
     room = part_room(PROFILES[PRINTER], settings.brim_width_mm)
@@ -165,7 +165,7 @@ def slice_parts(report: dict[str, Any], run: Run, folder: Path, cache: Path, job
 
 
 def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
-    """CuraEngine's time of the model as it stands, in one piece."""
+    """Slice the uncut model; return CuraEngine's time in seconds."""
     kept = results / f"{run.path.stem}-{run.side_mm:g}-{run.quality}-whole.json"
     if kept.is_file():
         seconds: float | None = json.loads(kept.read_text())
@@ -192,7 +192,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
 
 
 def figures(run: Run, report: dict[str, Any], sliced: list[float | None] | None) -> dict[str, Any]:
-    """One line of the table. Times are CuraEngine's where every part was sliced, else the cost's."""
+    """Compute one row of the table. Times are CuraEngine's where every part was sliced, else the cost's."""
     row: dict[str, Any] = {"model": run.path.stem, "printers": run.printers, "engine": run.engine}
     if "refused" in report:
         return row | {"refused": report["refused"]}
@@ -226,7 +226,7 @@ def figures(run: Run, report: dict[str, Any], sliced: list[float | None] | None)
 
 
 def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
-    """The line of one run, from its file where it was made before."""
+    """Return the row of one run, from its file where there is one."""
     kept = args.results / f"{run.name}.json"
     if kept.is_file():
         row: dict[str, Any] = json.loads(kept.read_text())
@@ -255,13 +255,13 @@ def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _apart(work: Callable[..., Any], *args: Any) -> Any:
-    """What work answers in a process of its own, so that its peak of memory is its own."""
+    """Call a function in a process of its own, to measure its peak memory."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
         return process.submit(work, *args).result()
 
 
 def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
-    """All lines of one model."""
+    """Return all rows of one model."""
     found = []
 
     def one(printers: int, engine: str) -> dict[str, Any]:
@@ -284,7 +284,7 @@ def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
 
 
 def line(row: dict[str, Any]) -> str:
-    """One run as text."""
+    """Format one row."""
     head = f"{row['model']:20} N {row['printers']:3} {row['engine']:22}"
     if "refused" in row:
         return f"{head} refused: {row['refused']}"
@@ -300,7 +300,7 @@ def line(row: dict[str, Any]) -> str:
 
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Means over the models, as far as they were measured."""
+    """Compute means over the measured models."""
     best = {(r["model"], r["printers"]): r for r in rows if r["engine"] == "best" and "refused" not in r}
 
     def mean(values: list[float]) -> float | None:

@@ -1,10 +1,10 @@
-"""How far the work that decomposition counts is off the processor's time, and what each kind of it takes.
+"""Counted effort of decomposition against CPU time, and the price of each kind of work.
 
 Usage: python -m bench.effort MODEL... [--printers 8,20] [--engines guillotine,parallelobox] [--side 450]
        [--json]
 
-Every search runs without a budget in one thread. `fit_ns` are the prices that would fit these runs best, none
-below nothing: least squares of the relative errors. `problem.effort.WORK_NS` is taken from them.
+Every search runs without a budget in one thread. `fit_ns` are the prices, at least 0, that
+fit these runs best by least squares of the relative errors; `problem.effort.WORK_NS` comes from them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ PRINTER = "ultimaker2_plus"
 
 
 def measured(problem: Problem) -> tuple[Effort, dict[str, float]]:
-    """What a search counts, and when each of its stages is over, in seconds of the processor."""
+    """Measure the effort that a search counts, and the CPU seconds at which each of its stages ends."""
     effort, ends_s, began_s = Effort(), {}, process_time()
 
     def lap(stage: str) -> None:
@@ -50,7 +50,7 @@ def measured(problem: Problem) -> tuple[Effort, dict[str, float]]:
 
 
 def fitted(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Nanoseconds a unit of each kind."""
+    """Fit the nanoseconds of a unit of each kind."""
     kinds = [str(work) for work in Work]
     rows = np.array([[run["done"].get(kind, 0) / run["cpu_s"] for kind in kinds] for run in runs])
     scale = np.maximum(rows.max(axis=0), 1e-12)

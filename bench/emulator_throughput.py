@@ -1,7 +1,7 @@
-"""How many moves a second an emulator takes: its firmware alone, and through its port.
+"""Moves a second of an emulator: of its firmware alone, and through its port.
 
 ``python -m bench.emulator_throughput [--json] [--lines N]`` streams a spiral of short moves, one line in
-flight. The first figure is the processor time of a line in `EmulatedFirmware.feed`, with the clock ahead of
+flight. The first figure is the CPU time of a line in `EmulatedFirmware.feed`, with the clock ahead of
 the moves; the second is the wall time of a round trip through a pseudo-terminal to an emulator process whose
 clock runs fast enough never to wait.
 """
@@ -32,7 +32,7 @@ PREPARE = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3")
 
 
 def spiral(lines: int) -> list[bytes]:
-    """Numbered, checksummed moves as a slicer writes them, about 40 bytes each."""
+    """List numbered, checksummed moves as a slicer writes them, about 40 bytes each."""
     bodies = list(PREPARE)
     angle, e_mm = 0.0, 0.0
     for _ in range(lines):
@@ -46,7 +46,7 @@ def spiral(lines: int) -> list[bytes]:
 
 
 def firmware_us(lines: list[bytes]) -> float:
-    """Processor microseconds of a move in the firmware, its wake-ups included."""
+    """Measure the CPU microseconds of a move in the firmware, with its wake-ups."""
     firmware = EmulatedFirmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
     now_s = 10.0
     firmware.feed(b"", now_s)
@@ -62,7 +62,7 @@ def firmware_us(lines: list[bytes]) -> float:
 
 
 def port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
-    """Wall and emulator's processor microseconds of a round trip through the port."""
+    """Measure wall microseconds of a round trip through the port, and the emulator's CPU microseconds."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         tty = launch(f"sim://{MODEL}", folder, Clock(scale, time.time()))
@@ -91,7 +91,7 @@ def port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
 
 
 def _cpu_s(pid: int) -> float:
-    """User and system seconds that a process has used."""
+    """Read the user and system seconds of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 

@@ -1,7 +1,7 @@
-"""How soon `farm estop` ends the heat where the daemon and every agent are stopped by SIGSTOP.
+"""Time in which `farm estop` ends all heat, with daemon and agents stopped by SIGSTOP.
 
 ``python -m bench.estop [--printers N] [--json]``. A farm of real processes on emulators, all of them hot;
-the time is from the start of the command to the last emulator's targets being 0, by their own status.
+the time is from the start of the command until all targets are 0 by the status of the emulators.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PATIENCE_S = 120.0
 
 
 async def heat(folder: Path, gcode: Path) -> None:
-    """Have the agent of a folder print; return when it does."""
+    """Start a print of an agent, and wait until it prints."""
     client = agents.AgentClient(folder)
     await client.connect(60.0)
     asked = False
@@ -52,7 +52,7 @@ async def heat(folder: Path, gcode: Path) -> None:
 
 
 def hot(folder: Path) -> bool:
-    """Whether the emulator of an agent's folder has a target."""
+    """Tell whether the emulator of an agent's folder has a target."""
     status = read_status(folder / "emulator")
     return bool(status.nozzle_target_c or status.bed_target_c)
 
@@ -62,7 +62,7 @@ async def prepare(folders: list[Path], gcode: Path) -> None:
 
 
 def measure(printers: int) -> dict[str, float]:
-    """Bring a farm up, heat it, stop its processes, stop its heat."""
+    """Start a farm, heat it, stop its processes, and measure the emergency stop."""
     with tempfile.TemporaryDirectory() as name:
         root = Path(name)
         state, fleet, gcode = root / "state", root / "fleet.yaml", root / "a.gcode"

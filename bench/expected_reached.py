@@ -1,7 +1,7 @@
-"""A job on simulated printers, by the daemon's own figures: the time that was expected against that reached.
+"""Expected and actual time of a job on simulated printers, by the daemon's own figures.
 
 A farm of its own is started in a folder of its own, with the real daemon, agents, CuraEngine and emulators. A
-run in which the emulators waited for this machine for more than 1 % of the time is not valid: take a lower
+run in which the emulators waited for this machine for more than 1 % of the time is not valid: use a lower
 --time-scale.
 
 Usage: python -m bench.expected_reached [--printers N] [--time-scale S] [--json]
@@ -27,7 +27,7 @@ PATIENCE_S = 3600.0
 
 
 def farm(state: Path, *words: str) -> str:
-    """Run a farm command on that state folder."""
+    """Run a farm command on the state folder."""
     command = [str(FARM), *words, "--state", str(state)]
     done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=PATIENCE_S)
     if done.returncode:
@@ -36,7 +36,7 @@ def farm(state: Path, *words: str) -> str:
 
 
 def run(folder: Path, printers: int, time_scale: float) -> dict[str, Any]:
-    """Print a bar that takes all printers, and say what became of it."""
+    """Print a bar that needs all printers; return the job at its end."""
     state, fleet, model = folder / "state", folder / "fleet.yaml", folder / "bar.stl"
     rows = "".join(f"  - {{name: sim-{i}, model: {MODEL}, port: 'sim://{MODEL}'}}\n" for i in range(printers))
     fleet.write_text(f"fleet: {{time_scale: {time_scale:g}}}\nprinters:\n{rows}")

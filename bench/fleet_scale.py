@@ -1,14 +1,14 @@
-"""What a large fleet costs the daemon: CPU of an event, bytes of a commit, `farm status`, and all printing.
+"""Costs of a large fleet in the daemon: CPU of an event, bytes of a commit, `farm status`, all printing.
 
 ``python -m bench.fleet_scale [--printers N] [--plates N] [--turns N] [--seconds S] [--json]``. The daemon is
 a process of its own on a state folder with that many waiting plates; its agents only speak the protocol, all
 in this process. First every printer gets a plate, then all print for `--seconds`, then `--turns` prints end
 one after the other: each bed is cleared, and gets its next plate.
 
-Everything is CPU time, which other work on the machine does not lengthen. An event is what commits something:
-what an agent says, a person's command, a turn of a timer; reading and answering of the socket is not in it,
-but in `cpu_share`, the daemon's share of a core while all print. `start_commit_bytes` is the largest commit
-of an event that starts a print.
+All times are CPU time, which other load hardly changes. An event is anything that commits: a report of an
+agent, a command of a person, a timer; reading and answering of the socket is not in it, but in `cpu_share`,
+the daemon's share of a core while all print. `start_commit_bytes` is the largest commit of an event that
+starts a print.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ GOALS = {
 
 
 class Daemon:
-    """A daemon on a folder, and its CPU time."""
+    """Daemon on a state folder, with its CPU time."""
 
     def __init__(self, folder: Path, profile: Path | None) -> None:
         words = [sys.executable, "-m", "bench.measured_daemon", str(folder)]
@@ -58,11 +58,11 @@ class Daemon:
         self.client = Client(folder / "farm.sock")
 
     def cpu_s(self) -> float:
-        """CPU of all its threads, as the kernel counts it."""
+        """Return the CPU seconds of all its threads."""
         return time.clock_gettime((~self._process.pid << 3) | 2)
 
     def answers(self) -> bool:
-        """Tell whether it answers already."""
+        """Tell whether it answers."""
         try:
             self.client.status()
         except FarmError:
@@ -72,26 +72,26 @@ class Daemon:
         return True
 
     def end(self) -> dict[str, list[float]]:
-        """End it; the prints would go on. Return what it measured of itself."""
+        """End it without ending prints; return its own measurements."""
         self._process.send_signal(signal.SIGTERM)
         self._process.wait(60.0)
         measures: dict[str, list[float]] = json.loads((self._folder / MEASURES).read_text())
         return measures
 
     def kill(self) -> None:
-        """End it, however it is."""
+        """Kill it in any state."""
         if self._process.poll() is None:
             self._process.kill()
             self._process.wait()
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """Return the value that so large a share of them does not exceed."""
+    """Return the value that a share of the values does not exceed."""
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
 def measure(printers: int, plates: int, turns: int, seconds: float, profile: Path | None) -> dict[str, float]:
-    """Run it all in a temporary folder."""
+    """Run the whole measurement in a temporary folder."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         names = [f"um2-{number:03d}" for number in range(1, printers + 1)]

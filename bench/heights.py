@@ -1,8 +1,8 @@
-"""How many heights come out exact, and what of the layers changes for it.
+"""Share of heights that are exact, by what changes in the layers for it.
 
 Usage: python -m bench.heights [--from-mm 5] [--to-mm 205] [--json]
 
-Every hundredth of a millimetre, for each quality that promises exact heights and each printer and nozzle.
+All heights in steps of 0.01 mm, for each quality with exact heights, each printer and nozzle.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CASES = ("first layer as it is", "first layer within 4 %", "first layer within 2
 
 
 def shares(wanted: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
-    """The share of heights of each of `CASES`."""
+    """Compute the share of heights for each of `CASES`."""
     counts = [0] * len(CASES)
     for hundredth in hundredths:
         height_mm = hundredth / 100.0

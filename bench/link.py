@@ -1,14 +1,14 @@
-"""All figures of links and agents in one run: some minutes, on a machine that does nothing else.
+"""Figures of links and agents in one run of some minutes, on a machine without other load.
 
 ``python -m bench.link [--part PART]... [--agents N] [--lines N] [--scale S] [--beside PYTHON] [--json]``.
-Real processes, and nothing is left out: every agent resets its board, heats, streams short moves and ends.
+Real processes: every agent resets its board, heats, streams short moves and ends its print.
 
-* ``throughput``: lines a second through agents and emulators on ptys, and what a line costs. The clock is so
-  quick that the moves take next to no time: this is what host and link can carry.
-* ``printcore``: an agent and then printcore print the same moves to one emulator, on wall time and with the
-  time that bytes take at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
+* ``throughput``: lines a second through agents and emulators on ptys, and the CPU of a line. The clock is so
+  fast that moves take almost no time: this is the limit of host and link.
+* ``printcore``: an agent and then printcore print the same moves on one emulator, in wall time and with the
+  time of bytes at 250000 baud. Needs a PYTHON that has Printrun (`make interop` makes one).
 * ``agent``: N agents at 50 lines/s, peers that only acknowledge: turnaround, CPU, memory (`bench.agent`).
-* ``peers``: the same of 50 agents.
+* ``peers``: the same for 50 agents.
 * ``memory``: one agent that prints a file of 50 MB.
 * ``estop``: daemon and agents stopped by SIGSTOP, until all targets are 0 (`bench.estop`).
 """
@@ -48,7 +48,7 @@ TAIL = "M104 S0\nM140 S0\nG28\nM84\n"
 
 
 def cpu_s(pid: int) -> float:
-    """CPU seconds of a process, user and system."""
+    """Read the user and system seconds of a process."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -56,7 +56,7 @@ def cpu_s(pid: int) -> float:
 async def one(
     folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep: bool = False
 ) -> tuple[float, float, float]:
-    """Print on one printer: wall time of the first and last line, the agent's CPU seconds between."""
+    """Print on one printer; measure the wall times of first and last line, and the agent's CPU between."""
     process = spawn(folder.name, MODEL, url, folder, clock)
     client = AgentClient(folder)
     try:
@@ -121,7 +121,7 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
 
 
 def beside(lines: int, python: Path) -> dict[str, float]:
-    """An agent and printcore in turn, the same moves to the same emulator on wall time; medians."""
+    """Print with an agent and with printcore in turn, the same moves on the same emulator; return medians."""
     moves = "".join(
         f"G1 F18000 X{10 + abs(i % 1200 - 600) * 0.3:.3f} Y{10 + i // 600 * 0.5:.3f} E{i * 0.01:.5f}\n"
         for i in range(lines)

@@ -1,4 +1,4 @@
-"""A daemon that counts its CPU by event and its bytes by commit: `python -m bench.measured_daemon FOLDER`."""
+"""Daemon that measures CPU by event and bytes by commit: `python -m bench.measured_daemon FOLDER`."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
 
 
 def plan(number: int, count: int, printers: list[str], rng: random.Random) -> ev.JobPlanned:
-    """Return the plan of one job."""
+    """Make the plan of one job."""
     parts, plates = [], []
     for at in range(1, count + 1):
         sliced_s, top = rng.uniform(3600.0, 36000.0), (40.0, 40.0, rng.uniform(50.0, 190.0))
@@ -71,7 +71,7 @@ def plan(number: int, count: int, printers: list[str], rng: random.Random) -> ev
 
 
 class Measures:
-    """CPU seconds of events, reports and turns of the timer; bytes of commits.
+    """CPU seconds of events, reports and timers; bytes of commits.
 
     `start_bytes` are those of the largest commit of each event that starts a print.
     """
@@ -104,7 +104,7 @@ class Measures:
         return call
 
     def weighed(self, commit: Callable[..., None]) -> Callable[..., None]:
-        """Weigh what each commit writes, at no cost to its event."""
+        """Count the bytes of each commit, without adding to the time of its event."""
 
         def call(store: Store, event: ev.Event, before: Books, after: Books) -> None:
             commit(store, event, before, after)

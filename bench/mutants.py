@@ -1,10 +1,10 @@
-"""Mutation testing: which deliberate faults in the rules that prints depend on no test sees.
+"""Mutation testing: finds deliberate faults, in the rules that prints depend on, that no test detects.
 
 .venv/mutants/bin/python bench/mutants.py --room link
 
-Of all mutants that cosmic-ray makes of a room's modules a sample is drawn (`--seed`), put one by one into a
-copy of the sources, and the room's tests are run on each. cosmic-ray is in an environment of its own
-(`make mutants`).
+A sample (`--seed`) of the mutants that cosmic-ray makes of a group of modules is put, one by one, into a copy
+of the sources, and the tests of the group are run on each. cosmic-ray is in an environment of its own (`make
+mutants`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _NO_FAULT = ("BitOr", "RemoveDecorator")  # in annotations; and of what is regis
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """Modules, the tests that hold them, and how many mutants of them are tried."""
+    """Group of modules, their tests, and the number of mutants to try."""
 
     modules: tuple[str, ...]
     tests: tuple[str, ...]
@@ -85,7 +85,7 @@ ROOMS = {
 
 
 def try_room(name: str, room: Room, seed: int, folder: Path) -> list[tuple[str, str]]:
-    """Run a sample of a room's mutants; what became of each: its outcome, and its diff."""
+    """Run a sample of the mutants of a group; return outcome and diff of each."""
     copy, session, config = folder / "sources", folder / "session.sqlite", folder / "config.toml"
     shutil.rmtree(folder, ignore_errors=True)
     listed = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
@@ -117,7 +117,7 @@ def try_room(name: str, room: Room, seed: int, folder: Path) -> list[tuple[str, 
 
 
 def _sample(db: WorkDB, rng: random.Random, count: int) -> None:
-    """Leave so many mutants to be tried."""
+    """Reduce the mutants to a random sample."""
     items = sorted(db.work_items, key=lambda item: str(item.mutations))
     real = [item for item in items if not any(no in item.mutations[0].operator_name for no in _NO_FAULT)]
     tried = {item.job_id for item in rng.sample(real, min(count, len(real)))}

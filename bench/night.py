@@ -1,12 +1,12 @@
-"""A whole night on the accelerated clock: real daemon, agents and emulators, a script for the operator.
+"""Night on the accelerated clock: real daemon, agents and emulators, with a script as the operator.
 
     python -m bench.night --json
     python -m bench.night --seed 3 --keep DIR
 
 One job of many equal plates of slow moves. The operator clears beds in attended hours and is away for a
 night; a seeded list resets some boards in mid-print, one printer is unplugged for good, and the daemon is
-killed twice. The lower bound is that of the printers that are left, without the hours in which nobody was
-there to clear a bed (`away_s`). With `--keep` the farm's folder (books, logs, journals) stays, in a new DIR.
+killed twice. The lower bound is that of the remaining printers, without the hours in which nobody
+clears a bed (`away_s`). With `--keep` the farm's folder (books, logs, journals) stays, in a new DIR.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ ANSWER_S = 120.0  # wall seconds for a daemon that was just started, on a busy m
 
 
 def slow_gcode(moves: int, move_s: float) -> str:
-    """A square tower of slow moves."""
+    """Write the G-code of a square tower with slow moves."""
     lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28"]
     lines += ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000", "M82", "G92 E0"]
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -70,7 +70,7 @@ def slow_gcode(moves: int, move_s: float) -> str:
 
 
 class Night:
-    """One night. `run` gives its figures."""
+    """Farm for one night. `run` returns its figures."""
 
     def __init__(self, folder: Path, args: argparse.Namespace) -> None:
         self.args = args
@@ -115,7 +115,7 @@ class Night:
         )
 
     def _book_job(self) -> float:
-        """Put one planned job of many equal plates into the books. Returns what one of them takes."""
+        """Put a planned job of many equal plates into the books; return the expected time of one."""
         path = self.state.work / "slow.gcode"
         path.write_text(slow_gcode(self.args.moves, self.args.move_s))
         options = JobOptions()
@@ -205,9 +205,9 @@ class Night:
                 time.sleep(LOOK_S)
 
     def _mishaps(self, view: api.Status, job: api.JobView) -> None:
-        """What goes wrong: by how many prints have begun, by the books, and by how far the job is.
+        """Cause failures, by the number of prints that have begun and by the progress of the job.
 
-        It happens to the next print that is looked at in its first half: another may end before it fails.
+        A failure hits the next print in its first half; a later one may end before it fails.
         """
         begun = sum(attempt.started is not None for part in job.parts for attempt in part.prints)
         for printer in view.printers:
@@ -231,9 +231,9 @@ class Night:
             self.farm("up")
 
     def _operate(self, view: api.Status, job: api.JobView) -> None:
-        """In attended hours a person clears what is done, and looks at what went wrong.
+        """Clear printed beds and inspect failed printers, in attended hours.
 
-        What was printed on a printer before it was unplugged is taken off too: else nobody finds it good.
+        The bed of the unplugged printer is cleared too, so that its part gets a verdict.
         """
         away = AWAY_AFTER_S < (job.elapsed_s or 0.0) < self.back_after_s
         if away:
@@ -274,7 +274,7 @@ class Night:
         }
 
     def _made(self, books: Books) -> Counter[str]:
-        """How often each plate was printed to its end, by the agents' journals; the script finds none bad."""
+        """Count the completed prints of each plate by the agents' journals; the script finds none bad."""
         done = set()
         for name in self.names:
             for line in (self.state.agent(name) / JOURNAL).read_text().splitlines():
@@ -309,7 +309,7 @@ class Night:
 
 
 def parse(words: list[str] | None = None) -> argparse.Namespace:
-    """The options of a night."""
+    """Parse the options."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

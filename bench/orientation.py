@@ -1,8 +1,8 @@
-"""How long parts take as we lay them, beside their axis poses and the way that the model stands.
+"""Printing time of parts in their chosen pose, against axis poses and the pose in the model.
 
-Parts of decomposed models are sliced with CuraEngine: as we lay them, with the brim and the first layer that
-are chosen for them and with the quality's; in every axis pose that fits the printer; and as they are. A pose
-whose slice is refused does not count.
+Parts of decomposed models are sliced with CuraEngine: in the chosen pose, with the brim and first layer
+chosen for them and with the quality's; in every axis pose that fits the printer; and in the model's pose. A
+pose whose slice is refused does not count.
 
 Usage: python -m bench.orientation [--parts 30] [--unseen] [--models DIR] [--workers 1] [--cache DIR] [--json]
 """
@@ -57,14 +57,14 @@ AS_IS = 4  # index into POSE_ROTATIONS: the model's own up
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One part. Seconds are CuraEngine's but for `price_s`; None where a slice is refused.
+    """Times of one part. Seconds are CuraEngine's, except `price_s`; None where a slice is refused.
 
     Attributes
     ----------
     ours_s, full_brim_s
-        As we lay it, with the brim chosen for it and with the quality's.
+        In the chosen pose, with the brim chosen for the part and with the quality's.
     axes_s, axes_stand, axes_touched_mm2
-        The axis poses that fit; whether they stand by our rules; cut faces that support touches.
+        In the axis poses that fit; whether the part stands there; area of cut faces that support touches.
     """
 
     part: str
@@ -89,7 +89,7 @@ class Row:
 def parts(
     folder: Path | None, shapes: Shapes, cost: CostModel, room: PrinterRoom, count: int
 ) -> Iterator[tuple[str, Part]]:
-    """A part of each decomposed model, then another of each ...; `count` in all."""
+    """Yield `count` parts: one of each decomposed model, then another of each, and so on."""
     draw = np.random.default_rng(2)
 
     def of_each() -> Iterator[list[tuple[str, Part]]]:
@@ -107,7 +107,7 @@ def parts(
 
 
 def sliced_s(folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: PartSettings) -> float | None:
-    """CuraEngine's print time of a part in a pose; None where the slice is refused."""
+    """Slice a part in a pose; return CuraEngine's time in seconds, None where the slice is refused."""
     settings = resolve_settings(REQUEST, find_resources(), chosen)
     posed = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
@@ -157,7 +157,7 @@ def compare(
 
 
 def summary(rows: list[Row]) -> dict[str, Any]:
-    """Ratios over all parts: mean and worst."""
+    """Compute ratios over all parts: mean and worst."""
 
     def ratios(pairs: list[tuple[float | None, float | None]]) -> dict[str, float]:
         found = [a / b for a, b in pairs if a is not None and b is not None]

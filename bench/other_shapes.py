@@ -1,4 +1,4 @@
-"""More models for the benches: no rule and no factor was ever tuned on them. 150 to 300 mm."""
+"""More models of 150 to 300 mm, on which no rule or factor was tuned."""
 
 from __future__ import annotations
 

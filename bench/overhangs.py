@@ -1,9 +1,9 @@
-"""How far a face may lean out before CuraEngine supports it, and what the cost takes it for.
+"""Overhang angle from which CuraEngine supports a face, against the cost model.
 
 Usage: python -m bench.overhangs [--json]
 
-A block whose one side leans out is sliced at angles that close in on the first that is supported, along an
-axis of the bed and across it, where outlines are rounded otherwise.
+A block whose one side leans out is sliced at angles that approach the first supported one, along an axis of
+the bed and diagonally, where outlines are rounded differently.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ BELOW_DEG, STEPS = 3.0, 6  # where the search begins, and how often it halves
 
 
 def leaning(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
-    """A block whose one side leans out by that from the vertical, turned on the bed."""
+    """Make a block with one side that leans out from the vertical, turned on the bed."""
     out_mm = HEIGHT_MM * math.tan(math.radians(angle_deg))
     outline = [(0, 0), (SIDE_MM, 0), (SIDE_MM + out_mm, HEIGHT_MM), (0, HEIGHT_MM)]
     block = trimesh.convex.convex_hull(np.array([(x, y, z) for x, z in outline for y in (0.0, SIDE_MM)]))
@@ -43,7 +43,7 @@ def leaning(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
 
 
 def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> bool:
-    """Whether CuraEngine prints any support."""
+    """Tell whether CuraEngine prints any support."""
     stl, out = folder / "block.stl", folder / "block.gcode"
     block.export(stl)
     slice_plate(PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE))
@@ -51,7 +51,7 @@ def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path)
 
 
 def row(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict[str, Any]:
-    """The angles that are bare and supported, as close as they were told apart."""
+    """Find the largest angle without support and the smallest with support."""
     overrides = {"layer_height": layer_mm, "support_angle": angle_deg}
     settings = resolve_settings(
         SettingsRequest(slicing_printer(BEDS[PRINTER]), "paper", overrides=overrides), find_resources()

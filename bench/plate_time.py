@@ -1,4 +1,4 @@
-"""How long a plate takes beside its layers: cubes printed by a real agent on an emulated printer.
+"""Time of a plate besides its layers, from cubes printed by a real agent on an emulated printer.
 
 The figures `START_S` and `END_S` of farm/planning/plate_times.py come from here.
 
@@ -32,7 +32,7 @@ SIDES_MM = (10.0, 20.0, 40.0)
 
 
 def sliced(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResult:
-    """A cube on the middle of the bed."""
+    """Slice a cube in the middle of the bed."""
     stl = folder / f"cube-{side_mm:g}.stl"
     cube = trimesh.creation.box((side_mm, side_mm, side_mm))
     cube.apply_translation((0.0, 0.0, side_mm / 2))
@@ -42,7 +42,7 @@ def sliced(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResul
 
 
 async def printed(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnapshot:
-    """The end of one print, on a fresh emulator that is cold and parked."""
+    """Print on a new emulator, cold and with parked filament; return the end of the print."""
     process = spawn("bench", MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()

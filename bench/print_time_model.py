@@ -1,15 +1,14 @@
-"""How well the print-time model knows CuraEngine on models that it has not seen, and what its factors are.
+"""Error of the print-time model on models that it was not fitted to, and the fit of its factors.
 
 Usage: python -m bench.print_time_model [--dataset FILE.csv] [--models DIR] [--parts N] [--json]
 
-Without a dataset that is there already, models are made (and those of DIR added), decomposed and sliced, in
-about 20 minutes with two workers. The table goes to --dataset, so that the fit can be made again without
-slicing.
+Without an existing dataset, models are made (with those of DIR), decomposed and sliced, in about 20 minutes
+with two workers. The table is written to --dataset, so that the fit can be repeated without slicing.
 
-Each kind of line has its own factor, fitted to the seconds of that kind; the factors of what is left (travel,
-acceleration, retraction) are fitted to the rest. So no kind pays for another, and a setting that changes one
-of them needs no new fit. Errors are relative, and held out by model: the factors are fitted without any part
-of the model that they are tried on.
+Each kind of line has its own factor, fitted to the seconds of that kind; the factors of the remaining time
+(travel, acceleration, retraction) are fitted to the rest. So a setting that changes one kind needs no new
+fit. Errors are relative, with cross-validation by model: factors are fitted without any part of the model
+that they are tested on.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ TABLES = "columns"  # the term of the tables, in place of those of supports
 
 
 class Table:
-    """The rows as arrays: seconds of each term before its factor, and what was sliced."""
+    """Rows as arrays: seconds of each term before its factor, and the sliced times."""
 
     def __init__(self, rows: Sequence[Row]) -> None:
         self.models = np.array([row.model for row in rows])
@@ -65,7 +64,7 @@ class Table:
         self.least_s = np.array([costs[row.settings].least_s_mm * row.height_mm for row in rows])
 
     def fit(self, rows: npt.NDArray[np.bool_]) -> dict[str, float]:
-        """The factors that fit these rows best, by the mean of their relative errors' sizes."""
+        """Fit the factors to some rows, by the mean absolute relative error."""
         factors = dict.fromkeys(FACTORS, 0.0)
         weight = 1.0 / self.sliced_s[rows]
         rest = self.sliced_s - sum(self.kinds.values(), np.zeros(len(self.sliced_s)))
@@ -79,7 +78,7 @@ class Table:
         return factors
 
     def errors(self, factors: dict[str, float], tables: bool) -> Floats:
-        """(rows,) Relative errors: of the tables' price, or of a part's with its own supports."""
+        """Compute the relative errors (rows,): of the tables' price, or of a part's with its own supports."""
         left_out = SUPPORT if tables else (TABLES,)
         total, body = np.zeros((2, len(self.sliced_s)))
         for name, factor in factors.items():
@@ -89,7 +88,7 @@ class Table:
         return (total + np.maximum(0.0, self.least_s - body)) / self.sliced_s - 1.0
 
     def held_out(self, fitted_on: npt.NDArray[np.bool_], tables: bool = False) -> Floats:
-        """(rows,) Errors, each by factors that were fitted without its model."""
+        """Compute the errors (rows,), each with factors fitted without its model."""
         errors = np.zeros(len(self.sliced_s))
         for model in np.unique(self.models):
             mine = self.models == model
@@ -98,7 +97,7 @@ class Table:
 
 
 def _fit(matrix: Floats, wanted: Floats) -> Floats:
-    """Factors of 0 or more with the least sum of absolute errors, which a few odd parts cannot pull."""
+    """Fit factors of at least 0 with the least sum of absolute errors, which is robust against outliers."""
     weight = np.ones(len(wanted))
     for _ in range(ROUNDS):
         factors, _ = nnls(matrix * weight[:, None], wanted * weight)
@@ -107,7 +106,7 @@ def _fit(matrix: Floats, wanted: Floats) -> Floats:
 
 
 def _features(row: Row, brim_mm: float) -> Floats:
-    """In the order of `print_time.recipe.FEATURES`."""
+    """Return the features in the order of `print_time.recipe.FEATURES`."""
     ring = brim_mm * (2.0 * (row.width_mm + row.depth_mm) + math.pi * brim_mm)
     additive = [getattr(row, name) for name in ADDITIVE]
     rim = math.sqrt(row.skin_mm2)
@@ -127,7 +126,7 @@ def summary(errors: Floats) -> dict[str, float]:
 
 
 def report(rows: Sequence[Row]) -> dict[str, Any]:
-    """All figures: of parts as the plan prices them, and of the tables that the search is made with."""
+    """Compute all figures: of parts as a plan prices them, and of the tables of the search."""
     table = Table(rows)
     every = np.ones(len(rows), dtype=np.bool_)
     known = np.isin(table.settings, ALWAYS)

@@ -1,6 +1,6 @@
-"""The table behind the print-time model: parts that the decomposition makes, sliced at several settings.
+"""Dataset of the print-time model: parts of decompositions, sliced at several settings.
 
-Nothing is stored but figures: models, parts and slices are made again from the scripts.
+Only figures are stored: models, parts and slices can be made again from the scripts.
 """
 
 from __future__ import annotations
@@ -74,9 +74,9 @@ KINDS = {
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One part at one setting: its features, and what CuraEngine makes of it.
+    """Features of one part at one setting, with CuraEngine's times.
 
-    `sliced_s` is all; `*_s` of a kind is the length of its lines over their speed.
+    `sliced_s` is the whole time; `*_s` of a kind is the length of its lines over their speed.
     """
 
     model: str
@@ -104,7 +104,7 @@ class Row:
 
 
 def settings_of(name: str) -> EngineSettings:
-    """One of SETTINGS, resolved."""
+    """Resolve one of SETTINGS."""
     quality, nozzle_mm, overrides = SETTINGS[name]
     request = SettingsRequest(
         slicing_printer(BEDS[PRINTER]), quality, nozzle_mm=nozzle_mm, overrides=overrides
@@ -113,12 +113,12 @@ def settings_of(name: str) -> EngineSettings:
 
 
 def recipe_of(name: str) -> Recipe:
-    """What the cost is told of one of SETTINGS."""
+    """Make the recipe of the cost for one of SETTINGS."""
     return recipe(settings_of(name), prelude_s=0.0)
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
-    """As CSV, figures to six digits."""
+    """Write rows as CSV, with six digits."""
     with path.open("w", newline="", encoding="utf-8") as sink:
         table = csv.writer(sink, lineterminator="\n")
         table.writerow(f.name for f in fields(Row))
@@ -128,7 +128,7 @@ def write(path: Path, rows: Sequence[Row]) -> None:
 
 
 def read(path: Path) -> list[Row]:
-    """What `write` wrote."""
+    """Read rows from a CSV file."""
 
     def value(name: str, text: str) -> Any:
         if name == "printed":
@@ -144,7 +144,7 @@ def read(path: Path) -> list[Row]:
 def models(
     folder: Path | None, shapes: Mapping[str, Callable[[], Solid]] = SHAPES
 ) -> Iterator[tuple[str, Model]]:
-    """Those made here, and those of a folder that can be read and made solid."""
+    """Return the models made here, and those of a folder that can be read and repaired."""
     for name, make in shapes.items():
         yield name, Model(make(), (), 1.0)
     for path in sorted(folder.iterdir()) if folder else ():
@@ -157,7 +157,7 @@ def models(
 
 @dataclass(frozen=True, slots=True)
 class Posed:
-    """A part as it lies on the bed."""
+    """Part in its pose on the bed."""
 
     model: str
     part: str
@@ -171,7 +171,7 @@ class Posed:
 
 
 def parts(folder: Path | None, each: int) -> Iterator[Posed]:
-    """At most `each` parts of every model for every number of printers; some in another axis pose, too."""
+    """Yield at most `each` parts of every model and number of printers, some also in another axis pose."""
     cost = CostModel.from_recipe(recipe_of("glue"))
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe_of("glue").brim_mm))
     for name, model in models(folder):
@@ -197,7 +197,7 @@ def parts(folder: Path | None, each: int) -> Iterator[Posed]:
 
 
 def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row | None:
-    """Slice one part at one setting; None where CuraEngine's result is not accepted."""
+    """Slice one part at one setting; None where the slice is refused."""
     settings = settings_of(setting)
     name = f"{posed.model}-{posed.part}-{setting}"
     stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
@@ -223,7 +223,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
 
 
 def kind_seconds(gcode: str) -> dict[str, float]:
-    """Seconds of extrusion by kind of line: length over speed, without acceleration."""
+    """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
     seconds = dict.fromkeys(KINDS.values(), 0.0)
     kind, at, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
     for line in gcode.splitlines():
@@ -240,7 +240,7 @@ def kind_seconds(gcode: str) -> dict[str, float]:
 
 
 def make(folder: Path | None, each: int, workers: int, cache: Path | None) -> list[Row]:
-    """The whole table, from nothing."""
+    """Make the whole table."""
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
         work = []
         for number, posed in enumerate(parts(folder, each)):

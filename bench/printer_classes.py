@@ -1,12 +1,12 @@
-"""What it gains to cut each part for its own printer's room and speed, and not for those of all.
+"""Gain of cutting each part for the volume and speed of its own printer, over cutting for the smallest.
 
 Usage: python -m bench.printer_classes MODEL... [--plus 16] [--extended 4] [--wide 0] [--spread 0.1]
        [--side 450] [--cells auto] [--json]
 
-Makespans by the cost model, each part on the printer that it goes to. "Shared" is a cut for printers that all
-have the smallest room and one speed, its parts then given out so that the last one ends soonest. `--spread`:
-printers take from so much less to so much more than the slicer says, evenly, in an order that is drawn.
-`--wide`: so many of the 2+ have a nozzle with which a part takes 0.45 of the time.
+Makespans by the cost model, each part on its printer. "Shared" is a cut for equal printers with the smallest
+volume and one speed, whose parts are then assigned for the least makespan. `--spread`: time factors of the
+printers, evenly spread around 1 by this share, in random order. `--wide`: number of 2+ with a nozzle with
+which a part takes 0.45 of the time.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ WIDE = 0.45
 
 
 def fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) -> tuple[PrinterRoom, ...]:
-    """So many of each, the first few 2+ with a wide nozzle."""
+    """Make a fleet, in which the first 2+ have a wide nozzle."""
     factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus + extended)
     np.random.default_rng(0).shuffle(factors)
     factors[:wide] *= WIDE
@@ -54,7 +54,7 @@ def fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) ->
 
 
 def makespan_s(problem: Problem, found: Partition) -> float:
-    """When the last part ends on the printers of a problem."""
+    """Compute the end of the last part on the printers of a problem."""
     poses = [pose for pose in problem.find_poses(list(found.pieces)) if pose is not None]
     takers = assign_printers(poses, problem.printers)
     assert len(poses) == len(found.pieces)
@@ -63,13 +63,13 @@ def makespan_s(problem: Problem, found: Partition) -> float:
 
 
 def shared(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
-    """The same printers, were all as low as the lowest, and equally quick."""
+    """Make the same printers with the height of the lowest, and equally fast."""
     least = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
     return tuple(replace(printer, boxes=least, time_factor=1.0) for printer in printers)
 
 
 def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
-    """One model on one fleet: both makespans, None where it does not fit, and seconds of the processors."""
+    """Compare both makespans for one model, None where it does not fit, with CPU seconds."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
         ("shared", shared(problem.printers), cut_for_uniform_printers),

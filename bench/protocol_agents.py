@@ -1,7 +1,7 @@
-"""Agents that only speak the protocol: many in one process, with no printer behind them.
+"""Agents without printers that only speak the protocol, many in one process.
 
-Each holds its folder's lock and listens on its own socket, so that a daemon takes it for an agent of this
-host that it has no need to start. A print begins and ends when it is told so (`ProtocolAgents.end`).
+Each holds the lock of its folder and listens on its own socket, so that a daemon treats it as a running agent
+of this host. Prints begin and end on request (`ProtocolAgents.end`).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class _Agent:
 
 
 class ProtocolAgents:
-    """A fleet of them, on one selector."""
+    """Fleet of such agents, on one selector."""
 
     def __init__(self, state: StateFolder, names: list[str], clock: Clock) -> None:
         self._selector = selectors.DefaultSelector()
@@ -94,7 +94,7 @@ class ProtocolAgents:
         return self._agents[name].print is None
 
     def begin(self) -> None:
-        """Have every print that heats go on to its first layer, and say so."""
+        """Move every heating print on to its first layer, and report it."""
         for agent in self._agents.values():
             if agent.print is not None and agent.print.phase is m.PrintPhase.HEATING:
                 agent.server.push(agent.snapshot())
@@ -107,7 +107,7 @@ class ProtocolAgents:
         self._change(agent, phase=m.PrintPhase.DONE, ended_s=self._clock.now())
 
     def report_temperatures(self, name: str) -> None:
-        """Push one report: other temperatures, more progress."""
+        """Send one report with new temperatures and progress."""
         agent = self._agents[name]
         agent.nozzle_c = 209.0 + time.monotonic() % 2.0
         if agent.print is not None and not agent.print.phase.ended:
@@ -121,7 +121,7 @@ class ProtocolAgents:
         agent.server.push(agent.snapshot())
 
     def serve(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Answer and report for so many wall seconds, or until it is so; tell whether it is.
+        """Answer and report for a number of wall seconds, or until a condition holds; tell whether it holds.
 
         As real ones do, agents report once a second where they print, else every fifth one.
         """
@@ -140,7 +140,7 @@ class ProtocolAgents:
         return until()
 
     def close(self) -> None:
-        """Let go of sockets and locks."""
+        """Release sockets and locks."""
         for agent in self._agents.values():
             agent.server.close()
         for descriptor in self._locks:

@@ -1,8 +1,8 @@
-"""How long finished prints took against what was expected: the books of a farm that has printed.
+"""Actual against expected times of finished prints, from the books of a farm.
 
-For each printer: its prints that ended well and say something of its speed, their layers' time reached over
-CuraEngine's, the `time_factor` that is learned from them, and how far off the expected time is without and
-with it. Each print is expected with what was known before it.
+For each printer: its successful prints that show its speed, the actual time of their layers over
+CuraEngine's, the `time_factor` learned from them, and the error of the expected time without and with it.
+Each print is predicted from the prints before it.
 
 Usage: python -m bench.reached_times STATE_FOLDER [--json]
 """
@@ -27,7 +27,7 @@ from farm.state.time_factor import MOST_STARVED, SHORTEST_S, update_time_factor
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What one printer's prints say."""
+    """Figures of one printer."""
 
     printer: str
     prints: int
@@ -38,7 +38,7 @@ class Row:
 
 
 def rows(books: Books) -> Iterator[Row]:
-    """A row for each printer that has ended a print that counts."""
+    """Return a row for each printer with prints that count."""
     for name in sorted(books.printers):
         ended = sorted(
             (p for p in books.prints.values() if p.printer == name and p.state is PrintState.DONE),

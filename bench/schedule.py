@@ -1,10 +1,10 @@
-"""Scheduling: how long one answer takes, and how far a foreseen night ends above its lower bound.
+"""Time of one scheduling decision, and the forecast of a night against its lower bound.
 
 Usage: python -m bench.schedule [--printers N] [--plates N] [--json]
 
 A fleet of which half the printers print and a queue of plates of random times, some of which fit the tall
 printers only. `assign_ms` and `forecast_ms` are the best of three; `over_bound` is the end of the forecast
-of one job over its lower bound, where somebody is always there (the bound leaves clearing beds out).
+of one job over its lower bound, with a person always there (the bound ignores clearing beds).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TALL = Capabilities(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", Non
 
 
 def fleet(count: int, busy: bool) -> list[FleetPrinter]:
-    """Every third printer tall; where `busy`, every other one prints for some hours more."""
+    """Make a fleet, every third printer tall; where `busy`, every other one prints for some hours more."""
     return [
         FleetPrinter(
             name=f"um2-{number:03d}",
@@ -50,7 +50,7 @@ def fleet(count: int, busy: bool) -> list[FleetPrinter]:
 
 
 def queue(count: int, rng: random.Random) -> list[WaitingPlate]:
-    """Plates of ten jobs."""
+    """Make the plates of ten jobs."""
     plates = []
     for number in range(count):
         height = 250.0 if rng.random() < 0.2 else 100.0
@@ -70,7 +70,7 @@ def queue(count: int, rng: random.Random) -> list[WaitingPlate]:
 
 
 def best_ms(work: Callable[[], object]) -> float:
-    """The best of three."""
+    """Return the best of three times, in ms."""
     times = []
     for _ in range(3):
         begun = time.perf_counter()

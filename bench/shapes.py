@@ -1,4 +1,4 @@
-"""Models for the benches, made here: flat and curved, thick and thin, upright and leaning; 160 to 330 mm."""
+"""Models of 160 to 330 mm: flat and curved, thick and thin, upright and leaning."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def ellipsoid(centre: tuple[float, ...], radii: tuple[float, ...]) -> Solid:
 
 
 def drawn(rings: list[np.ndarray]) -> Solid:
-    """A body through closed rings (k, n, 3) of points, one above the other."""
+    """Make a body through closed rings (k, n, 3) of points, one above the other."""
     n, k = len(rings[0]), len(rings)
     vertices = np.concatenate([*rings, [rings[0].mean(axis=0), rings[-1].mean(axis=0)]])
     faces = []
@@ -47,7 +47,7 @@ def drawn(rings: list[np.ndarray]) -> Solid:
 
 
 def ball() -> Solid:
-    """So large that the decomposition leaves its inside out."""
+    """Make a ball so large that a decomposition leaves its inside hollow."""
     return ellipsoid((0.0, 0.0, 0.0), (95.0, 95.0, 95.0))
 
 

@@ -1,9 +1,9 @@
-"""What the checks of a slice cost beside CuraEngine, and what they find, on models that should be good.
+"""Time of the checks of a slice against CuraEngine's, and their findings on good models.
 
 Usage: python -m bench.slice_check [STL ...] [--quality glue] [--nozzle 0.4] [--set KEY=VALUE] [--json]
 
-Without files, models that the script makes itself. CPU seconds of this process are those of reading the
-G-code, the rules, the outlines and the timeline; of CuraEngine, its own user and system time.
+Without files it makes models itself. CPU seconds of this process are for reading the G-code, the rules, the
+outlines and the timeline; those of CuraEngine are its own user and system time.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ROOM = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)
 
 
 def made() -> dict[str, trimesh.Trimesh]:
-    """Models of the shapes that trouble a slicer: slopes, flats, holes, islands, hollows, thin walls."""
+    """Make models that are difficult to slice: slopes, flats, holes, islands, hollows, thin walls."""
     create, difference = trimesh.creation, trimesh.boolean.difference
     pins = [create.cylinder(4, 25, transform=MOVE((x, 0, 13))) for x in (-18, -6, 6, 18)]
     fins = [create.box((0.3, 30, 12), MOVE((x, 0, 5))) for x in (-10, 0, 10)]
@@ -55,7 +55,7 @@ def made() -> dict[str, trimesh.Trimesh]:
 
 @dataclass
 class Clock:
-    """CPU seconds of this process and of the children that it waited for."""
+    """Clock of the CPU seconds of this process and of its ended children."""
 
     own_s: float = 0.0
     engine_s: float = 0.0
@@ -67,7 +67,7 @@ class Clock:
 
 
 def one(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> dict[str, Any]:
-    """Slice and check a model, which is put on the middle of the bed."""
+    """Slice and check a model in the middle of the bed."""
     mesh = mesh.copy()
     low, high = mesh.bounds
     mesh.apply_translation((-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -low[2]))

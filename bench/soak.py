@@ -1,9 +1,10 @@
-"""A very long print over a damaged wire: every line once, in order and unaltered, or a named fault.
+"""Very long print over a wire with errors: every line arrives once and unaltered, or a fault is named.
 
-``python -m bench.soak [--lines N] [--damage P] [--seed N] [--json]``. The link and the emulator's firmware
-in one process, on a clock of their own. Each byte is damaged with the given probability, on the way out and
-back: half of them have a bit flipped, a quarter are lost, a quarter come twice. An XOR of 8 bits lets some
-damage through; the emulator counts the lines that it accepted otherwise than they were sent.
+``python -m bench.soak [--lines N] [--damage P] [--seed N] [--json]``. The link and the emulator's firmware in
+one process, on a clock of their own. Each byte is damaged with the given probability, on the way out and
+back: half of the damaged bytes have a bit flipped, a quarter are lost, a quarter are doubled. An XOR of 8
+bits lets some damage through; the emulator counts the lines that it accepted in another form than they were
+sent.
 """
 
 from __future__ import annotations
@@ -27,16 +28,16 @@ BARRIERS = [b"M400"] * 3
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How it ended.
+    """Outcome of the print.
 
     Attributes
     ----------
     fault
-        Why the link gave up; None where it went on to the end.
+        Reason for which the link gave up; None where it went on to the end.
     exact
         The firmware made all moves, each once, and head and filament are where the file leaves them.
     altered
-        Lines that were carried out otherwise than they were sent, as their checksums matched.
+        Lines that were carried out in another form than they were sent, as their checksums matched.
     """
 
     lines: int
@@ -50,12 +51,12 @@ class Outcome:
 
 
 def move(at: int) -> bytes:
-    """The `at`-th line: half a millimetre and some filament, each other than its neighbours."""
+    """Make the `at`-th line: a move of half a millimetre, different from its neighbours."""
     return b"G1 X%.2f Y%.1f E%.4f" % (100 + at % 2 * 0.5 + at % 7 * 0.01, 100 + at % 50 * 0.5, at * 0.02)
 
 
 def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
-    """Print so many lines; `damage` is the probability of a byte."""
+    """Print a number of lines; `damage` is the probability that a byte is damaged."""
     faults = Faults(noise=damage / 2, lost=damage / 4, doubled=damage / 4)
     now_s = 0.0
     firmware = EmulatedFirmware(PROFILES[MODEL], faults, random.Random(seed), now_s)
@@ -98,7 +99,7 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
 
 
 def file_lines(start: int, stop: int, lines: int) -> list[bytes]:
-    """Lines of the file and the barriers behind it."""
+    """Yield the lines of the file, and the barriers after it."""
     return [move(at) for at in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
         0, stop - max(start, lines)
     )

@@ -1,9 +1,9 @@
-"""How long one damaged byte, line or answer keeps a hot head still.
+"""Time for which one damaged byte, line or answer keeps a hot head still.
 
 ``python -m bench.stalls [--kind KIND]... [--faults N] [--seed N] [--json]``. The link and the emulator's
 firmware in one process, on a clock of their own, print moves of 10 ms; every 30 lines one fault of a kind is
-put on the wire. Told for each kind: the median and the longest time for which the head stood still for one
-fault, and whether every line was carried out exactly once.
+put on the wire. For each kind it prints the median and the longest time for which the head stood still, and
+whether every line was carried out exactly once.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def flip(data: bytes, rng: random.Random) -> bytes:
 
 
 def spoil(data: bytes, rng: random.Random) -> bytes:
-    """Flip a bit so that the line is refused, and whole."""
+    """Flip a bit so that the line is complete but refused."""
     at = rng.randrange(data.index(b"X") + 1, data.index(b"*"))
     return data[:at] + bytes((data[at] ^ 1,)) + data[at + 1 :]
 
@@ -71,7 +71,7 @@ def flip_digit(data: bytes, rng: random.Random) -> bytes:
 
 
 def refuse(back: int) -> Damage:
-    """Put a refusal that the board never made behind an ok."""
+    """Add a refusal that the board never sent after an ok."""
 
     def damage(data: bytes, rng: random.Random) -> bytes:
         last = refuse.last - back  # type: ignore[attr-defined]
@@ -82,14 +82,14 @@ def refuse(back: int) -> Damage:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A fault: what is done to a line on its way there, and to the next answer.
+    """Kind of fault: the damage to a line, and to the next answer.
 
     Attributes
     ----------
     there, back
-        The damage; None: none.
+        Damage to the line, and to the answer; None for none.
     lines
-        Which lines are hit, as a pattern.
+        Pattern of the lines that are hit.
     """
 
     there: Damage | None = None
@@ -164,14 +164,14 @@ KINDS: dict[str, Kind] = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of one kind.
+    """Outcome of one kind of fault.
 
     Attributes
     ----------
     exact
         Each line was carried out once, and head and filament are where the program leaves them.
     stalls_s
-        For each fault, how long the head stood still.
+        For each fault, the seconds for which the head stood still.
     """
 
     fault: str | None
@@ -189,7 +189,7 @@ class Outcome:
 
 
 def move(at: int) -> bytes:
-    """The `at`-th line: half a millimetre in 10 ms, each other than its neighbours."""
+    """Make the `at`-th line: half a millimetre in 10 ms, different from its neighbours."""
     special = SPECIAL.get(at % EVERY_LINES)
     if special is not None:
         return special % (at % 255) if b"%" in special else special
@@ -197,7 +197,7 @@ def move(at: int) -> bytes:
 
 
 class Recorder(EmulatedFirmware):
-    """Remembers the numbered lines that it took, besides reports."""
+    """Firmware that records its numbered lines, without requests for reports."""
 
     def __init__(self, rng: random.Random) -> None:
         self.taken: list[bytes] = []
@@ -218,7 +218,7 @@ class Recorder(EmulatedFirmware):
 
 
 class Way:
-    """One direction; bytes take their time."""
+    """One direction of the wire, on which bytes take time."""
 
     def __init__(self, takes_s: float) -> None:
         self._takes_s = takes_s
@@ -240,7 +240,7 @@ class Way:
 
 
 class Tamperer:
-    """Damages one line, or its answer, of every 30."""
+    """Wire that damages one line of every 30, or its answer."""
 
     def __init__(self, kind: Kind, rng: random.Random) -> None:
         self._kind, self._rng = kind, rng
@@ -271,7 +271,7 @@ class Tamperer:
 
 
 def run(kind: Kind, faults: int, seed: int) -> Outcome:
-    """Print with so many faults of a kind."""
+    """Print with a number of faults of one kind."""
     rng = random.Random(seed)
     lines = (faults + 2) * EVERY_LINES
     program = [*(move(at) for at in range(lines)), *TAIL]

@@ -1,4 +1,4 @@
-"""How soon the daemon answers `farm status` with many printers and jobs in the books.
+"""Time of `farm status` with many printers and jobs in the books.
 
 python -m bench.status --json
 """
@@ -51,7 +51,7 @@ BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
 
 
 def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
-    """A job with its parts, plates and prints: an old one, one to be judged, or one that goes on."""
+    """Make a job with parts, plates and prints: an old one, one without verdicts, or an open one."""
     waits = number > jobs - WAITING
     going = not waits and number > jobs - WAITING - GOING
     judged = number <= jobs - WAITING - 2 * GOING
@@ -88,7 +88,7 @@ def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[En
 
 
 def snapshot(printer: str, books: Books) -> AgentSnapshot:
-    """What its agent says."""
+    """Make the snapshot of an agent."""
     attempt = books.open_print_on(printer)
     said = None
     if attempt is not None:
@@ -104,7 +104,7 @@ def snapshot(printer: str, books: Books) -> AgentSnapshot:
 
 
 async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[str, float | int]:
-    """Seconds of an answer, and how large it is."""
+    """Measure the seconds of an answer, and its size."""
     names = [f"um2-{i:03d}" for i in range(1, printers + 1)]
     port = "sim://ultimaker2_plus"
     fleet = Fleet.model_validate(
