@@ -1,4 +1,4 @@
-"""A bar that is longer than a bed, and its way through planning without processes: tasks and sliced jobs."""
+"""Planning of a bar that is longer than a bed, without processes: tasks and sliced jobs."""
 
 from farm.config import Fleet
 from farm.model import JobOptions

@@ -1,4 +1,4 @@
-"""Work for worker processes that ends badly; in a module that they can import."""
+"""Tasks for worker processes that fail, in a module that they can import."""
 
 import os
 import signal

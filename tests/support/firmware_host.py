@@ -1,4 +1,4 @@
-"""Someone at the other end of the emulated firmware's line, in one process and with time in hand."""
+"""Host of the emulated firmware, in one process and on a clock that the test moves."""
 
 from __future__ import annotations
 

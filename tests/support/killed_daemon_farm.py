@@ -1,4 +1,4 @@
-"""A real farm whose daemon is killed again and again, and started again each time; and what became of all."""
+"""Real farm whose daemon is killed and restarted again and again, with checks of its prints."""
 
 import contextlib
 import http.client

@@ -1,4 +1,4 @@
-"""A person's own G-code, accepted: what is printed of it, by a reading of its own."""
+"""Accepted own G-code, read by an independent reader."""
 
 import re
 

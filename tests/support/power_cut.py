@@ -1,4 +1,4 @@
-"""A disk of which only what was synced is left: the worst that a power cut may leave."""
+"""Disk after a power cut, in the worst case: only what was synced is left."""
 
 import os
 from pathlib import Path

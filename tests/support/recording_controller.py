@@ -1,4 +1,4 @@
-"""A controller with effects that are only written down."""
+"""Controller whose effects are only recorded."""
 
 from drivers.clock import Clock
 from farm.api import ClearedRequest

@@ -1,4 +1,4 @@
-"""Printers, plates and situations as the scheduler sees them, for tests."""
+"""Example printers, plates and situations for the scheduler."""
 
 from zoneinfo import ZoneInfo
 

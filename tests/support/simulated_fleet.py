@@ -1,4 +1,4 @@
-"""Printers, agents and a person that outlive a daemon, in memory: what really happened."""
+"""Simulated printers, agents and a person that outlive a daemon, with a record of what happened."""
 
 import shutil
 from dataclasses import dataclass, field

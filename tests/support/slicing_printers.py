@@ -1,4 +1,4 @@
-"""Printer models to slice for, as the farm hands them to the slicing package."""
+"""Printer models to slice for, as the farm passes them to the slicing package."""
 
 from drivers.printers import BEDS
 from farm.planning.slicing_printers import slicing_printer

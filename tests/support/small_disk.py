@@ -1,4 +1,4 @@
-"""A disk of some megabytes that a test fills: a tmpfs that only the disk's own processes see."""
+"""Disk of some megabytes that a test fills: a tmpfs that only its own processes see."""
 
 import contextlib
 import subprocess

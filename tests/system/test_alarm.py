@@ -1,4 +1,4 @@
-"""A heater that cannot be switched off, as a person sees it who asks the farm."""
+"""A heater that cannot be switched off, as a person sees it in `farm status`."""
 
 import pytest
 

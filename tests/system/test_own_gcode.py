@@ -1,4 +1,4 @@
-"""A person's own G-code on real processes: the same road as a model's plates, without CuraEngine."""
+"""A person's own G-code on real processes: the same way as a model's plates, without CuraEngine."""
 
 from __future__ import annotations
 

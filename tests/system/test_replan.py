@@ -1,4 +1,4 @@
-"""What failed is made otherwise, on real processes: sliced for another kind of printer, or cut for more."""
+"""Replanning of failed parts on real processes: sliced for another kind of printer, or cut for several."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Planning in real processes: what is not wanted any more is ended at once, and nothing is left of it."""
+"""Planning in real processes: cancelled work is ended at once, and nothing is left of it."""
 
 from __future__ import annotations
 
