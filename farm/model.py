@@ -322,7 +322,12 @@ class Plate(Entity):
     replaced_by: tuple[str, ...] = ()  # the plates that are printed in its place
     cancelled: bool = False  # by a person: never printed, unless a person wishes it
     paused: bool = False  # by a person: it waits until it is resumed
-    hold: Hold | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_hold(cls, fields: Any) -> Any:
+        """Read a plate of farm 0.1, which kept why it waited; that is found anew whenever it is shown."""
+        return {k: v for k, v in fields.items() if k != "hold"} if isinstance(fields, dict) else fields
 
     @property
     def prelude_s(self) -> float:

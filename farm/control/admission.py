@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from farm.model import Hold, HoldCode, Job, JobState
-from farm.scheduling.admission import Availability, Begin, JobRequest, choose_printers_beside, find_mismatch
+from farm.planning.replanning.coordinator import StartReplan
+from farm.scheduling.admission import (
+    Availability,
+    Begin,
+    JobRequest,
+    Promise,
+    choose_printers_beside,
+    find_mismatch,
+)
+from farm.scheduling.assign import Assignment, assign
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import job_requirements
 from farm.scheduling.spares import spare_printers
@@ -53,7 +62,7 @@ class JobAdmission:
         self._planned.pop(number, None)
 
     def decide(
-        self, books: Books, situation: Situation, taken: frozenset[str], starting: bool
+        self, books: Books, situation: Situation, kept: Mapping[str, str], starting: bool
     ) -> Iterator[StartPlanning | HoldJob]:
         """Yield what becomes of each queued job: it begins, or has a reason to wait.
 
@@ -66,8 +75,8 @@ class JobAdmission:
             As committed, with the plates that have just been assigned.
         situation
             The fleet after that, the rules, and the spares.
-        taken
-            Printers that a waiting plate will get, or is being replanned for.
+        kept
+            Printers that no job gets, with what each is kept for.
         starting
             The farm has just started: printers that are still connecting are waited for.
         """
@@ -86,9 +95,9 @@ class JobAdmission:
                 fronts[own] = job
                 decision = choose_printers_beside(
                     self._request(job),
-                    _availability(situation, taken, starting),
+                    _availability(situation, kept, starting),
                     job.options.priority,
-                    [(books.job(n).options.priority, names) for n, names in planned.items()],
+                    [Promise(n, books.job(n).options.priority, names) for n, names in planned.items()],
                 )
             if isinstance(decision, Begin):
                 planned[job.id] = frozenset(decision.printers)
@@ -106,24 +115,27 @@ class JobAdmission:
         )
 
 
-def taken_printers(
-    books: Books, situation: Situation, holds: Mapping[str, Hold], reserved: frozenset[str]
-) -> frozenset[str]:
-    """Return the printers that no job can count on.
+def kept_printers(situation: Situation, replans: Iterable[StartReplan]) -> dict[str, str]:
+    """Return the printers that no job can count on, with what each is kept for.
+
+    Nothing is kept for a plate that may not start: what ends its wait may be far away.
 
     Parameters
     ----------
-    books
-        As committed.
     situation
-        The fleet, and how many spares are kept.
-    holds
-        The plates that no printer takes now.
-    reserved
-        Printers that plates are being replanned for.
+        What waits on, and the fleet after the plates that start now.
+    replans
+        The plates that are being replanned, and for which printers.
     """
-    planned = frozenset(books.plates[name].printer for name in holds)
-    return planned | spare_printers(situation.printers, planned, situation.spares) | reserved
+    spares = spare_printers(situation.printers, situation.planned, situation.spares)
+    soon: Iterable[Assignment] = ()
+    if situation.rules.max_heating is not None:  # as soon as another printer has heated up
+        soon = assign(replace(situation, rules=replace(situation.rules, max_heating=None)))
+    return {
+        **dict.fromkeys(spares, "a failed part (--spares)"),
+        **{each.printer: each.plate for each in soon},
+        **{name: replan.plate for replan in replans for name in replan.printers},
+    }
 
 
 def _own_hold(job: Job, situation: Situation) -> Hold | None:
@@ -139,7 +151,7 @@ def _own_hold(job: Job, situation: Situation) -> Hold | None:
     return None
 
 
-def _availability(situation: Situation, taken: frozenset[str], starting: bool) -> Availability:
+def _availability(situation: Situation, kept: Mapping[str, str], starting: bool) -> Availability:
     attended = situation.rules.is_attended(situation.now_s)
     blocked = frozenset(p.name for p in situation.printers if not (p.unattended or attended))
-    return Availability(situation.printers, taken, starting, blocked)
+    return Availability(situation.printers, kept, starting, blocked)

@@ -15,7 +15,7 @@ from itertools import chain
 
 from drivers.clock import Clock
 from farm.config import Fleet
-from farm.control.admission import HoldJob, JobAdmission, taken_printers
+from farm.control.admission import HoldJob, JobAdmission, kept_printers
 from farm.control.effects import Effect, Effects
 from farm.control.forecast_cache import ForecastCache
 from farm.control.telemetry import Telemetry, owed_instructions, read_snapshot
@@ -36,7 +36,7 @@ from farm.planning.plan import Plan, TooFewPrinters
 from farm.planning.planned_event import build_planned_event
 from farm.planning.replanning.coordinator import ReplanCoordinator
 from farm.planning.replanning.replan import ReplannedPlate
-from farm.scheduling.assign import assign
+from farm.scheduling.assign import assign, find_holds
 from farm.scheduling.matching import FleetPrinter
 from farm.scheduling.plate_holds import find_plate_holds
 from farm.scheduling.situation import Situation
@@ -47,7 +47,6 @@ from farm.scheduling.situation_builder import (
     describe_printers,
     find_print_limits,
 )
-from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
@@ -101,7 +100,6 @@ class Controller:
         self._forecast_cache = ForecastCache(self.rules, clock.scale)
         self._refusals: Counter[str] = Counter()
         self._backup_failure: str | None = None
-        self._plate_holds: dict[str, Hold] = {}
         self._job_holds: dict[int, Hold] = {}
 
     def start(self, effects: Effects, restored_s: float | None = None) -> None:
@@ -189,33 +187,33 @@ class Controller:
         if self.stopping:
             return
         now_s = self.clock.now()
-        held_back = find_plate_holds(self.books, self.fleet.printers, now_s)
-        offered = self._situation(held_back)
+        offered = self._situation(self._held_back())
         yield from self._replanning.recut_failures(self.books, offered)
-        held_back |= self._replanning.holds()
-        situation = offered.with_waiting(tuple(p for p in offered.waiting if p.id not in held_back))
-        assignments, holds = assign(situation)
+        situation = offered.without(self._replanning.holds())
+        assignments = assign(situation)
         yield from self._commit(
             ev.PlateAssigned(at_s=now_s, plate=a.plate, printer=a.printer, print_id=uuid.uuid4().hex)
             for a in assignments
         )
-        yield from self._hold_plates(holds | held_back)
-        after = situation.with_printers(tuple(self.fleet_printers()))
-        if holds:
-            kept = spare_printers(situation.printers, situation.planned, situation.spares)
-            yield from self._replanning.reslice_waiting(self.books, after, holds, kept)
-        yield from self._admit_jobs(after, holds)
+        if assignments:
+            situation = situation.without({a.plate for a in assignments})
+            situation = situation.with_printers(tuple(self.fleet_printers()))
+        yield from self._replanning.reslice_waiting(self.books, situation)
+        yield from self._admit_jobs(situation)
 
-    def _hold_plates(self, holds: Mapping[str, Hold]) -> Iterator[Effect]:
-        """Keep the sentences in memory, and book reasons that have changed."""
-        self._plate_holds = dict(holds)
-        news = {n: hold for n, hold in holds.items() if not hold.same_reason(self.books.plates[n].hold)}
-        if news:
-            yield from self._commit([ev.PlatesHeld(at_s=self.clock.now(), holds=dict(news))])
+    def _held_back(self) -> dict[str, Hold]:
+        """Return the plates that are offered to no printer."""
+        return find_plate_holds(self.books, self.fleet.printers, self.clock.now())
 
-    def _admit_jobs(self, situation: Situation, holds: Mapping[str, Hold]) -> Iterator[Effect]:
-        taken = taken_printers(self.books, situation, holds, self._replanning.reserved_printers)
-        decisions = list(self._admission.decide(self.books, situation, taken, self.is_starting()))
+    def plate_holds(self) -> dict[str, Hold]:
+        """Find why each waiting plate waits, as it is now."""
+        held_back = self._held_back() | self._replanning.holds()
+        situation = self._situation(held_back)
+        return held_back | find_holds(situation, assign(situation))
+
+    def _admit_jobs(self, situation: Situation) -> Iterator[Effect]:
+        kept = kept_printers(situation, self._replanning.running)
+        decisions = list(self._admission.decide(self.books, situation, kept, self.is_starting()))
         self._job_holds = {each.job: each.hold for each in decisions if isinstance(each, HoldJob)}
         for decision in decisions:
             now_s = self.clock.now()
@@ -392,6 +390,6 @@ class Controller:
             startup_over=not self.is_starting(),
             progress=self.progress,
             warning=failure or self._backup_failure,
-            plate_holds=self._plate_holds,
+            plate_holds=self.plate_holds(),
             job_holds=self._job_holds,
         )

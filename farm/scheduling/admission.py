@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 
 from farm.model import Hold, HoldCode, Link
 from farm.scheduling.matching import FleetPrinter, Requirements
@@ -51,6 +51,15 @@ class JobRequest:
 
 
 @dataclass(frozen=True, slots=True)
+class Promise:
+    """Printers that another job is being planned for."""
+
+    job: int
+    priority: int
+    printers: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
 class Availability:
     """The fleet as it is available to the job in front.
 
@@ -58,8 +67,8 @@ class Availability:
     ----------
     printers
         The fleet, of which one at least matches.
-    taken
-        Printers that waiting plates of earlier jobs will get.
+    kept
+        Printers that it does not get, with what each is kept for: a plate, a job.
     starting
         The farm has just started: printers that are still connecting are waited for.
     unattended_blocked
@@ -67,13 +76,14 @@ class Availability:
     """
 
     printers: tuple[FleetPrinter, ...]
-    taken: frozenset[str] = frozenset()
+    kept: Mapping[str, str] = field(default_factory=dict)
     starting: bool = False
     unattended_blocked: frozenset[str] = frozenset()
 
-    def without(self, names: frozenset[str]) -> Availability:
-        """Return the same with more printers taken."""
-        return replace(self, taken=self.taken | names)
+    def keeping(self, promises: Iterable[Promise]) -> Availability:
+        """Return the same with the printers kept that jobs are being planned for."""
+        kept = {name: f"job {promise.job}" for promise in promises for name in promise.printers}
+        return replace(self, kept={**kept, **self.kept})
 
 
 def find_mismatch(requirements: Requirements, printers: Iterable[FleetPrinter]) -> Hold | None:
@@ -106,14 +116,13 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
     idle = (
         coming
         if request.needs_approval
-        else [p for p in coming if p.obstacle() is None and p.name not in availability.taken]
+        else [p for p in coming if p.obstacle() is None and p.name not in availability.kept]
     )
     if not idle:
+        kept = [p.name for p in coming if p.obstacle() is None and p.name in availability.kept]
+        if kept:
+            return _kept_hold({name: availability.kept[name] for name in kept})
         obstacles = [obstacle for p in matching if (obstacle := p.obstacle()) is not None]
-        if not obstacles:
-            return Hold(
-                code=HoldCode.PRINTER_BUSY, text="every matching printer is reserved for another plate"
-            )
         # What ends by itself is waited for; a person is asked only where nothing does.
         busy = [hold for hold in obstacles if hold.code is HoldCode.PRINTER_BUSY]
         full = [p.name for p in matching if (h := p.obstacle()) and h.code is HoldCode.BED_NOT_CLEAR]
@@ -134,11 +143,23 @@ def begin(request: JobRequest, availability: Availability) -> Begin | Hold:
     return Begin(tuple(sorted(p.name for p in idle[:given])))
 
 
+def _kept_hold(kept: Mapping[str, str]) -> Hold:
+    """Return the hold for idle printers that are kept for something else."""
+    names: dict[str, list[str]] = {}
+    for name, purpose in kept.items():
+        names.setdefault(purpose, []).append(name)
+    text = "; ".join(
+        f"{' '.join(those)} {'is' if len(those) == 1 else 'are'} kept for {purpose}"
+        for purpose, those in names.items()
+    )
+    return Hold(code=HoldCode.PRINTER_BUSY, text=text)
+
+
 def choose_printers_beside(
     request: JobRequest,
     availability: Availability,
     priority: int,
-    promised: Iterable[tuple[int, frozenset[str]]],
+    promises: Iterable[Promise],
 ) -> Begin | Hold:
     """Choose the printers of a job beside others that are being planned.
 
@@ -150,12 +171,11 @@ def choose_printers_beside(
         As for `begin`.
     priority
         The job's priority.
-    promised
-        The priorities of the jobs that are being planned, and their printers.
+    promises
+        The printers of the jobs that are being planned.
     """
-    others = list(promised)
-    first = begin(request, availability.without(frozenset().union(*(names for _, names in others))))
+    others = list(promises)
+    first = begin(request, availability.keeping(others))
     if isinstance(first, Begin):
         return first
-    above = frozenset().union(*(names for other, names in others if other > priority))
-    return begin(request, availability.without(above))
+    return begin(request, availability.keeping(other for other in others if other.priority > priority))

@@ -1,7 +1,8 @@
-"""Assignment of waiting plates to printers, and a reason for every plate that waits on. Pure."""
+"""Assignment of waiting plates to printers, and reasons for the plates that wait on. Pure."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from farm.model import Hold
@@ -18,8 +19,8 @@ class Assignment:
     printer: str
 
 
-def assign(situation: Situation) -> tuple[list[Assignment], dict[str, Hold]]:
-    """Give each waiting plate a printer, or a reason to wait.
+def assign(situation: Situation) -> list[Assignment]:
+    """Give waiting plates printers.
 
     Plates choose by priority, then by order of submission, then the longest first (LPT). A plate
     keeps the printer of its plan while that one can take it now; otherwise it goes to any matching printer
@@ -36,37 +37,68 @@ def assign(situation: Situation) -> tuple[list[Assignment], dict[str, Hold]]:
 
     Returns
     -------
-    assignments, holds
-        Each printer at most once, each plate in exactly one of the two.
+    list of Assignment
+        Each printer and each plate at most once, in the order in which the plates choose.
     """
+    given = {plate.id: name for name, plate in _match(situation).items()}
+    return [Assignment(plate.id, given[plate.id]) for plate in situation.by_priority if plate.id in given]
+
+
+def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[str, Hold]:
+    """Find the reason of every waiting plate that got no printer.
+
+    Parameters
+    ----------
+    situation
+        What waits, the fleet, and the rules.
+    assignments
+        What `assign` made of it.
+    """
+    given = {each.plate: each.printer for each in assignments}
+    starts, limit = _allowed_starts(situation), situation.rules.max_heating
+    kept = spare_printers(situation.printers, situation.planned, situation.spares)
+    reasons = HoldReasons(situation, frozenset(given.values()), kept, limit if len(given) >= starts else None)
+    places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
+    for plate in situation.by_priority:
+        if plate.id in given and plate.job in places:
+            places[plate.job] -= 1
+    return {
+        plate.id: reasons.no_place() if places.get(plate.job) == 0 else reasons.find(plate)
+        for plate in situation.by_priority
+        if plate.id not in given
+    }
+
+
+def _allowed_starts(situation: Situation) -> int:
+    """Return how many printers may begin to heat now."""
+    limit = situation.rules.max_heating
+    if limit is None:
+        return len(situation.free)
+    return max(0, limit - sum(printer.heating for printer in situation.printers))
+
+
+def _match(situation: Situation) -> dict[str, WaitingPlate]:
+    """Match free printers with waiting plates; return the plate of each printer."""
     free = sorted((p.name for p in situation.free), key=lambda n: situation.fleet[n].capabilities.height_mm)
+    if not free or not situation.waiting:
+        return {}
     kept = spare_printers(situation.printers, situation.planned, situation.spares)
     matching = _Matching(situation, free, kept)
-    limit = situation.rules.max_heating
-    heating = sum(printer.heating for printer in situation.printers)
-    starts = len(free) if limit is None else max(0, limit - heating)
+    most = min(_allowed_starts(situation), len(free))
     places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
     left: list[WaitingPlate] = []
     for failed_too in (False, True):
         for plate in left if failed_too else situation.by_priority:
-            if len(matching.taken) >= min(starts, len(free)) or places.get(plate.job) == 0:
+            if len(matching.taken) >= most:
+                return matching.taken
+            if places.get(plate.job) == 0:
                 left += [] if failed_too else [plate]
             elif matching.place(plate, failed_too):
                 if plate.job in places:
                     places[plate.job] -= 1
             elif not failed_too:
                 left.append(plate)
-    given = {plate.id: name for name, plate in matching.taken.items()}
-    full = limit if len(matching.taken) >= starts else None
-    reasons = HoldReasons(situation, frozenset(matching.taken), kept, full)
-    return (
-        [Assignment(plate.id, given[plate.id]) for plate in situation.by_priority if plate.id in given],
-        {
-            plate.id: reasons.no_place() if places.get(plate.job) == 0 else reasons.find(plate)
-            for plate in situation.by_priority
-            if plate.id not in given
-        },
-    )
+    return matching.taken
 
 
 class _Matching:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -59,6 +60,10 @@ class Situation:
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Tell whether hours and start times let a plate start on a printer now."""
         return self.rules.find_start(plate, printer, self.now_s).at_s == self.now_s
+
+    def without(self, plates: Collection[str]) -> Situation:
+        """Return the same moment without some of the plates that wait."""
+        return self.with_waiting(tuple(p for p in self.waiting if p.id not in plates)) if plates else self
 
     def with_waiting(self, waiting: tuple[WaitingPlate, ...]) -> Situation:
         """Return the same moment with other plates that wait."""

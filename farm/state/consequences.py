@@ -72,7 +72,7 @@ def cancel_plate(books: Books, plate: Plate, reason: str) -> Result:
     stopped = [request_cancel(p, reason) for p in books.prints_of(plate) if not p.state.ended]
     if state is PlateState.GOOD:
         return put(books, *(attempt for attempt, _ in stopped)), tuple(stop for _, stop in stopped)
-    books = put(books, edited(plate, cancelled=True, hold=None), *(attempt for attempt, _ in stopped))
+    books = put(books, edited(plate, cancelled=True), *(attempt for attempt, _ in stopped))
     return books, tuple(instruction for _, instruction in stopped)
 
 

@@ -93,12 +93,6 @@ class PlateAssigned(Event):
     print_id: str
 
 
-class PlatesHeld(Event):
-    """The reasons why plates wait have changed; None where a plate no longer waits."""
-
-    holds: dict[str, Hold | None]
-
-
 class PlateReplaced(Event):
     """A waiting plate was sliced for another kind of printer, or its part was cut for several.
 
@@ -291,7 +285,6 @@ AnyEvent = (
     | JobFailed
     | JobCancelled
     | PlateAssigned
-    | PlatesHeld
     | PlateReplaced
     | PrintProgressed
     | PauseRequested

@@ -25,13 +25,12 @@ class ViewContext:
     startup_over: bool = True  # the farm has been up long enough for every printer to have connected
     progress: Mapping[int, PlanProgress] = field(default_factory=dict)  # of the jobs being planned
     warning: str | None = None  # a problem of the farm as a whole
-    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # the latest sentences
+    plate_holds: Mapping[str, Hold] = field(default_factory=dict)  # why plates wait, now
     job_holds: Mapping[int, Hold] = field(default_factory=dict)
 
     def plate_hold(self, plate: Plate) -> Hold | None:
-        """Return why a plate waits: the reason is the books', its sentence the scheduler's latest."""
-        latest = self.plate_holds.get(plate.id)
-        return latest if latest is not None and latest.same_reason(plate.hold) else plate.hold
+        """Return why a plate waits; None where it does not."""
+        return self.plate_holds.get(plate.id)
 
     def job_hold(self, job: Job) -> Hold | None:
         """Return why a job waits: the reason is the books', its sentence the scheduler's latest."""

@@ -64,7 +64,7 @@ def describe_job(context: ViewContext, job: Job) -> api.JobView:
         currency=context.fleet.fleet.currency,
         starved_share=times.starved_share,
         folder=str(context.state.job(job.id)) if job.plates else None,
-        waits_for_person=_waits_for_person(books, job, plates),
+        waits_for_person=_waits_for_person(context, job, plates),
     )
 
 
@@ -172,16 +172,16 @@ def _last_print(books: Books, plate: Plate) -> Print:
     return books.prints[plate.prints[-1]]
 
 
-def _waits_for_person(books: Books, job: Job, plates: list[Plate]) -> bool:
+def _waits_for_person(context: ViewContext, job: Job, plates: list[Plate]) -> bool:
     """Tell whether a job waits for a person: nothing of it will go on before."""
     if job.state is JobState.HELD:
         return True
     if job.state is JobState.QUEUED:
         waiting = [job.hold]
-        printing = any(True for _ in books.open_prints())
+        printing = any(True for _ in context.books.open_prints())
     elif job.state is JobState.PRINTING:
-        waiting = [plate.hold for plate in plates]
-        printing = any(True for _ in books.open_prints(job.id))
+        waiting = [context.plate_hold(plate) for plate in plates]
+        printing = any(True for _ in context.books.open_prints(job.id))
     else:
         return False
     return not printing and any(hold is not None and hold.code not in _TEMPORARY_HOLDS for hold in waiting)

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import datetime, tzinfo
 
 from farm import api
 from farm.config import PrinterSection
-from farm.model import AgentPrint, AgentSnapshot, Bed, JobState, Link, Outage, PlanStep, Print, PrintState
+from farm.model import (
+    AgentPrint,
+    AgentSnapshot,
+    Bed,
+    Hold,
+    JobState,
+    Link,
+    Outage,
+    PlanStep,
+    Print,
+    PrintState,
+)
 from farm.state.books import Books
 from farm.state.plate_state import stopped_print
 from farm.state.salvaged_parts import part_name, possibly_whole_print
@@ -46,7 +57,10 @@ def list_tasks(context: ViewContext) -> list[api.Todo]:
         beds = format_count(len(occupied), "bed")
         text = f"clear {beds}: {' '.join(occupied)}, then `farm cleared PRINTER`"
         tasks.append(api.Todo(code="clear", printers=occupied, text=text))
-    return [*sorted(tasks, key=lambda task: _ORDER[task.code]), *list_requests(context.books)]
+    return [
+        *sorted(tasks, key=lambda task: _ORDER[task.code]),
+        *list_requests(context.books, context.plate_holds),
+    ]
 
 
 def _list_farm_tasks(context: ViewContext) -> Iterator[api.Todo]:
@@ -186,9 +200,9 @@ def list_deadlines(
 # -- jobs that wait for a person ----------------------------------------------------------------------------
 
 
-def list_requests(books: Books) -> list[api.Todo]:
+def list_requests(books: Books, plate_holds: Mapping[str, Hold]) -> list[api.Todo]:
     """List jobs to approve, parts to decide on, reels to change and reels to weigh; each once."""
-    return [*_list_held_jobs(books), *_list_stopped_parts(books), *_list_reels(books)]
+    return [*_list_held_jobs(books), *_list_stopped_parts(books), *_list_reels(books, plate_holds)]
 
 
 def _list_held_jobs(books: Books) -> Iterator[api.Todo]:
@@ -228,11 +242,11 @@ def _list_stopped_parts(books: Books) -> Iterator[api.Todo]:
         yield api.Todo(code="stopped", printers=[], text=text, brief=what)
 
 
-def _list_reels(books: Books) -> Iterator[api.Todo]:
+def _list_reels(books: Books, plate_holds: Mapping[str, Hold]) -> Iterator[api.Todo]:
     short: dict[str, str] = {}  # by printer: the next plate for which its reel is too short
-    for plate in books.waiting_plates():
-        if plate.hold is not None and plate.hold.reel is not None:
-            short.setdefault(plate.hold.reel.printer, plate.hold.reel.text)
+    for hold in plate_holds.values():
+        if hold.reel is not None:
+            short.setdefault(hold.reel.printer, hold.reel.text)
     for name, what in sorted(short.items()):
         text = f"{what}: load a reel, then `farm load {name}`"
         yield api.Todo(code="reel", printers=[name], text=text, brief=what)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 from farm.errors import FarmError
 from farm.model import Hold, HoldCode, Plate, PrintState, Verdict
 from farm.planning.replanning import policy
 from farm.planning.replanning.replan import ReplannedPlate
+from farm.scheduling.assign import find_holds
 from farm.scheduling.hold_reasons import join_names
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import describe_plates
-from farm.scheduling.spares import takes_spare
+from farm.scheduling.spares import spare_printers, takes_spare
 from farm.state import events as ev
 from farm.state.books import Books
 
@@ -46,9 +47,9 @@ class ReplanCoordinator:
         self._searched_s = float("-inf")
 
     @property
-    def reserved_printers(self) -> frozenset[str]:
-        """Printers that plates are being replanned for."""
-        return frozenset(name for replan in self._running.values() for name in replan.printers)
+    def running(self) -> Collection[StartReplan]:
+        """Return the replans that are under way."""
+        return self._running.values()
 
     def clock_set(self) -> None:
         """Forget when the last search was: the host's clock was set."""
@@ -77,25 +78,21 @@ class ReplanCoordinator:
             if recut is not None:
                 yield self._start(plate, recut.printers, cut=True)
 
-    def reslice_waiting(
-        self, books: Books, situation: Situation, holds: Mapping[str, Hold], kept: frozenset[str]
-    ) -> Iterator[StartReplan]:
+    def reslice_waiting(self, books: Books, situation: Situation) -> Iterator[StartReplan]:
         """Yield plates that wait for their own kind of printer, to be sliced for a free one of another.
 
         Parameters
         ----------
         situation
-            The plates that were offered to the printers, and the fleet after that.
-        holds
-            The plates that no printer took, with the reasons.
-        kept
-            Free printers that are kept for plates that failed.
+            The plates that were offered to the printers and not taken, and the fleet after that.
         """
-        if situation.now_s - self._searched_s < _LOOK_S * situation.time_scale:
+        if situation.now_s - self._searched_s < _LOOK_S * situation.time_scale or not situation.waiting:
             return
         self._searched_s = situation.now_s
-        reserved = self.reserved_printers
+        reserved = {name for replan in self._running.values() for name in replan.printers}
         free = [printer for printer in situation.free if printer.name not in reserved]
+        holds = find_holds(situation, ()) if free else {}
+        kept = spare_printers(situation.printers, situation.planned, situation.spares)
         for view in situation.by_priority:
             plate = books.plates[view.id]
             if not free or view.id in self._running or not _may_be_replanned(books, plate):

@@ -165,5 +165,5 @@ PRINTER = Lifecycle(
 )
 
 LIFECYCLES = (JOB, PLATE, PRINT, PRINTER)
-FARM_WIDE: frozenset[Kind] = frozenset({ev.ClockSet, ev.PlatesHeld, ev.BooksRestored, ev.OutageConfirmed})
+FARM_WIDE: frozenset[Kind] = frozenset({ev.ClockSet, ev.BooksRestored, ev.OutageConfirmed})
 """Events about the farm as a whole; they fit at any time."""

@@ -62,7 +62,7 @@ def book_found_print(event: ev.PrintFound, books: Books) -> Books:
         assigned_s=event.at_s,
         restored=True,
     )
-    return put(books, edited(plate, prints=(*plate.prints, attempt.id), hold=None), attempt)
+    return put(books, edited(plate, prints=(*plate.prints, attempt.id)), attempt)
 
 
 def finish_journal_import(event: ev.AgentJournalImported, books: Books) -> Books:

@@ -22,14 +22,8 @@ def _(event: ev.PlateAssigned, books: Books) -> Result:
         number=books.next_number,
         assigned_s=event.at_s,
     )
-    plate = edited(plate, prints=(*plate.prints, attempt.id), hold=None)
+    plate = edited(plate, prints=(*plate.prints, attempt.id))
     return put(books, plate, attempt), (ev.SendStart(print_id=attempt.id, printer=event.printer),)
-
-
-@change.register
-def _(event: ev.PlatesHeld, books: Books) -> Result:
-    held = (edited(books.plates[name], hold=hold) for name, hold in event.holds.items())
-    return put(books, *held), ()
 
 
 @change.register
@@ -41,7 +35,7 @@ def _(event: ev.PlateReplaced, books: Books) -> Result:
     kept = {"prints": plate.prints, "counted_from": plate.counted_from, "paused": plate.paused}
     plates = [edited(new, **kept) for new in event.plates]
     names = tuple(new.id for new in plates)
-    old = edited(plate, replaced_by=names, hold=None)
+    old = edited(plate, replaced_by=names)
     job = edited(
         job,
         plates=_replace_names(job.plates, (plate.id,), names),

@@ -99,8 +99,8 @@ def test_a_start_that_came_too_late_was_never_begun_and_its_plate_waits_for_its_
         farm.controller.books.printer("a").bed is Bed.CLEAR
         and farm.controller.books.printer("a").attention_reason is None
     )
-    (plate,) = farm.controller.books.waiting_plates()
-    assert "from Mon 08:00" in plate.hold.text
+    (hold,) = farm.controller.plate_holds().values()
+    assert "from Mon 08:00" in hold.text
     farm.controller.clock.now_s = at("2026-11-23 08:00")
     farm.controller.handle()
     assert farm.controller.books.open_print_on("a").plate == late.plate

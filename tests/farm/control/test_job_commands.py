@@ -152,7 +152,7 @@ def test_a_reel_is_kept_over_a_restart_and_a_plate_never_starts_on_too_little(
     number = submit(farm, material="generic_pla")
     assert farm.effects.plans == [(number, ["a"], 1)]
     farm.controller.on_plan(number, plan_for(number, state, plates=1))
-    hold = farm.controller.books.plates[f"{number}/01"].hold
+    hold = farm.controller.plate_holds().get(f"{number}/01")
     assert hold.code is HoldCode.REEL_TOO_SHORT
     assert "a has 4 g, it needs 8 g" in hold.text
     farm.store.close()
@@ -273,7 +273,7 @@ def test_held_plans_are_made_for_the_whole_fleet_and_the_later_one_waits_for_its
     printing = {attempt.printer: attempt.job for attempt in farm.controller.books.open_prints()}
     assert printing == {"a": numbers[1], "b": numbers[1]}  # it was approved first
     waiting = [
-        farm.controller.books.plates[name].hold.code for name in farm.controller.books.job(numbers[0]).plates
+        farm.controller.plate_holds().get(name).code for name in farm.controller.books.job(numbers[0]).plates
     ]
     assert waiting == [HoldCode.PRINTER_BUSY] * 2
 

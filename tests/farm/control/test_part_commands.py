@@ -104,7 +104,7 @@ def test_nothing_of_a_paused_job_starts(farm):
     ends(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.open_print_on("a") is None
-    assert farm.controller.books.plates["1/03"].hold.code is HoldCode.PAUSED
+    assert farm.controller.plate_holds().get("1/03").code is HoldCode.PAUSED
     farm.jobs.pause(1, False, "ann")
     assert farm.controller.books.open_print_on("a").plate == "1/03"
     assert farm.parts.pause(1, "p03", True, "ann") == "a"
@@ -133,7 +133,7 @@ def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path)
     ends(farm, "a")
     farm.clear_bed("a")
     assert farm.controller.books.open_print_on("a") is None
-    hold = farm.controller.books.plates["1/03"].hold
+    hold = farm.controller.plate_holds().get("1/03")
     assert (hold.code, hold.text) == (HoldCode.PAUSED, "part 1/p03 is paused: `farm resume 1/p03`")
     farm.store.close()
     farm = Farm(tmp_path)  # also over a restart
@@ -146,7 +146,7 @@ def test_a_part_that_is_paused_while_it_waits_goes_to_no_printer(farm, tmp_path)
 def test_a_job_that_is_resumed_takes_its_paused_parts_with_it(farm):
     farm.parts.pause(1, "p03", True, "ann")
     farm.jobs.pause(1, False, "ann")
-    assert farm.controller.books.plates["1/03"].hold.code is not HoldCode.PAUSED
+    assert farm.controller.plate_holds().get("1/03").code is not HoldCode.PAUSED
     farm.jobs.pause(1, True, "ann")
     with pytest.raises(Refused, match="job 1 is paused: `farm resume 1`"):
         farm.parts.pause(1, "p03", False, "ann")
@@ -190,13 +190,13 @@ def test_after_an_outage_nothing_starts_until_a_person_confirms_it(farm):
     now_s = farm.controller.clock.now()
     ends(farm, "a", PrintState.FAILED, fault="port_lost", ended_s=now_s)
     farm.clear_bed("a")
-    assert farm.controller.books.plates["1/01"].hold.code is HoldCode.JUST_LOST
+    assert farm.controller.plate_holds().get("1/01").code is HoldCode.JUST_LOST
     assert farm.controller.books.open_print_on("a").plate == "1/03"
     ends(farm, "a")
     ends(farm, "b", PrintState.FAILED, fault="agent_died", ended_s=now_s + 1.0)
     for name in "ab":
         farm.clear_bed(name)
-    assert {farm.controller.books.plates[name].hold.code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
+    assert {farm.controller.plate_holds().get(name).code for name in ("1/01", "1/02")} == {HoldCode.OUTAGE}
     (item,) = list_tasks(farm.view_context(STATE))
     assert (item.code, item.printers) == ("outage", ["a", "b"])
     farm.controller.clock = Clock(2.0, now_s - 60.0)  # a minute later
@@ -222,7 +222,7 @@ def test_plates_of_a_held_job_do_not_wait_for_an_outage(farm):
     for name in "ab":
         ends(farm, name, PrintState.FAILED, fault="port_lost", ended_s=farm.controller.clock.now())
     assert farm.controller.books.outage is not None
-    assert farm.controller.books.plates["2/01"].hold is None  # nothing would take it away again
+    assert farm.controller.plate_holds().get("2/01") is None  # nothing would take it away again
 
 
 def test_a_print_that_no_agent_would_start_takes_nothing_off_its_reel(farm):
@@ -251,7 +251,7 @@ def test_what_estop_stopped_is_not_begun_on_an_idle_printer_before_a_person_says
         farm.clear_bed("b")
     farm.controller.handle()
     assert farm.controller.books.open_print_on("b") is None
-    hold = farm.controller.books.plates["1/01"].hold
+    hold = farm.controller.plate_holds().get("1/01")
     assert hold.code is HoldCode.STOPPED and "`farm resume 1/p01`" in hold.text
     [asked] = [item for item in list_tasks(farm.view_context(STATE)) if item.code == "stopped"]
     assert "part 1/p01 stopped by `farm estop`" in asked.text and "`farm resume 1/p01`" in asked.text

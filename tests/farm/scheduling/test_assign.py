@@ -14,7 +14,9 @@ NOW_S = 1_000_000.0
 
 
 def assign(waiting, fleet, house=None, **changes):
-    return assignment.assign(situation(waiting, fleet, house, NOW_S, **changes))
+    moment = situation(waiting, fleet, house, NOW_S, **changes)
+    given_ = assignment.assign(moment)
+    return given_, assignment.find_holds(moment, given_)
 
 
 printers = st.lists(

@@ -26,7 +26,9 @@ FRIDAY = at("2026-11-20 17:00")
 
 
 def assign(waiting, fleet, house, now_s, spares=0):
-    return assignment.assign(situation(waiting, fleet, house, now_s, spares=spares))
+    moment = situation(waiting, fleet, house, now_s, spares=spares)
+    given_ = assignment.assign(moment)
+    return given_, assignment.find_holds(moment, given_)
 
 
 fleets = st.lists(

@@ -61,8 +61,8 @@ def test_reels_of_restored_books_are_weighed_before_anything_is_printed_from_the
     load = ev.ReelLoaded(at_s=1.0, printer="a", reel=WHITE, by="ann")
     books, _ = run(printing(), load, ev.BooksRestored(at_s=9.0, copied_s=2.0))
     assert [one.reel and one.reel.doubted for one in books.printers.values()] == [True, None, None]
-    (item,) = [item for item in list_requests(books) if item.code == "reel"]
+    (item,) = [item for item in list_requests(books, {}) if item.code == "reel"]
     assert item.printers == ["a"]
     books, _ = run(books, load)
-    assert not [item for item in list_requests(books) if item.code == "reel"]
+    assert not [item for item in list_requests(books, {}) if item.code == "reel"]
     assert printer("a", reel_doubted=True).obstacle().code is HoldCode.REEL_DOUBTED

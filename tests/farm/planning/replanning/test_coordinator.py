@@ -75,7 +75,7 @@ def test_what_failed_is_cut_for_the_free_printers_and_no_printer_gets_it_meanwhi
     fails(farm, "a", "1/01")
     ((plate, printers, cut),) = farm.effects.replans
     assert (plate, printers, cut) == ("1/01", ["b", "c", "d"], True)
-    hold = farm.controller.books.plates["1/01"].hold
+    hold = farm.controller.plate_holds().get("1/01")
     assert hold.code is HoldCode.CUT_AGAIN
     assert "b, c and d" in hold.text
     assert printing(farm) == {}
@@ -159,7 +159,7 @@ def test_what_waits_for_a_full_bed_overnight_is_sliced_for_another_kind_of_print
     farm = begun(tmp_path, [PLUS, PLAIN], plates=1)
     fails(farm, "a", "1/01")  # its bed is looked at in the morning
     assert farm.effects.replans == [("1/01", ["b"], False)]
-    assert farm.controller.books.plates["1/01"].hold is not None
+    assert farm.controller.plate_holds().get("1/01") is not None
     farm.controller.on_replan("1/01", sliced(farm, "1/01", "b", 11.0))
     assert printing(farm) == {"b": "1/01-2"}
     assert farm.controller.books.jobs[1].parts == ("1/p01",)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from example_night import view_context_of
-from farm.model import Bed, Hold, HoldCode, JobState, PrintState, Verdict
+from farm.model import Bed, JobState, PrintState, Verdict
 from farm.planning.booking import list_job_files
 from farm.state import events as ev
 from farm.state.lifecycles import InvalidTransition
@@ -144,14 +144,6 @@ def _share(books, part, whole):
         return 1.0
     parent = books.parts[part].cut_from
     return 0.0 if parent is None else _share(books, parent, whole) / 2
-
-
-def test_a_hold_goes_with_the_plate_that_was_replaced():
-    books = failed_once()
-    hold = Hold(code=HoldCode.CUT_AGAIN, text="so")
-    books, _ = run(books, ev.PlatesHeld(at_s=5.0, holds={"1/02": hold}))
-    books, _ = run(books, replaced(books, "1/02"))
-    assert books.plates["1/02"].hold is None
 
 
 def test_a_piece_shows_what_its_whole_came_to_once_and_waits_itself():
