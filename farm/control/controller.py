@@ -28,7 +28,6 @@ from farm.model import (
     Job,
     JobState,
     PlanProgress,
-    Print,
     PrintState,
 )
 from farm.paths import StateFolder
@@ -43,8 +42,7 @@ from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import (
     BuildVolumes,
     PrintLimits,
-    describe_plates,
-    describe_printers,
+    SituationBuilder,
     find_print_limits,
 )
 from farm.scheduling.start_rules import StartRules
@@ -93,7 +91,7 @@ class Controller:
         self.fleet = fleet_with_reels(fleet, self.books.printers)
         self._written = fleet
         self._store = store
-        self._rooms = rooms
+        self._situations = SituationBuilder(rooms)
         self._effects: Effects | None = None
         self._admission = JobAdmission()
         self._replanning = ReplanCoordinator()
@@ -141,9 +139,13 @@ class Controller:
         StoreError
             Where the books cannot be written. What was committed before that is performed.
         """
+        self._settle(events)
+
+    def _settle(self, events: Iterable[ev.AnyEvent], printer: str | None = None) -> None:
+        """Handle events, and remind the agent of one printer, or all, of what it does not know."""
         effects: list[Effect] = []
         try:
-            for effect in chain(self._commit(events), self._schedule()):
+            for effect in chain(self._commit(events), self._remind(printer), self._schedule()):
                 effects.append(effect)  # noqa: PERF402  (an error keeps those before it)
         finally:
             self._perform(effects)
@@ -182,8 +184,6 @@ class Controller:
 
     def _schedule(self) -> Iterator[Effect]:
         """Give plates to printers, and begin the jobs in front, as far as both can be done now."""
-        for attempt in list(self.books.open_prints()):
-            yield from self._owed(attempt)
         if self.stopping:
             return
         now_s = self.clock.now()
@@ -197,13 +197,14 @@ class Controller:
         )
         if assignments:
             situation = situation.without({a.plate for a in assignments})
-            situation = situation.with_printers(tuple(self.fleet_printers()))
+            situation = situation.with_printers(self.fleet_printers())
         yield from self._replanning.reslice_waiting(self.books, situation)
         yield from self._admit_jobs(situation)
 
     def _held_back(self) -> dict[str, Hold]:
         """Return the plates that are offered to no printer."""
-        return find_plate_holds(self.books, self.fleet.printers, self.clock.now())
+        may_hold = self._situations.may_hold_back
+        return find_plate_holds(self.books, self.fleet.printers, self.clock.now(), may_hold)
 
     def plate_holds(self) -> dict[str, Hold]:
         """Find why each waiting plate waits, as it is now."""
@@ -226,15 +227,14 @@ class Controller:
 
     def _situation(self, held_back: Mapping[str, Hold]) -> Situation:
         """Describe this moment to the scheduler, with all waiting plates but those held back."""
-        waiting = (plate for plate in self.books.waiting_plates() if plate.id not in held_back)
         return Situation(
-            waiting=tuple(describe_plates(waiting, self.books)),
-            printers=tuple(self.fleet_printers()),
+            waiting=self._situations.waiting(self.books),
+            printers=self.fleet_printers(),
             rules=self.rules,
             now_s=self.clock.now(),
             time_scale=self.clock.scale,
             spares=self._spares(),
-        )
+        ).without(held_back)
 
     def _spares(self) -> int:
         """Return how many printers are kept for what fails while nobody is there, by the printing jobs."""
@@ -243,14 +243,13 @@ class Controller:
         jobs = self.books.jobs.values()
         return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
 
-    def _owed(self, attempt: Print) -> Iterator[ev.AnyInstruction]:
-        """Return what an open print's agent has to be told (again): it was away, or hours changed."""
-        snapshot = self.telemetry.snapshots.get(attempt.printer)
-        if snapshot is None:
-            return iter(())
-        printer = self.fleet_printer(attempt.printer)
-        moment = self._moment([printer] if printer is not None else [])
-        return owed_instructions(attempt, snapshot, self.books, moment)
+    def _remind(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
+        """Yield what agents of open prints have to be told (again): they were away, or hours changed."""
+        attempts = self.books.open_prints() if printer is None else [self.books.open_print_on(printer)]
+        for attempt in [each for each in attempts if each is not None]:
+            snapshot = self.telemetry.snapshots.get(attempt.printer)
+            if snapshot is not None:
+                yield from owed_instructions(attempt, snapshot, self.books, self._moment(attempt.printer))
 
     # -- agents -----------------------------------------------------------------------------------------
 
@@ -266,9 +265,9 @@ class Controller:
         changed = self.telemetry.store(snapshot)
         try:
             if reading.events or changed:
-                self.handle(*reading.events)
-            elif (attempt := self.books.open_print_on(name)) is not None:
-                self._perform(self._owed(attempt))
+                self._settle(reading.events, name)
+            else:
+                self._perform(self._remind(name))
             self._perform(reading.instructions)
         except StoreError as error:
             self.telemetry.reject(snapshot, before, str(error))
@@ -322,7 +321,7 @@ class Controller:
 
     def on_replan(self, plate: str, result: ReplannedPlate | FarmError) -> None:
         """Book what a replan came to."""
-        offered = self._situation(find_plate_holds(self.books, self.fleet.printers, self.clock.now()))
+        offered = self._situation(self._held_back())
         event = self._replanning.finish(plate, result, self.books, offered)
         self.handle(*([event] if event is not None else []))
 
@@ -345,23 +344,25 @@ class Controller:
 
     # -- queries ----------------------------------------------------------------------------------------
 
-    def fleet_printers(self) -> list[FleetPrinter]:
+    def fleet_printers(self) -> tuple[FleetPrinter, ...]:
         """Return the enabled printers as the scheduler sees them."""
-        return describe_printers(self.fleet.printers, self.books, self.telemetry.snapshots, self._rooms)
+        return self._situations.printers(self.fleet.printers, self.books, self.telemetry.snapshots)
 
     def fleet_printer(self, name: str) -> FleetPrinter | None:
         """Return a printer as the scheduler sees it; None where it is not used."""
-        sections = [section for section in self.fleet.printers if section.name == name]
-        printers = describe_printers(sections, self.books, self.telemetry.snapshots, self._rooms)
+        sections = (section for section in self.fleet.printers if section.name == name)
+        printers = self._situations.printers(sections, self.books, self.telemetry.snapshots)
         return printers[0] if printers else None
 
     def print_limits(self, print_id: str) -> PrintLimits:
         """Return when hours let a print begin and go on."""
-        return find_print_limits(self.books.prints[print_id], self.books, self._moment(self.fleet_printers()))
+        attempt = self.books.prints[print_id]
+        return find_print_limits(attempt, self.books, self._moment(attempt.printer))
 
-    def _moment(self, printers: Iterable[FleetPrinter]) -> Situation:
-        """Describe this moment for some printers, with no plate that waits."""
-        return Situation((), tuple(printers), self.rules, self.clock.now())
+    def _moment(self, name: str) -> Situation:
+        """Describe this moment for one printer, where it is used, with no plate that waits."""
+        printer = self.fleet_printer(name)
+        return Situation((), () if printer is None else (printer,), self.rules, self.clock.now())
 
     def next_edge_s(self) -> float | None:
         """Return when hours or start times next change what may start; None where they never do."""

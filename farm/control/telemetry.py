@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from farm.model import AgentSnapshot, Link, Print
 from farm.scheduling.situation import Situation
-from farm.scheduling.situation_builder import may_start_now
+from farm.scheduling.situation_builder import availability, may_start_now
 from farm.state import events as ev
 from farm.state.books import Books
 from farm.state.lifecycles import InvalidTransition
@@ -70,12 +70,6 @@ class Reading:
     events: tuple[ev.AnyEvent, ...]
     instructions: tuple[ev.AnyInstruction, ...]
     misfit: InvalidTransition | None = None
-
-
-def availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
-    """Return what the scheduler reads of a snapshot; the rest is for people, or reaches the books."""
-    reason = snapshot.reason if snapshot.link is Link.FAULT else None
-    return snapshot.link, reason, snapshot.reset_verified
 
 
 def read_snapshot(

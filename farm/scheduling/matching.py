@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from farm.model import Bed, FilamentState, Hold, HoldCode, Link
 
@@ -46,7 +47,7 @@ class Capabilities:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FleetPrinter:
     """A printer with all that decides whether it can take a plate."""
 
@@ -68,6 +69,10 @@ class FleetPrinter:
 
     def obstacle(self) -> Hold | None:
         """Return why nothing can start on it now; None where it is idle and clear."""
+        return self._obstacle
+
+    @cached_property
+    def _obstacle(self) -> Hold | None:
         if self.booked or self.link is Link.BUSY:
             return Hold(code=HoldCode.PRINTER_BUSY, text=f"{self.name} is printing")
         if self.maintenance is not None:

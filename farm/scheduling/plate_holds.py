@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from farm.config import PrinterSection
 from farm.model import Hold, HoldCode, Job, JobState, Plate
@@ -11,7 +11,26 @@ from farm.state.faults import LOSSES
 from farm.state.plate_state import PlateState, stopped_print
 
 
-def find_plate_holds(books: Books, printers: Iterable[PrinterSection], now_s: float) -> dict[str, Hold]:
+def may_hold_back(books: Books, job: Job) -> bool:
+    """Tell whether a printing job itself has something for which a plate is offered to no printer."""
+    if job.paused:
+        return True
+    for plate in books.plates_of(job):
+        state = books.plate_state(plate)
+        if state is PlateState.OUT_OF_ATTEMPTS:
+            return True
+        last = books.prints[plate.prints[-1]] if plate.prints else None
+        if state is PlateState.WAITING and (plate.paused or (last is not None and last.fault in LOSSES)):
+            return True
+    return False
+
+
+def find_plate_holds(
+    books: Books,
+    printers: Iterable[PrinterSection],
+    now_s: float,
+    may_hold: Callable[[Books, Job], bool] = may_hold_back,
+) -> dict[str, Hold]:
     """Find the plates that are offered to no printer.
 
     Parameters
@@ -22,6 +41,8 @@ def find_plate_holds(books: Books, printers: Iterable[PrinterSection], now_s: fl
         The printers of `fleet.yaml`.
     now_s
         Farm time, seconds since the epoch.
+    may_hold
+        `may_hold_back`, or what remembers its answers.
 
     Returns
     -------
@@ -32,8 +53,13 @@ def find_plate_holds(books: Books, printers: Iterable[PrinterSection], now_s: fl
     unreported = " ".join(
         section.name for section in printers if section.enabled and _has_not_reported(books, section.name)
     )
+    everything = books.outage is not None
     for job in books.jobs.values():
-        for plate in books.plates_of(job) if job.state is JobState.PRINTING else ():
+        if job.state is not JobState.PRINTING:
+            continue
+        if not (everything or (unreported and job.restored) or may_hold(books, job)):
+            continue
+        for plate in books.plates_of(job):
             hold = _find_hold(books, job, plate, unreported if job.restored else "", now_s)
             if hold is not None:
                 held[plate.id] = hold

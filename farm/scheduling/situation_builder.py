@@ -1,34 +1,26 @@
-"""Description of fleet, books and the agents' latest snapshots for the scheduler. Pure."""
+"""Description of fleet, books and the agents' latest snapshots for the scheduler.
+
+Pure, but for the memory of `SituationBuilder`: what has not changed is not described again.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.model import AgentSnapshot, Job, Link, Plate, Print, PrintState
+from farm.model import AgentSnapshot, Job, JobState, Link, Plate, Print, PrintState
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
+from farm.scheduling.plate_holds import may_hold_back
 from farm.scheduling.situation import Situation
 from farm.state.books import Books
+from farm.state.plate_state import PlateState
 
 BuildVolumes = Callable[[PrinterSection], tuple[Box, ...]]
-
-
-def describe_printers(
-    printers: Iterable[PrinterSection],
-    books: Books,
-    snapshots: Mapping[str, AgentSnapshot],
-    rooms: BuildVolumes,
-) -> list[FleetPrinter]:
-    """Describe the printers that may be used."""
-    attempts = {attempt.printer: attempt for attempt in books.open_prints()}
-    return [
-        _describe_printer(section, books, snapshots.get(section.name), attempts.get(section.name), rooms)
-        for section in printers
-        if section.enabled
-    ]
 
 
 def _describe_printer(
@@ -70,11 +62,88 @@ def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     return math.ceil((begun_s + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
 
 
+class SituationBuilder:
+    """Describes one moment after the other to the scheduler.
+
+    Parameters
+    ----------
+    rooms
+        Gives the boxes that a printer of a section can print in.
+    """
+
+    def __init__(self, rooms: BuildVolumes) -> None:
+        self._rooms = rooms
+        self._printers: dict[str, tuple[tuple[object, ...], FleetPrinter]] = {}
+        self._jobs: dict[int, tuple[object, _JobPlates]] = {}
+
+    def printers(
+        self, sections: Iterable[PrinterSection], books: Books, snapshots: Mapping[str, AgentSnapshot]
+    ) -> tuple[FleetPrinter, ...]:
+        """Describe the printers that may be used."""
+        return tuple(
+            self._printer(section, books, snapshots.get(section.name))
+            for section in sections
+            if section.enabled
+        )
+
+    def _printer(self, section: PrinterSection, books: Books, said: AgentSnapshot | None) -> FleetPrinter:
+        entry, attempt = books.printer(section.name), books.open_print_on(section.name)
+        heard = None if said is None else availability(said)
+        before, described = self._printers.get(section.name, ((), None))
+        if (
+            described is not None
+            and before[0] is section
+            and before[1] is entry
+            and before[2] is attempt
+            and before[3] == heard
+        ):
+            return described
+        described = _describe_printer(section, books, said, attempt, self._rooms)
+        self._printers[section.name] = (section, entry, attempt, heard), described
+        return described
+
+    def waiting(self, books: Books) -> tuple[WaitingPlate, ...]:
+        """Describe the plates of printing jobs that wait, in the order in which they choose."""
+        printing = [job for job in books.jobs.values() if job.state is JobState.PRINTING]
+        printing.sort(key=lambda job: (-job.options.priority, job.id))
+        known = {job.id: self._plates(books, job) for job in printing}
+        self._jobs = {number: self._jobs[number] for number in known}
+        return tuple(chain.from_iterable(plates.waiting for plates in known.values()))
+
+    def may_hold_back(self, books: Books, job: Job) -> bool:
+        """Tell whether a printing job itself has something for which a plate is offered to no printer."""
+        return self._plates(books, job).may_hold_back
+
+    def _plates(self, books: Books, job: Job) -> _JobPlates:
+        revision = books.revision(job.id)
+        before, described = self._jobs.get(job.id, (None, None))
+        if described is None or before is not revision:
+            states = ((plate, books.plate_state(plate)) for plate in books.plates_of(job))
+            waiting = describe_plates((p for p, state in states if state is PlateState.WAITING), books)
+            described = _JobPlates(
+                tuple(sorted(waiting, key=lambda plate: plate.priority_key)), may_hold_back(books, job)
+            )
+            self._jobs[job.id] = revision, described
+        return described
+
+
+@dataclass(frozen=True, slots=True)
+class _JobPlates:
+    """The plates of a job that wait, and whether something of the job may hold them back."""
+
+    waiting: tuple[WaitingPlate, ...]
+    may_hold_back: bool
+
+
+def availability(snapshot: AgentSnapshot) -> tuple[object, ...]:
+    """Return what the scheduler reads of a snapshot; the rest is for people, or reaches the books."""
+    reason = snapshot.reason if snapshot.link is Link.FAULT else None
+    return snapshot.link, reason, snapshot.reset_verified
+
+
 def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPlate]:
     """Describe plates of planned jobs."""
-    printing: dict[int, int] = {}
-    for attempt in books.open_prints():
-        printing[attempt.job] = printing.get(attempt.job, 0) + 1
+    printing = Counter(attempt.job for attempt in books.open_prints())
     for plate in plates:
         job = books.job(plate.job)
         wanted = job.options.printers
@@ -96,7 +165,7 @@ def describe_plates(plates: Iterable[Plate], books: Books) -> Iterator[WaitingPl
             time_factor=plate.time_factor,
             first_layer_s=plate.first_layer_s,
             failed_on=frozenset(p.printer for p in books.prints_of(plate) if p.state is PrintState.FAILED),
-            places=None if wanted is None else max(0, wanted - printing.get(job.id, 0)),
+            places=None if wanted is None else max(0, wanted - printing[job.id]),
             not_before_s=job.not_before_s,
         )
 

@@ -37,7 +37,9 @@ class Books:
     outages: Mapping[int, Outage] = field(default_factory=dict)
     outage_window_s: float = WINDOW_S  # as the farm's clock has it (`outage.window_s`)
     _open: Mapping[str, Print] = field(default_factory=dict, compare=False)  # of `prints`: kept by `put`
+    _open_on: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer
     _last: Mapping[str, Print] = field(default_factory=dict, compare=False)  # by printer: what ended last
+    _revisions: Mapping[int, object] = field(default_factory=dict, compare=False)  # by job
 
     @classmethod
     def of(cls, entities: Iterable[Entity]) -> Books:
@@ -54,6 +56,10 @@ class Books:
             return self.jobs[number]
         except KeyError:
             raise NoSuchThing(f"there is no job {number}; `farm status` lists them") from None
+
+    def revision(self, job: int) -> object:
+        """Return a mark that is another one whenever the job, or a plate or print of it, has changed."""
+        return self._revisions.get(job)
 
     def printer(self, name: str) -> Printer:
         try:
@@ -82,7 +88,7 @@ class Books:
         return (p for p in self._open.values() if job in (None, p.job))
 
     def open_print_on(self, printer: str) -> Print | None:
-        return next((p for p in self._open.values() if p.printer == printer), None)
+        return self._open_on.get(printer)
 
     def print_to_judge(self, printer: str) -> Print | None:
         """Return the print that was done last on a printer, where nobody has judged it yet."""
@@ -125,6 +131,7 @@ def edited(entity: E, **changes: object) -> E:
 def put(books: Books, *entities: Entity) -> Books:
     """Return the books with these entities in place of those of the same id."""
     changed: dict[str, dict[object, Entity]] = {}
+    revisions: dict[int, object] = {}
 
     def page(kind: str) -> dict[object, Entity]:
         return changed.setdefault(kind, dict(getattr(books, kind)))
@@ -134,13 +141,23 @@ def put(books: Books, *entities: Entity) -> Books:
         if changed.get(kind, getattr(books, kind)).get(key) is entity:
             continue
         page(kind)[key] = entity
+        if isinstance(entity, Job | Part | Plate | Print):
+            revisions[entity.id if isinstance(entity, Job) else entity.job] = object()
         if isinstance(entity, Print) and not entity.state.ended:
             page("_open")[entity.id] = entity
+            page("_open_on")[entity.printer] = entity
         elif isinstance(entity, Print):
             page("_open").pop(entity.id, None)
+            on = page("_open_on").get(entity.printer)
+            if isinstance(on, Print) and on.id == entity.id:
+                page("_open_on").pop(entity.printer)
             if _ended_last(entity, page("_last").get(entity.printer)):
                 page("_last")[entity.printer] = entity
-    return replace(books, **changed) if changed else books  # type: ignore[arg-type]
+    if not changed:
+        return books
+    if revisions:
+        revisions = {**books._revisions, **revisions}
+    return replace(books, **changed, _revisions=revisions or books._revisions)  # type: ignore[arg-type]
 
 
 def _ended_last(attempt: Print, before: Entity | None) -> bool:

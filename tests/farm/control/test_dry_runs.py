@@ -34,4 +34,4 @@ def test_nobody_is_asked_to_approve_a_dry_run():
     options = JobOptions(dry_run=True, hold=True)
     held = make_job().model_copy(update={"options": options, "state": JobState.HELD})
     assert list_requests(Books.of([held]), {}) == []
-    assert len(list_requests(Books.of([held.model_copy(update={"options": JobOptions(hold=True)})]))) == 1
+    assert len(list_requests(Books.of([held.model_copy(update={"options": JobOptions(hold=True)})]), {})) == 1

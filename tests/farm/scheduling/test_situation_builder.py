@@ -1,0 +1,55 @@
+"""Situations described again and again: the same as if each were the first."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drivers.errors import Fault
+from farm.model import AgentSnapshot, Bed, FilamentState, Link, PrintState
+from farm.planning.parts.part_rooms import bed_boxes
+from farm.scheduling.plate_holds import find_plate_holds
+from farm.scheduling.situation_builder import SituationBuilder
+from farm.state import events as ev
+from make_books import PRINTERS, ended, printing, run
+from recording_controller import fleet
+
+SECTIONS = fleet(["ultimaker2_plus"] * 3).printers
+READY = {n: AgentSnapshot(printer=n, link=Link.READY, filament=FilamentState.PARKED) for n in PRINTERS}
+STEPS = st.sampled_from(["start", "fail", "done", "clear", "pause", "go on", "lose"])
+
+
+def events_of(step, books, number):
+    opened = list(books.open_prints())
+    waiting = [plate for plate in books.waiting_plates() if not plate.paused]
+    free = [n for n in PRINTERS if books.open_print_on(n) is None]
+    print_id = f"print-{number}"
+    clear = [n for n in free if books.printer(n).bed is Bed.CLEAR]
+    if step == "start" and waiting and clear:
+        return [ev.PlateAssigned(at_s=5.0, plate=waiting[0].id, printer=clear[0], print_id=print_id)]
+    if step in ("fail", "lose") and opened:
+        fault = Fault.KILL if step == "fail" else Fault.PORT_LOST
+        return [ended(opened[0].id, PrintState.FAILED, fault=fault, reason="so")]
+    if step == "done" and opened:
+        return [ended(opened[0].id)]
+    if step == "clear" and free:
+        return [ev.BedCleared(at_s=300.0, printer=free[0], by="ann", filament=FilamentState.PARKED)]
+    if step in ("pause", "go on"):
+        return [ev.JobPaused(at_s=6.0, job=1, wanted=step == "pause", by="ann")]
+    return []
+
+
+@settings(max_examples=50)
+@given(st.lists(STEPS, max_size=12), st.booleans())
+def test_what_is_remembered_is_what_would_be_described_anew(steps, away):
+    books, builder = printing(plates=5), SituationBuilder(bed_boxes)
+    for number, step in enumerate(steps):
+        happened = [] if books.jobs[1].state.ended else events_of(step, books, number)
+        books, _ = run(books, *happened)
+        snapshots = {**READY, "b": READY["b"].model_copy(update={"link": Link.ABSENT})} if away else READY
+        fresh = SituationBuilder(bed_boxes)
+        assert builder.waiting(books) == fresh.waiting(books)
+        assert builder.printers(SECTIONS, books, snapshots) == fresh.printers(SECTIONS, books, snapshots)
+        held = find_plate_holds(books, SECTIONS, 210.0)
+        assert find_plate_holds(books, SECTIONS, 210.0, builder.may_hold_back) == held
+        everything = find_plate_holds(books, SECTIONS, 210.0, lambda *_: True)
+        assert everything == held
+        away = not away
