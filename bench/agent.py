@@ -30,7 +30,7 @@ from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.port import Port
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
-from drivers.remote.client import AgentClient, spawn
+from drivers.remote import AgentClient, spawn_agent
 
 MODEL = "ultimaker2_plus"
 HEAD = "G21\nG90\nM82\nM107\nG28\nM109 S180\nG1 F2400 Z20\nG92 E0\n"
@@ -158,7 +158,7 @@ def _waits(process: subprocess.Popen[bytes]) -> bool:
 
 async def one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | None) -> dict[str, float]:
     """Print on one printer, to the end or for `most` lines; measure CPU share and memory of its agent."""
-    process = spawn(folder.name, MODEL, str(port), folder, Clock())
+    process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
     cleared = asked = False
     began: tuple[float, float] | None = None

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from drivers import messages as m
 from drivers.emulator.launch import alive, control, read_status
-from drivers.remote import client as agents
+from drivers.remote import AgentClient, agent_pid, kill_agent
 
 MODEL = "ultimaker2_plus"
 FARM = Path(sys.executable).with_name("farm")
@@ -30,7 +30,7 @@ PATIENCE_S = 120.0
 
 async def heat(folder: Path, gcode: Path) -> None:
     """Start a print of an agent, and wait until it prints."""
-    client = agents.AgentClient(folder)
+    client = AgentClient(folder)
     await client.connect(60.0)
     asked = False
     async with asyncio.timeout(PATIENCE_S):
@@ -78,7 +78,7 @@ def measure(printers: int) -> dict[str, float]:
         daemon = int((state / "lock").read_text())
         try:
             asyncio.run(prepare(folders, gcode))
-            for pid in (daemon, *(agents.pid(folder) for folder in folders)):
+            for pid in (daemon, *(agent_pid(folder) for folder in folders)):
                 assert pid is not None
                 os.kill(pid, signal.SIGSTOP)
             assert all(map(hot, folders))
@@ -92,7 +92,7 @@ def measure(printers: int) -> dict[str, float]:
         finally:
             os.kill(daemon, signal.SIGKILL)
             for folder in folders:
-                agents.kill(folder)
+                kill_agent(folder)
                 if alive(folder / "emulator"):
                     control(folder / "emulator", "power_off")
     return {

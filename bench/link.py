@@ -34,7 +34,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import control
 from drivers.errors import DriverError
-from drivers.remote.client import AgentClient, spawn
+from drivers.remote import AgentClient, spawn_agent
 
 PARTS = ("throughput", "printcore", "agent", "peers", "memory", "estop")
 INTEROP = Path(__file__).parents[1] / ".venv" / "interop" / "bin" / "python"
@@ -57,7 +57,7 @@ async def one(
     folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep: bool = False
 ) -> tuple[float, float, float]:
     """Print on one printer; measure the wall times of first and last line, and the agent's CPU between."""
-    process = spawn(folder.name, MODEL, url, folder, clock)
+    process = spawn_agent(folder.name, MODEL, url, folder, clock)
     client = AgentClient(folder)
     try:
         await client.connect()

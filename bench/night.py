@@ -28,7 +28,7 @@ from drivers.emulator.launch import Command, alive, control
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL
-from drivers.remote.client import kill as kill_agent
+from drivers.remote import kill_agent
 from farm import api
 from farm.cli.client import Client
 from farm.errors import DaemonUnreachable, FarmError

@@ -21,7 +21,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from drivers.printers import BEDS, PROFILES
-from drivers.remote.client import AgentClient, spawn
+from drivers.remote import AgentClient, spawn_agent
 from farm.planning.plate_times import plate_seconds
 from farm.planning.slicing_printers import slicing_printer
 from slicing.plate import PlateRequest, PlateResult, slice_plate
@@ -43,7 +43,7 @@ def sliced(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResul
 
 async def printed(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnapshot:
     """Print on a new emulator, cold and with parked filament; return the end of the print."""
-    process = spawn("bench", MODEL, f"sim://{MODEL}", folder, clock)
+    process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
     await client.connect()
     asked = False

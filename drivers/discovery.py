@@ -20,7 +20,7 @@ from drivers.locks import AGENT_LOCK, hold
 from drivers.ports import Device, Port, identify_device, list_devices, open_port
 from drivers.printers import PROFILES
 from drivers.records import JOURNAL, Journal
-from drivers.remote.client import AgentClient
+from drivers.remote import AgentClient
 
 BY_PATH = Path("/dev/serial/by-path")
 _ANSWER_S = 40.0

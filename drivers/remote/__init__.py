@@ -1,0 +1,35 @@
+"""Agents as their users see them: a client of their socket, their processes, and the way to other hosts.
+
+`bridge` is not imported here: it is the program that ssh runs on another host.
+"""
+
+from drivers.remote.client import AgentClient
+from drivers.remote.heartbeat import Heartbeat, sample_process
+from drivers.remote.process import (
+    AGENT_LOG,
+    RETRY_S,
+    agent_pid,
+    agents_are_units,
+    is_alive,
+    kill_agent,
+    spawn_agent,
+)
+from drivers.remote.ssh import NO_AGENT, BridgeRequest, BridgeTask, ssh_command, stop_over_ssh
+
+__all__ = [
+    "AGENT_LOG",
+    "NO_AGENT",
+    "RETRY_S",
+    "AgentClient",
+    "BridgeRequest",
+    "BridgeTask",
+    "Heartbeat",
+    "agent_pid",
+    "agents_are_units",
+    "is_alive",
+    "kill_agent",
+    "sample_process",
+    "spawn_agent",
+    "ssh_command",
+    "stop_over_ssh",
+]

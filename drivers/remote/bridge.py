@@ -1,9 +1,9 @@
-"""An agent on another host: ``ssh HOST python -m drivers.remote.bridge``, kept up by the daemon.
+"""``python -m drivers.remote.bridge``: run by ssh on an agent's host, kept up by the daemon.
 
-The first line on stdin says what to do, as JSON (`Errand`). To serve is to start the agent where none lives
-and then to carry bytes between stdin, stdout and the agent's socket, until one of them ends; to reach it is
-the same, but none is started. The agent is in a session of its own: a bridge that breaks, as networks do, is
-nothing to it, and the next one finds it.
+The first line on stdin is a `BridgeRequest`. To serve, the bridge starts the agent if none is alive, and then
+carries bytes between stdin, stdout and the agent's socket until one of them ends; to reach does the same, but
+starts none. The agent is in a session of its own: it goes on when a bridge breaks, as networks do, and the
+next bridge finds it.
 """
 
 from __future__ import annotations
@@ -12,119 +12,66 @@ import json
 import os
 import select
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from enum import StrEnum
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from drivers.agent.heartbeat import Heartbeat, look_at
 from drivers.errors import AgentError, DriverError
-from drivers.printers import firmware_of
-from drivers.records import StartFile
-from drivers.remote import client
-from drivers.safety import estop
-
-SSH = (
-    "ssh -T -o BatchMode=yes -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3 "
-    "-o ControlMaster=no -o ControlPath=none"
+from drivers.remote.heartbeat import Heartbeat, sample_process
+from drivers.remote.process import (
+    AGENT_LOG,
+    AGENT_SOCKET,
+    RETRY_S,
+    agent_pid,
+    is_alive,
+    kill_agent,
+    spawn_agent,
 )
-NOBODY = "no agent lives there"
+from drivers.remote.ssh import NO_AGENT, BridgeRequest, BridgeTask
+from drivers.safety import StopTarget, stop_printer
+
 _CONNECT_S = 30.0
-_STOP_S = 200.0
-_LOOK_S = 0.5
+_POLL_S = 0.5
 _BYTES = 65536
 
 
-class Do(StrEnum):
-    """Purpose of a bridge."""
-
-    SERVE = "serve"
-    REACH = "reach"  # the same where an agent lives
-    STOP = "stop"  # the emergency stop
-
-
-@dataclass(frozen=True, slots=True)
-class Errand:
-    """First line to a bridge. `farm` keeps the printers of two farms on one host apart."""
-
-    do: Do
-    farm: str
-    start: StartFile
-
-    def line(self) -> bytes:
-        return json.dumps(asdict(self)).encode() + b"\n"
-
-
-def parse(line: bytes) -> Errand:
-    """Read the first line; raises AgentError."""
-    try:
-        raw = json.loads(line)
-        return Errand(Do(raw["do"]), str(raw["farm"]), StartFile(**raw["start"]))
-    except (ValueError, KeyError, TypeError) as error:
-        raise AgentError(f"no errand of this version of farm ({error}): install the same on both") from error
-
-
-def words(host: str, command: str, env: Mapping[str, str] = os.environ) -> list[str]:
-    """The program that carries bytes to a bridge on `host`; FARM_SSH is another ssh with its options."""
-    return [*(env.get("FARM_SSH") or SSH).split(), "--", host, command]
-
-
-def folder_of(farm: str, printer: str, env: Mapping[str, str] = os.environ) -> Path:
-    """The agent's folder on this host.
+def find_folder(farm: str, printer: str, env: Mapping[str, str] = os.environ) -> Path:
+    """Return the agent's folder on this host.
 
     Raises
     ------
     AgentError
-        A name that would leave it.
+        A name would lead out of the state folder.
     """
     if any(name in ("", ".", "..") or "/" in name for name in (farm, printer)):
-        raise AgentError(f"{farm!r}, {printer!r}: no names of a farm and a printer")
+        raise AgentError(f"{farm!r}, {printer!r}: not a name of a farm and of a printer")
     state = Path(env.get("XDG_STATE_HOME") or Path(env.get("HOME", "/")) / ".local/state")
     return state / "farm-agents" / farm / printer
 
 
-def stop_there(
-    host: str, command: str, farm: str, start: StartFile, patience_s: float = _STOP_S
-) -> estop.StopResult:
-    """The emergency stop of a printer on another host. Never raises."""
-    errand, said = Errand(Do.STOP, farm, start), ""
-    try:
-        done = subprocess.run(
-            words(host, command), input=errand.line(), capture_output=True, timeout=patience_s, check=False
-        )
-        said = done.stderr.decode(errors="replace").strip()
-        return estop.StopResult(**json.loads(done.stdout))
-    except subprocess.TimeoutExpired:
-        why = "does not answer"
-    except (OSError, ValueError, TypeError) as error:
-        why = said.splitlines()[-1] if said else f"the way there said nothing ({error})"
-    return estop.StopResult(start.printer, None, False, f"cannot be stopped: {host}: {why}; switch it off")
-
-
-def serve(errand: Errand, folder: Path) -> None:
-    """Carry bytes until an end closes; an agent that is wedged is killed.
+def serve(request: BridgeRequest, folder: Path) -> None:
+    """Carry bytes until one end closes; kill the agent if it is wedged.
 
     Raises
     ------
     DriverError
-        No agent comes up.
+        There is no agent, it does not start, or it was wedged.
     """
-    start = errand.start
-    if not client.alive(folder):
-        if errand.do is Do.REACH:
-            raise AgentError(f"{start.printer}: {NOBODY}")
-        client.spawn(start.printer, start.model, start.port, folder, start.clock, start.power_off_cmd)
+    start = request.start
+    if not is_alive(folder):
+        if request.do is BridgeTask.REACH:
+            raise AgentError(f"{start.printer}: {NO_AGENT}")
+        spawn_agent(start.printer, start.model, start.port, folder, start.clock, start.power_off_cmd)
     with _connect(folder) as agent:
         heartbeat = Heartbeat()
         while True:
-            ready = select.select([0, agent.fileno()], [], [], _LOOK_S)[0]
+            ready = select.select([0, agent.fileno()], [], [], _POLL_S)[0]
             if agent.fileno() in ready:
                 data = agent.recv(_BYTES)
-                heartbeat.heard()
+                heartbeat.reset()
                 if not data:
                     return
                 _write(data)
@@ -133,9 +80,9 @@ def serve(errand: Errand, folder: Path) -> None:
                 if not data:
                     return
                 agent.sendall(data)
-            pid = client.pid(folder)
-            if pid is not None and heartbeat.wedged(time.monotonic(), partial(look_at, pid)):
-                client.kill(folder)
+            pid = agent_pid(folder)
+            if pid is not None and heartbeat.is_wedged(time.monotonic(), partial(sample_process, pid)):
+                kill_agent(folder)
                 raise AgentError(f"{start.printer}: its agent was wedged, and is replaced")
 
 
@@ -146,14 +93,14 @@ def _connect(folder: Path) -> socket.socket:
         try:
             descriptor = os.open(folder, os.O_PATH | os.O_DIRECTORY)
             try:
-                agent.connect(f"/proc/self/fd/{descriptor}/{client.SOCKET}")
+                agent.connect(f"/proc/self/fd/{descriptor}/{AGENT_SOCKET}")
             finally:
                 os.close(descriptor)
         except OSError as error:
             agent.close()
             if time.monotonic() > until_s:
-                raise AgentError(f"{folder}: no agent answers; see {folder / client.LOG}") from error
-            time.sleep(client.RETRY_S)
+                raise AgentError(f"{folder}: no agent answers; see {folder / AGENT_LOG}") from error
+            time.sleep(RETRY_S)
         else:
             return agent
 
@@ -164,7 +111,7 @@ def _write(data: bytes) -> None:
 
 
 def main() -> int:
-    """Read the errand, do it."""
+    """Read the request and carry it out."""
     line = b""
     while not line.endswith(b"\n"):
         byte = os.read(0, 1)
@@ -172,16 +119,13 @@ def main() -> int:
             return 2
         line += byte
     try:
-        errand = parse(line)
-        folder = folder_of(errand.farm, errand.start.printer)
-        if errand.do is Do.STOP:
-            start = errand.start
-            target = estop.StopTarget(
-                start.printer, start.port, folder, start.power_off_cmd, firmware_of(start.model)
-            )
-            _write(json.dumps(asdict(estop.stop_printer(target))).encode() + b"\n")
+        request = BridgeRequest.parse(line)
+        folder = find_folder(request.farm, request.start.printer)
+        if request.do is BridgeTask.STOP:
+            result = stop_printer(StopTarget.of_agent(request.start, folder))
+            _write(json.dumps(asdict(result)).encode() + b"\n")
         else:
-            serve(errand, folder)
+            serve(request, folder)
     except BrokenPipeError:
         return 0
     except (DriverError, OSError) as error:

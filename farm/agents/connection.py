@@ -13,13 +13,21 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from drivers import messages as m
-from drivers.agent.heartbeat import Heartbeat, look_at
 from drivers.clock import Clock
 from drivers.emulator.launch import Command, control
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, AgentTooOld, DriverError
-from drivers.remote import client as agents
-from drivers.remote.client import AgentClient, alive, spawn
+from drivers.remote import (
+    RETRY_S,
+    AgentClient,
+    Heartbeat,
+    agent_pid,
+    agents_are_units,
+    is_alive,
+    kill_agent,
+    sample_process,
+    spawn_agent,
+)
 from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_print, to_trusted_snapshot
 from farm.agents.remote import load_route
 from farm.config import PrinterSection
@@ -90,7 +98,7 @@ class AgentConnection:
         route = load_route(self._folder, section, farm, clock)
         self._remote = route is not None
         self._heartbeat = Heartbeat()
-        self._client = AgentClient(self._folder, route, self._heartbeat.heard)
+        self._client = AgentClient(self._folder, route, self._heartbeat.reset)
         self._process: subprocess.Popen[bytes] | None = None
         self._starts: deque[float] = deque(maxlen=_RESTARTS_PER_MINUTE)
         self._pending: set[tuple[str, str]] = set()  # requests on their route: not sent twice at a time
@@ -112,12 +120,12 @@ class AgentConnection:
     def keep_alive(self) -> None:
         """Start the agent where none is alive; end one that is wedged."""
         if self._process is not None and self._process.poll() is not None:
-            if self._process.returncode or not agents.as_units():  # else systemd has started it
+            if self._process.returncode or not agents_are_units():  # else systemd has started it
                 log.warning("%s: its agent ended with %s", self._name, self._process.returncode)
             self._process = None
         if self._stopping or self._remote:
             return  # the bridge on the other host starts and watches it
-        if self._process is not None or alive(self._folder):
+        if self._process is not None or is_alive(self._folder):
             self._kill_if_wedged()
             return
         if self._section is None:
@@ -128,10 +136,10 @@ class AgentConnection:
         if len(self._starts) == self._starts.maxlen and now - self._starts[0] < 60.0:
             return
         self._starts.append(now)
-        self._heartbeat.heard()
+        self._heartbeat.reset()
         try:
             section = self._section
-            self._process = spawn(
+            self._process = spawn_agent(
                 section.name,
                 section.model,
                 section.port,
@@ -145,13 +153,13 @@ class AgentConnection:
 
     def _kill_if_wedged(self) -> None:
         """Kill an agent that is wedged; the next check starts another, which resets the board."""
-        pid = agents.pid(self._folder)
-        if pid is not None and self._heartbeat.wedged(time.monotonic(), lambda: look_at(pid)):
+        pid = agent_pid(self._folder)
+        if pid is not None and self._heartbeat.is_wedged(time.monotonic(), lambda: sample_process(pid)):
             log.error("%s: its agent (pid %d) is wedged: replacing it", self._name, pid)
             self._spawn_task(self._kill())
 
     async def _kill(self) -> None:
-        if not await asyncio.to_thread(agents.kill, self._folder):
+        if not await asyncio.to_thread(kill_agent, self._folder):
             log.error("%s: its agent cannot be killed; switch the printer off", self._name)
 
     async def _listen(self) -> None:
@@ -159,7 +167,7 @@ class AgentConnection:
         while not self._stopping:
             try:
                 await asyncio.sleep(wait_s)
-                wait_s = min(2 * wait_s + (1.0 if self._remote else agents.RETRY_S), _LONGEST_WAIT_S)
+                wait_s = min(2 * wait_s + (1.0 if self._remote else RETRY_S), _LONGEST_WAIT_S)
                 await self._client.connect()
                 connected_s = time.monotonic()
                 snapshots = self._client.snapshots()
@@ -303,7 +311,7 @@ class AgentConnection:
             log.info("%s: %s", self._name, error)
         try:
             async with asyncio.timeout(_END_S):
-                while alive(self._folder):
+                while is_alive(self._folder):
                     await asyncio.sleep(0.05)
         except TimeoutError:
             log.warning("%s: its agent does not end", self._name)

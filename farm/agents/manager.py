@@ -10,8 +10,7 @@ from pathlib import Path
 from drivers import messages as m
 from drivers.clock import Clock
 from drivers.errors import DriverError
-from drivers.remote import bridge
-from drivers.remote.client import AgentClient, alive
+from drivers.remote import NO_AGENT, AgentClient, is_alive
 from farm.agents.connection import AgentConnection, AgentListener
 from farm.agents.protocol_adapter import request_for
 from farm.agents.remote import Route, delete_route, load_route, without_starting
@@ -57,7 +56,7 @@ class AgentManager:
             if folder.name in self._connections:
                 continue
             route = without_starting(load_route(folder, None, "", self._clock))
-            if route is not None or alive(folder):
+            if route is not None or is_alive(folder):
                 await self._end_orphan(folder, route)
 
     async def _end_orphan(self, folder: Path, route: Route | None) -> None:
@@ -68,7 +67,7 @@ class AgentManager:
             log.info("%s is not in the fleet: its agent %s", folder.name, reply.error or "ends")
             ended = reply.error is None
         except DriverError as error:
-            ended = bridge.NOBODY in str(error)
+            ended = NO_AGENT in str(error)
             if not ended:
                 log.warning("%s is not in the fleet, and its agent does not answer: %s", folder.name, error)
         finally:

@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.clock import Clock
 from drivers.errors import AgentError
 from drivers.records import StartFile
-from drivers.remote import bridge
+from drivers.remote import BridgeRequest, BridgeTask, ssh_command
 from farm.config import PrinterSection
 
 ROUTE_FILE = "way.json"  # in the folder of an agent on another host
@@ -25,8 +25,8 @@ def _route_to(section: PrinterSection, farm: str, clock: Clock) -> Route | None:
     start = StartFile(
         section.name, section.model, section.port, clock.scale, clock.anchor_s, section.power_off_cmd
     )
-    errand = bridge.Errand(bridge.Do.SERVE, farm, start)
-    return bridge.words(section.host, section.host_command), errand.line()
+    request = BridgeRequest(BridgeTask.SERVE, farm, start)
+    return ssh_command(section.host, section.host_command), request.line()
 
 
 def without_starting(route: Route | None) -> Route | None:
@@ -34,10 +34,10 @@ def without_starting(route: Route | None) -> Route | None:
     if route is None:
         return None
     try:
-        errand = bridge.parse(route[1])
+        request = BridgeRequest.parse(route[1])
     except AgentError:  # an older farm's
         return None
-    return route[0], replace(errand, do=bridge.Do.REACH).line()
+    return route[0], replace(request, do=BridgeTask.REACH).line()
 
 
 def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: Clock) -> Route | None:
@@ -45,8 +45,8 @@ def load_route(folder: Path, section: PrinterSection | None, farm: str, clock: C
     kept = folder / ROUTE_FILE
     if section is None:
         try:
-            words, errand = json.loads(kept.read_text())
-            return list(map(str, words)), str(errand).encode()
+            words, line = json.loads(kept.read_text())
+            return list(map(str, words)), str(line).encode()
         except (OSError, ValueError, TypeError):
             return None
     route = _route_to(section, farm, clock)

@@ -20,7 +20,7 @@ from pathlib import Path
 import farm
 from drivers.errors import DriverError
 from drivers.printers import PROFILES
-from drivers.remote.client import AgentClient, alive
+from drivers.remote import AgentClient, is_alive
 from farm.config import Fleet, PrinterSection
 from farm.doctor.facts import (
     AgentFacts,
@@ -130,7 +130,7 @@ def _ask_agent(printer: str, folder: Path) -> AgentFacts:
     try:
         if folder.exists() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
             return AgentFacts(printer, alive=False, folder_error=f"{folder} is closed to you")
-        if not alive(folder):
+        if not is_alive(folder):
             return AgentFacts(printer, alive=False)
     except OSError as error:
         return AgentFacts(printer, alive=False, folder_error=str(error))

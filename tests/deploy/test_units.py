@@ -7,7 +7,7 @@ import pytest
 
 from drivers.clock import Clock
 from drivers.records import StartFile
-from drivers.remote.client import spawn
+from drivers.remote import spawn_agent
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS = sorted((DEPLOY / "systemd").glob("*.service"))
@@ -58,7 +58,7 @@ def test_under_systemd_an_agent_is_started_as_its_unit(tmp_path: Path, monkeypat
     [unit] = re.findall(r"FARM_AGENT_UNIT=(\S+)", (DEPLOY / "systemd" / "farm-daemon.service").read_text())
     monkeypatch.setenv("FARM_AGENT_UNIT", unit.replace("%%", "%"))
     folder = tmp_path / "agents" / "um2-01"
-    done = spawn("um2-01", "ultimaker2_plus", "/dev/null", folder, Clock(2.0, 5.0), "relay")
+    done = spawn_agent("um2-01", "ultimaker2_plus", "/dev/null", folder, Clock(2.0, 5.0), "relay")
     assert done.wait(10.0) == 0
     assert (tmp_path / "asked").read_text() == "start farm-agent@um2-01.service\n"
     assert StartFile.read(folder) == StartFile("um2-01", "ultimaker2_plus", "/dev/null", 2.0, 5.0, "relay")

@@ -17,7 +17,7 @@ from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
 from drivers.ports import Device
 from drivers.records import Journal
-from drivers.remote.client import pid, spawn
+from drivers.remote import agent_pid, spawn_agent
 
 MODEL = "ultimaker2_extended_plus"
 FARM = Path(sys.executable).with_name("farm")
@@ -108,12 +108,12 @@ def test_the_farm_commissions_a_printer_with_and_without_its_agent(tmp_path: Pat
     wrong = farm(tmp_path, printer, "--commission", str(tmp_path / "by-path"), "--yes")  # by another name
     assert wrong.returncode == 2 and "fleet.yaml says ultimaker2_plus" in wrong.stderr
     folder = tmp_path / "state" / "agents" / "b"
-    process = spawn("b", MODEL, str(printer), folder, Clock(120.0, time.time()))
+    process = spawn_agent("b", MODEL, str(printer), folder, Clock(120.0, time.time()))
     try:
         fleet = tmp_path / "fleet.yaml"
         fleet.write_text(f"printers:\n  - {{name: b, model: {MODEL}, port: {printer}}}\n")
         until_s = time.monotonic() + 30.0
-        while pid(folder) is None and time.monotonic() < until_s:
+        while agent_pid(folder) is None and time.monotonic() < until_s:
             select.select([], [], [], 0.02)
         command = [FARM, "discover", "--commission", "b", "--yes"]
         command += ["--state", tmp_path / "state", "--fleet", fleet]

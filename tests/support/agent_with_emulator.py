@@ -16,7 +16,7 @@ from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
-from drivers.remote.client import AgentClient, spawn
+from drivers.remote import AgentClient, spawn_agent
 
 MODEL = "ultimaker2_plus"
 SCALE = 120.0
@@ -63,8 +63,8 @@ class Printer:
         self.last: m.Snapshot | None = None
         self._following: asyncio.Task[None] | None = None
 
-    def spawn(self) -> None:
-        self.process = spawn("um2-01", MODEL, self.url, self.folder, self.clock, self.power_off_cmd)
+    def spawn_agent(self) -> None:
+        self.process = spawn_agent("um2-01", MODEL, self.url, self.folder, self.clock, self.power_off_cmd)
 
     async def connect(self) -> None:
         self.last = None

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from drivers.emulator.launch import Command, alive, control
 from drivers.emulator.status import read_status
-from drivers.remote.client import kill
+from drivers.remote import kill_agent
 
 FARM = Path(sys.executable).with_name("farm")
 PATIENCE_S = 240.0
@@ -97,7 +97,7 @@ class RealFarm:
         """Leave nothing running, whatever the test did."""
         if self.state.exists() and self.run("down", "--now").returncode != 0:
             for agent in self.state.glob("agents/*/"):
-                kill(agent)
+                kill_agent(agent)
         for name in self.printers:
             if alive(self.emulator(name)):
                 control(self.emulator(name), Command.POWER_OFF)

@@ -168,6 +168,6 @@ def _stop_here(target: StopTarget) -> Stop:
 
 
 def _stop_there(host: str, command: str, farm: str, start: StartFile) -> Stop:
-    from drivers.remote.bridge import stop_there  # slow to load, and most printers are on this host
+    from drivers.remote import stop_over_ssh  # slow to load, and most printers are on this host
 
-    return lambda _: stop_there(host, command, farm, start)
+    return lambda _: stop_over_ssh(host, command, farm, start)

@@ -20,7 +20,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.printers import PROFILES
 from drivers.printers.ultimaker2_plus import ULTIMAKER2_PLUS
 from drivers.records import JOURNAL
-from drivers.remote.client import alive
+from drivers.remote import is_alive
 from drivers.session import Session, SessionContext
 
 
@@ -33,7 +33,7 @@ def test_a_port_that_is_not_there_is_said_to_be_absent_and_the_agent_lives(tmp_p
             await one.connect()
             said = await one.until(lambda s: s.link is m.LinkState.ABSENT)
             assert "plugged in" in str(said.reason)
-            assert alive(one.folder)
+            assert is_alive(one.folder)
         finally:
             await one.close()
 

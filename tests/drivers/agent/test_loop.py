@@ -10,7 +10,7 @@ import pytest
 from agent_with_emulator import HEAD, MODEL, TAIL, Printer, gcode, printer, run, settled
 from drivers import messages as m
 from drivers.emulator.launch import control, read_status
-from drivers.remote.client import alive, spawn
+from drivers.remote import is_alive, spawn_agent
 
 
 @pytest.mark.system
@@ -42,7 +42,7 @@ def test_a_print_is_printed_once_and_the_bed_is_not_clear_after_it(tmp_path: Pat
             assert (await one.client.request(m.Shutdown(id=0))).error is None
             assert one.process is not None
             assert await asyncio.to_thread(one.process.wait, 10.0) == 0
-            assert not alive(one.folder)
+            assert not is_alive(one.folder)
 
     run(story())
 
@@ -56,7 +56,7 @@ def test_when_an_agent_is_killed_the_next_one_shows_heaters_off_and_fails_the_pr
             assert one.process is not None
             one.process.kill()
             one.process.wait(10.0)
-            assert not alive(one.folder)
+            assert not is_alive(one.folder)
             assert one.targets() != (0.0, 0.0)  # closing the port switches nothing off
             one.spawn()
             await one.connect()
@@ -260,8 +260,8 @@ def test_two_agents_of_one_printer_cannot_be_and_its_socket_is_private(tmp_path:
         async with printer(deep) as one:
             assert len(str(one.folder / "agent.sock")) > 107
             assert stat.S_IMODE((one.folder / "agent.sock").stat().st_mode) == 0o600
-            assert alive(one.folder)
-            second = spawn("um2-01", MODEL, one.url, one.folder, one.clock)
+            assert is_alive(one.folder)
+            second = spawn_agent("um2-01", MODEL, one.url, one.folder, one.clock)
             assert await asyncio.to_thread(second.wait, 20.0) == 1
             assert (await one.client.request(m.Hello(id=0))).snapshot is not None
 

@@ -21,7 +21,7 @@ from drivers.firmware import ULTIMAKER2
 from drivers.link import Link, Report, Up
 from drivers.link.dialogue import talk
 from drivers.ports import NetPort
-from drivers.remote.client import AgentClient, spawn
+from drivers.remote import AgentClient, spawn_agent
 from drivers.safety import StopTarget, stop_printer
 
 MODEL = "ultimaker2_plus"
@@ -104,7 +104,7 @@ def test_bytes_and_dtr_reach_a_board_behind_ser2net(tmp_path: Path, url: str):
 @pytest.mark.system
 def test_an_agent_opens_such_a_port_when_somebody_has_said_that_it_is_idle(tmp_path: Path, url: str):
     folder = tmp_path / "agent"
-    process = spawn("a", MODEL, url, folder, Clock(60.0, time.time()))
+    process = spawn_agent("a", MODEL, url, folder, Clock(60.0, time.time()))
 
     async def story() -> None:
         client = AgentClient(folder)

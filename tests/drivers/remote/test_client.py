@@ -1,4 +1,4 @@
-"""The daemon's end of an agent's socket."""
+"""The client of an agent's socket."""
 
 import asyncio
 from pathlib import Path
@@ -9,10 +9,10 @@ from pydantic import ValidationError
 from agent_with_emulator import run
 from drivers import messages as m
 from drivers.errors import AgentError
-from drivers.remote.client import AgentClient, alive
+from drivers.remote import AgentClient, is_alive
 
 
-def test_nobody_there_is_an_agent_error(tmp_path: Path):
+def test_without_an_agent_connecting_and_asking_fail(tmp_path: Path):
     async def story() -> None:
         client = AgentClient(tmp_path)
         with pytest.raises(AgentError):
@@ -20,11 +20,11 @@ def test_nobody_there_is_an_agent_error(tmp_path: Path):
         with pytest.raises(AgentError):
             await client.request(m.Hello(id=0))
 
-    assert not alive(tmp_path)
+    assert not is_alive(tmp_path)
     run(story())
 
 
-def test_what_an_agent_of_another_version_says_is_understood_and_what_it_is_told_is_not_guessed():
+def test_unknown_fields_are_ignored_in_snapshots_and_refused_in_requests():
     heater = {"now_c": 20.0, "target_c": 0.0, "power": 0.5}
     said = {
         "kind": "snapshot",
@@ -40,7 +40,7 @@ def test_what_an_agent_of_another_version_says_is_understood_and_what_it_is_told
         m.request_adapter.validate_python({"do": "hello", "id": 1, "loudly": True})
 
 
-def test_an_agent_that_says_what_cannot_be_read_is_heard_all_the_same(tmp_path: Path):
+def test_a_message_that_cannot_be_read_still_counts_as_a_sign_of_life(tmp_path: Path):
     heard: list[bool] = []
 
     async def speak(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -50,11 +50,11 @@ def test_an_agent_that_says_what_cannot_be_read_is_heard_all_the_same(tmp_path: 
 
     async def story() -> None:
         server = await asyncio.start_unix_server(speak, tmp_path / "agent.sock")
-        client = AgentClient(tmp_path, heard=lambda: heard.append(True))
+        client = AgentClient(tmp_path, on_message=lambda: heard.append(True))
         await client.connect()
         assert [said async for said in client.snapshots()] == []
         await client.close()
         server.close()
 
     run(story())
-    assert heard  # it lives: whoever judges its silence must not end its print
+    assert heard  # the agent is alive: its print must not be ended for silence

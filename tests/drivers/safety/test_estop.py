@@ -24,7 +24,7 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
 from drivers.records import ESTOPPED, Journal, StartFile
-from drivers.remote.client import AgentClient, alive, spawn
+from drivers.remote import AgentClient, is_alive, spawn_agent
 from drivers.safety import StopTarget, estop, heater_watch, list_targets, stop_printer
 
 MODEL = "ultimaker2_plus"
@@ -83,7 +83,7 @@ def test_a_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
 ):
     folder = tmp_path / "state" / "agents" / "um2-01"
     url = f"sim://{MODEL}"
-    process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
+    process = spawn_agent("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
     try:
         asyncio.run(print_until_hot(folder, process))
         process.send_signal(signal.SIGSTOP)
@@ -99,8 +99,8 @@ def test_a_printer_with_a_hung_agent_is_stopped_and_needs_attention_afterwards(
         assert (status.nozzle_target_c, status.bed_target_c) == (0.0, 0.0)
         assert process.wait(10.0) == -signal.SIGKILL
         assert Journal(folder / "journal.jsonl").state.board.attention_reason == ESTOPPED
-        assert not alive(folder)
-        process = spawn("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
+        assert not is_alive(folder)
+        process = spawn_agent("um2-01", MODEL, url, folder, Clock(SCALE, time.time()))
         told = asyncio.run(ended(folder))
         assert (told.phase, told.fault) == (m.PrintPhase.FAILED, "estop")
         assert told.reason == "a person stopped it by `farm estop`"

@@ -13,7 +13,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.errors import AgentTooOld
 from drivers.locks import AGENT_LOCK, hold
-from drivers.remote.client import AgentClient
+from drivers.remote import AgentClient
 from farm.agents.manager import AgentManager
 from farm.config import Fleet
 from farm.errors import NoSuchThing, Refused

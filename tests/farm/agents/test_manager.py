@@ -10,12 +10,11 @@ from pathlib import Path
 import pytest
 
 from drivers import messages as m
-from drivers.agent import heartbeat
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch
-from drivers.remote import client as client_module
-from drivers.remote.client import alive, kill, pid
+from drivers.remote import agent_pid, heartbeat, is_alive, kill_agent
+from farm.agents import connection
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
 from farm.agents.protocol_adapter import clock_offset_s, to_agent_clock, to_farm_snapshot
@@ -50,7 +49,7 @@ class RecordingListener:
 
 @pytest.mark.system
 def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(heartbeat, "LOOK_S", 1.0)
+    monkeypatch.setattr(heartbeat, "SAMPLE_S", 1.0)
     monkeypatch.setattr(heartbeat, "WEDGED_S", 8.0)
     state = StateFolder(tmp_path)
     state.make()
@@ -75,16 +74,16 @@ def test_a_wedged_agent_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             first = await until_ready_as_another_than(None)
             os.kill(first, signal.SIGSTOP)
             second = await until_ready_as_another_than(first)
-            assert pid(state.agent("a")) == second
+            assert agent_pid(state.agent("a")) == second
             await links.shut_down_agents()
-            assert not alive(state.agent("a"))
+            assert not is_alive(state.agent("a"))
         finally:
             await links.close()
 
     try:
         asyncio.run(story())
     finally:
-        number = pid(state.agent("a"))
+        number = agent_pid(state.agent("a"))
         if number is not None:
             os.kill(number, signal.SIGKILL)
         if emulator_alive(state.agent("a") / "emulator"):
@@ -201,7 +200,7 @@ def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent
             await until(new, Link.FAULT)
             new.perform(ev.SendCleared(printer="new", filament=None), Books(), tmp_path)
             await until(new, Link.READY)
-            assert not alive(state.agent("old"))
+            assert not is_alive(state.agent("old"))
             ended = old._connections["old"]._process
             assert ended is not None and ended.wait(10.0) == 0
         finally:
@@ -211,7 +210,7 @@ def test_a_printer_that_gets_another_name_is_not_kept_from_its_port_by_the_agent
     try:
         asyncio.run(story())
     finally:
-        kill(state.agent("old"))
+        kill_agent(state.agent("old"))
         control(tmp_path / "emulator", "power_off")
 
 
@@ -271,7 +270,7 @@ class TalkingClient(FakeClient):
 
 
 def test_a_fault_of_the_farms_own_makes_no_link_deaf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(client_module, "RETRY_S", 0.001)
+    monkeypatch.setattr(connection, "RETRY_S", 0.001)
 
     class Faulty(RecordingListener):
         words = 0
@@ -359,7 +358,7 @@ def test_an_idle_agent_is_replaced_and_its_printer_stays_as_it_is(tmp_path: Path
         try:
             first = await ready(None)
             await links.replace("a")
-            assert await ready(first) == pid(state.agent("a"))
+            assert await ready(first) == agent_pid(state.agent("a"))
             assert emulator_alive(state.agent("a") / "emulator")
         finally:
             await links.shut_down_agents()

@@ -22,8 +22,9 @@ from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
 from drivers.errors import AgentError
 from drivers.records import StartFile
-from drivers.remote import bridge, client
-from drivers.remote.client import alive, pid
+from drivers.remote import BridgeRequest, BridgeTask, agent_pid, client, is_alive
+from drivers.remote.bridge import find_folder
+from drivers.remote.ssh import SSH
 from farm.agents import connection, remote
 from farm.agents.connection import AgentConnection
 from farm.agents.manager import AgentManager
@@ -104,7 +105,7 @@ class Sshd:
             f" IdentitiesOnly yes\n StrictHostKeyChecking no\n"
             f" UserKnownHostsFile {folder}/known\n LogLevel ERROR\n"
         )
-        self.ssh = f"{bridge.SSH} -F {folder}/ssh"
+        self.ssh = f"{SSH} -F {folder}/ssh"
         self._server: subprocess.Popen[bytes] | None = None
         self.mend()
 
@@ -173,7 +174,7 @@ def way(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Monk
     finally:
         made.close()
         agent = tmp_path / "there" / "farm-agents" / "test" / "a"
-        number = pid(agent)
+        number = agent_pid(agent)
         if number is not None:
             os.kill(number, signal.SIGKILL)
         if emulator_alive(agent / "emulator"):
@@ -188,7 +189,7 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
     if isinstance(way, Silence):  # its ten minutes are five seconds of the wall
         monkeypatch.setattr(connection, "_SILENCE_S", 1.5)
         monkeypatch.setattr(connection, "_LONGEST_WAIT_S", 0.5)
-        monkeypatch.setattr(client, "FIRST_WORD_S", 10.0)
+        monkeypatch.setattr(client, "FIRST_MESSAGE_S", 10.0)
     there = tmp_path / "there" / "farm-agents" / "test" / "a"
     section = PrinterSection(
         name="a",
@@ -229,18 +230,18 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
                 )
             )
             await until(lambda s: s.print is not None and s.print.state is PrintState.PRINTING)
-            first = pid(there)
+            first = agent_pid(there)
             began_s = clock.now()
             way.cut()
             await until(lambda s: s.link is Link.STARTING)
             async with asyncio.timeout(DEADLINE_S):
                 while clock.now() < began_s + GONE_S:
-                    assert alive(there)
+                    assert is_alive(there)
                     await asyncio.sleep(0.05)
             way.mend()
             ended = await until(lambda s: s.print is not None and s.print.state.ended)
             assert ended.print is not None and ended.print.state is PrintState.DONE, ended
-            assert pid(there) == first
+            assert agent_pid(there) == first
             if isinstance(way, Silence):
                 async with asyncio.timeout(DEADLINE_S):
                     while way.ended() < len(way.there) - 1:
@@ -254,7 +255,7 @@ def test_a_network_that_is_gone_for_ten_minutes_in_a_print_loses_nothing(
             assert read_status(there / "emulator").starved_s < 60.0
             await link.shut_down()
             async with asyncio.timeout(DEADLINE_S):
-                while alive(there):
+                while is_alive(there):
                     await asyncio.sleep(0.05)
         finally:
             await link.close()
@@ -308,14 +309,14 @@ def test_the_idle_agent_of_a_printer_that_left_the_fleet_is_ended_on_its_host_an
     async def story() -> None:
         before = farm("a")
         before.start(())
-        await until(lambda: alive(there))
+        await until(lambda: is_alive(there))
         await before.close()
         for _ in range(2):  # the second time nobody lives there any more
             load_route = kept.read_text()
             after = farm()
             after.start(())
             await until(lambda: not kept.exists())
-            await until(lambda: not alive(there))
+            await until(lambda: not is_alive(there))
             await after.close()
             kept.write_text(load_route)
 
@@ -331,12 +332,12 @@ def test_a_way_that_was_damaged_is_no_crash(text, tmp_path):
 def test_no_name_of_a_farm_or_printer_leads_out_of_the_folder():
     for farm, printer in (("..", "a"), ("test", ".."), ("test", "a/b"), ("", "a")):
         with pytest.raises(AgentError):
-            bridge.folder_of(farm, printer)
+            find_folder(farm, printer)
 
 
-def test_an_errand_comes_as_it_was_sent_and_nothing_else_is_one():
-    errand = bridge.Errand(bridge.Do.STOP, "test", StartFile("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
-    assert bridge.parse(errand.line()) == errand
+def test_a_request_to_a_bridge_is_read_as_it_was_sent_and_nothing_else_is():
+    request = BridgeRequest(BridgeTask.STOP, "test", StartFile("a", MODEL, "/dev/x", 1.0, 2.0, "relay"))
+    assert BridgeRequest.parse(request.line()) == request
     for line in (b"", b"{}", b'{"do": "dance", "farm": "x", "start": {}}', json.dumps([1]).encode()):
         with pytest.raises(AgentError):
-            bridge.parse(line)
+            BridgeRequest.parse(line)

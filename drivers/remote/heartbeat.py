@@ -1,0 +1,89 @@
+"""Decision whether a silent agent is wedged, made by whoever listens to it on its host.
+
+A healthy agent sends something every 5 wall seconds, and every second while it prints or is warm. A busy
+machine must not cost a print, so silence alone is not enough:
+
+1. Silence is counted in the intervals between the listener's own checks, each for a second at most: while the
+   listener does not run, messages of the agent wait unread.
+2. After `SAMPLE_S` of silence the kernel is asked for the state of the agent's process, and again after
+   `WEDGED_S`.
+3. If it waited for a processor for half of the time between, or waits for a disk, it is starved, and the
+   count restarts. Else it was stopped, slept, or ran without sending: it is wedged.
+
+A wedged agent is killed; the next one finds the open print in the journal and resets the board.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+SAMPLE_S, WEDGED_S = 15.0, 30.0
+_STARVED_SHARE = 0.5
+_LONGEST_INTERVAL_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessSample:
+    """State of a process at one moment.
+
+    Attributes
+    ----------
+    state
+        Letter in /proc/PID/stat: R, S, D, T, Z.
+    waited_s
+        Seconds since its start in which it was ready to run and had no processor.
+    """
+
+    state: str
+    waited_s: float
+
+
+def sample_process(pid: int) -> ProcessSample | None:
+    """Read the state of a process; None where it does not exist. Without schedstat `waited_s` is 0."""
+    process = Path("/proc") / str(pid)
+    try:
+        state = (process / "stat").read_text().rpartition(")")[2].split()[0]
+        counts = (process / "schedstat").read_text().split() if (process / "schedstat").exists() else []
+    except OSError:
+        return None
+    return ProcessSample(state, int(counts[1]) * 1e-9 if len(counts) > 1 else 0.0)
+
+
+class Heartbeat:
+    """The silence of one agent."""
+
+    def __init__(self) -> None:
+        self._silent_s = 0.0
+        self._checked_s: float | None = None
+        self._first: ProcessSample | None = None
+
+    def reset(self) -> None:
+        """Restart the count: the agent has sent something, or has just been started."""
+        self._silent_s = 0.0
+        self._first = None
+
+    def is_wedged(self, now_s: float, sample: Callable[[], ProcessSample | None]) -> bool:
+        """Count the time since the last call, and decide.
+
+        Parameters
+        ----------
+        now_s
+            Seconds of a steady clock.
+        sample
+            Samples the agent's process.
+        """
+        if self._checked_s is not None:
+            self._silent_s += min(now_s - self._checked_s, _LONGEST_INTERVAL_S)
+        self._checked_s = now_s
+        if self._silent_s >= SAMPLE_S and self._first is None:
+            self._first = sample()
+        if self._silent_s < WEDGED_S:
+            return False
+        first, last = self._first, sample()
+        self.reset()
+        if first is None or last is None:
+            return False  # it has ended
+        starved = last.waited_s - first.waited_s >= _STARVED_SHARE * (WEDGED_S - SAMPLE_S)
+        return not starved and last.state not in "DZ"

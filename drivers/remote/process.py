@@ -1,0 +1,97 @@
+"""Agent processes on this host: start, find and kill them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import BinaryIO
+
+import drivers
+from drivers.clock import Clock
+from drivers.errors import AgentError
+from drivers.locks import AGENT_LOCK, held, holder, kill_holder
+from drivers.records import StartFile
+
+AGENT_SOCKET = "agent.sock"  # in an agent's folder
+AGENT_LOG = "agent.log"
+UNIT = "FARM_AGENT_UNIT"
+RETRY_S = 0.25  # between two attempts to connect to an agent that starts
+
+
+def spawn_agent(
+    printer: str, model: str, port: str, folder: Path, clock: Clock, power_off_cmd: str | None = None
+) -> subprocess.Popen[bytes]:
+    """Start an agent in a session of its own, so that it outlives the caller.
+
+    Where the environment names a systemd unit (`FARM_AGENT_UNIT`, with %i for the printer), that unit is
+    started instead, and the process returned is systemctl's.
+
+    Parameters
+    ----------
+    printer, model, port, power_off_cmd
+        As in `fleet.yaml`.
+    folder
+        The agent's folder, created if missing; its log goes to `agent.log` there.
+    clock
+        The farm's clock.
+
+    Returns
+    -------
+    subprocess.Popen
+        Poll it now and then, so that its end leaves no zombie.
+
+    Raises
+    ------
+    AgentError
+        The process cannot be started.
+    """
+    start = StartFile(printer, model, port, clock.scale, clock.anchor_s, power_off_cmd)
+    unit = os.environ.get(UNIT)
+    words = [sys.executable, "-m", "drivers.agent", "--folder", str(folder.absolute())]
+    if unit:
+        words = ["systemctl", "start", unit.replace("%i", printer)]
+    try:
+        start.write(folder)
+        with _open_log(folder) as log:
+            return subprocess.Popen(
+                words,
+                cwd=Path(drivers.__file__).parents[1],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
+    except OSError as error:
+        raise AgentError(
+            f"{printer}: its agent does not start ({error}); see {folder / AGENT_LOG}"
+        ) from error
+
+
+def _open_log(folder: Path) -> BinaryIO:
+    """Open an agent's log, or /dev/null on a full disk: the agent may have to end the last one's heat."""
+    try:
+        return (folder / AGENT_LOG).open("ab")
+    except OSError:
+        return Path(os.devnull).open("ab")
+
+
+def agents_are_units() -> bool:
+    """Return True where agents are started as systemd units."""
+    return bool(os.environ.get(UNIT))
+
+
+def is_alive(folder: Path) -> bool:
+    """Return True while an agent holds the lock of this folder."""
+    return held(folder / AGENT_LOCK)
+
+
+def kill_agent(folder: Path) -> bool:
+    """Kill the agent of this folder; True where none is alive afterwards."""
+    return kill_holder(folder / AGENT_LOCK)
+
+
+def agent_pid(folder: Path) -> int | None:
+    """Return the process id of the agent of this folder; None where none is alive."""
+    return holder(folder / AGENT_LOCK)

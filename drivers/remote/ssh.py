@@ -1,0 +1,100 @@
+"""The way to an agent on another host: a command that carries bytes to `bridge` there, and its first line."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+
+from drivers.errors import AgentError
+from drivers.records import StartFile
+from drivers.safety import StopResult
+
+SSH = (
+    "ssh -T -o BatchMode=yes -o ConnectTimeout=10 -o ServerAliveInterval=5 -o ServerAliveCountMax=3 "
+    "-o ControlMaster=no -o ControlPath=none"
+)
+NO_AGENT = "no agent lives there"
+_STOP_S = 200.0
+
+
+class BridgeTask(StrEnum):
+    """Task of a bridge."""
+
+    SERVE = "serve"  # connect to the agent, and start one where none is alive
+    REACH = "reach"  # connect to the agent, if one is alive
+    STOP = "stop"  # emergency stop
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeRequest:
+    """First line to a bridge. Daemons keep it on disk: its JSON names are fixed.
+
+    Parameters
+    ----------
+    do
+        The task.
+    farm
+        Name of the farm, which keeps the printers of two farms on one host apart.
+    start
+        Start file of the agent.
+    """
+
+    do: BridgeTask
+    farm: str
+    start: StartFile
+
+    def line(self) -> bytes:
+        """Dump the request as one line of JSON."""
+        return json.dumps(asdict(self)).encode() + b"\n"
+
+    @classmethod
+    def parse(cls, line: bytes) -> BridgeRequest:
+        """Read a request. Raises AgentError."""
+        try:
+            raw = json.loads(line)
+            return cls(BridgeTask(raw["do"]), str(raw["farm"]), StartFile(**raw["start"]))
+        except (ValueError, KeyError, TypeError) as error:
+            raise AgentError(
+                f"no request of this version of farm ({error}): install the same version on both hosts"
+            ) from error
+
+
+def ssh_command(host: str, command: str, env: Mapping[str, str] = os.environ) -> list[str]:
+    """Return the words that run a command on a host; FARM_SSH replaces ssh and its options."""
+    return [*(env.get("FARM_SSH") or SSH).split(), "--", host, command]
+
+
+def stop_over_ssh(
+    host: str, command: str, farm: str, start: StartFile, timeout_s: float = _STOP_S
+) -> StopResult:
+    """Run the emergency stop of a printer on another host. Never raises.
+
+    Parameters
+    ----------
+    host, command
+        The host, and the command that starts the bridge there.
+    farm, start
+        See `BridgeRequest`.
+    timeout_s
+        Wall seconds for the result.
+    """
+    request, stderr = BridgeRequest(BridgeTask.STOP, farm, start), ""
+    try:
+        done = subprocess.run(
+            ssh_command(host, command),
+            input=request.line(),
+            capture_output=True,
+            timeout=timeout_s,
+            check=False,
+        )
+        stderr = done.stderr.decode(errors="replace").strip()
+        return StopResult(**json.loads(done.stdout))
+    except subprocess.TimeoutExpired:
+        reason = "does not answer"
+    except (OSError, ValueError, TypeError) as error:
+        reason = stderr.splitlines()[-1] if stderr else f"no result ({error})"
+    return StopResult(start.printer, None, False, f"cannot be stopped: {host}: {reason}; switch it off")

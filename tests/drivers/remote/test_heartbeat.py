@@ -1,0 +1,55 @@
+import os
+
+from drivers.remote import Heartbeat, sample_process
+from drivers.remote.heartbeat import SAMPLE_S, WEDGED_S, ProcessSample
+
+
+def silence_until_wedged_s(
+    samples: list[ProcessSample], step_s: float = 0.5, until_s: float = WEDGED_S + 5
+) -> float | None:
+    """Return the seconds of silence after which an agent is found wedged; None where it never is."""
+    heartbeat, now_s = Heartbeat(), 100.0
+    while now_s < 100.0 + until_s:
+        if heartbeat.is_wedged(now_s, lambda: samples.pop(0) if len(samples) > 1 else samples[0]):
+            return now_s - 100.0
+        now_s += step_s
+    return None
+
+
+def test_an_agent_that_stopped_sleeps_or_loops_is_wedged_after_half_a_minute():
+    for state in "TSR":
+        assert silence_until_wedged_s([ProcessSample(state, 3.0)]) == WEDGED_S
+
+
+def test_an_agent_without_a_processor_or_waiting_for_a_disk_is_not_wedged():
+    share_s = WEDGED_S - SAMPLE_S
+    assert silence_until_wedged_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.6 * share_s)]) is None
+    assert (
+        silence_until_wedged_s([ProcessSample("R", 3.0), ProcessSample("R", 3.0 + 0.4 * share_s)]) == WEDGED_S
+    )
+    assert silence_until_wedged_s([ProcessSample("D", 3.0)]) is None
+
+
+def test_time_in_which_the_listener_did_not_run_does_not_count():
+    assert (
+        silence_until_wedged_s([ProcessSample("S", 0.0)], step_s=600.0, until_s=WEDGED_S * 600 - 1200) is None
+    )
+
+
+def test_a_message_restarts_the_count():
+    heartbeat = Heartbeat()
+    for second in range(200):
+        if second % 20 == 0:
+            heartbeat.reset()
+        assert not heartbeat.is_wedged(float(second), lambda: ProcessSample("S", 0.0))
+
+
+def test_a_process_that_has_ended_is_not_wedged():
+    heartbeat = Heartbeat()
+    assert not any(heartbeat.is_wedged(float(second), lambda: None) for second in range(100))
+
+
+def test_a_process_is_sampled_from_proc():
+    mine = sample_process(os.getpid())
+    assert mine is not None and mine.state == "R" and mine.waited_s >= 0.0
+    assert sample_process(2**22 + 1) is None
