@@ -1,10 +1,10 @@
-"""Choice of the number of printers: by the curve of the guillotine engine; any engine cuts then."""
+"""Choice of the number of printers by the curve of the guillotine engine, for any engine."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,32 @@ from decompose.printers import PrinterRoom
 from decompose.problem import Problem, validate_problem
 from decompose.results import Decomposition
 
-MAX_SUMS = 1e8  # of the curve of unequal printers, over all boxes: about a second for each limit
+MAX_SUMS = 1e8  # for the curve of unequal printers, over all boxes: about a second for each limit
+
+
+@dataclass(frozen=True, slots=True)
+class CountGoal:
+    """Goal that decides how many printers are used.
+
+    Attributes
+    ----------
+    clear_s, assemble_s
+        A person's time for each part: to clear its bed, and to glue it. The sum of printing and handling is
+        made least.
+    within_s
+        Time within which all parts have to be printed. Then the fewest parts that reach it are made, or the
+        soonest where none do, whatever their handling takes.
+    """
+
+    clear_s: float = CLEAR_S
+    assemble_s: float = ASSEMBLE_S
+    within_s: float | None = None
+
+    def choose(self, points: Sequence[CurvePoint]) -> CurvePoint:
+        """Choose a point of a curve."""
+        if self.within_s is None:
+            return find_knee(points, self.clear_s, self.assemble_s)
+        return find_fewest_in_time(points, self.within_s)
 
 
 def decompose_auto(
@@ -36,24 +61,21 @@ def decompose_auto(
     options: Options,
     cost: CostModel,
     executor: Executor | None = None,
-    *,
-    clear_s: float = CLEAR_S,
-    assemble_s: float = ASSEMBLE_S,
-    within_s: float | None = None,
+    goal: CountGoal = CountGoal(),
 ) -> Decomposition:
-    """Cut a model for as many of the first printers as makes printing plus handling take least.
+    """Cut a model for as many of the first printers as suit a goal.
 
     The number is chosen from the curve of what the first of them reach by the tables, with the rooms and the
-    speeds that they have; where they turn out too few for the true parts, all printers are taken.
+    speeds that they have; where they turn out too few for the true parts, all printers are used.
 
     Parameters
     ----------
+    model, options, cost, executor
+        As of `decompose.decompose_model`.
     printers
-        Those that are free, the best ones first; see `decompose.decompose_model`.
-    clear_s, assemble_s
-        What a person is busy with each part: to make its bed clear, and to put it to the others.
-    within_s
-        Where the parts have to be printed within that: as few of them as are, or the soonest.
+        Free printers, the best ones first.
+    goal
+        Goal that decides the number.
 
     Raises
     ------
@@ -62,14 +84,7 @@ def decompose_auto(
     """
     validate_problem(model, tuple(printers), options)
     points = build_curve(Problem(model, tuple(printers), cost, options, executor))
-    wanted = len(printers)
-    if points:
-        best = (
-            find_knee(points, clear_s, assemble_s)
-            if within_s is None
-            else find_fewest_in_time(points, within_s)
-        )
-        wanted = best.printers
+    wanted = goal.choose(points).printers if points else len(printers)
     try:
         result = decompose_model(model, printers[:wanted], options, cost, executor)
     except NoFit:
@@ -80,7 +95,7 @@ def decompose_auto(
 
 
 def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
-    """Makespan of the first 1, 2, ... of a problem's printers by the tables, where they are enough.
+    """Compute the makespan of the first 1, 2, ... printers by the tables, where they are enough.
 
     Unequal printers are taken in classes, on a grid as for few of them, since there are more ways to share
     parts out; within a class each number has the mean speed of its printers.
@@ -102,5 +117,5 @@ def build_curve(problem: Problem) -> tuple[CurvePoint, ...]:
 
 
 def _mean(factors: Sequence[float]) -> float:
-    """Harmonic mean of time factors: parts that end together are as long as each printer is fast."""
+    """Compute the harmonic mean of time factors: parts that end together share the work by speed."""
     return len(factors) / sum(1.0 / factor for factor in factors)

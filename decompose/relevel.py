@@ -67,18 +67,25 @@ def relevel_planes(
     upright = Problem(model, cutting.printers, cost, options, executor, effort, thorough=True)
     problem = upright.rotate(cutting.frame)
     before = _cut_previous_boxes(problem, cutting, sliced_s)
-    if before is None:
-        return None
-    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
-    after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
-    if _makespan_s(problem, after) > (1.0 - WORTH) * _makespan_s(
-        problem, [p for pieces in before for p in pieces]
-    ):
+    after = None if before is None else _shift_planes(problem, before)
+    if after is None:
         return None
     grid = GridFigures(previous.grid_makespan_s, previous.lower_bound_s, previous.cells)
     partition = Partition(tuple(after), problem.model, np.eye(3), grid)
     result = finish_result(problem, partition, (previous.serial_s, previous.serial_as_is_s))
-    elapsed_s = perf_counter() - began_s
+    return _carry_over(previous, result, perf_counter() - began_s)
+
+
+def _shift_planes(problem: Problem, before: list[list[Piece]]) -> list[Piece] | None:
+    """Move the planes between the pieces of each box; None where the gain is not worth slicing again."""
+    boxes_mm = np.array([pieces[0].boxes_mm[0] for pieces in before])
+    after = shift_box_planes(problem, problem.build_grid(problem.model), boxes_mm, before)
+    old_s = _makespan_s(problem, [piece for pieces in before for piece in pieces])
+    return after if _makespan_s(problem, after) <= (1.0 - WORTH) * old_s else None
+
+
+def _carry_over(previous: Decomposition, result: Decomposition, elapsed_s: float) -> Decomposition:
+    """Give a result the history of the decomposition that it improves."""
     return replace(
         result,
         engine=previous.engine,

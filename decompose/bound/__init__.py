@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from decompose.bound.makespan import makespan_bound
-from decompose.bound.surface import surface_bound_s
+from decompose.bound.makespan import makespan_bound, surface_bound_s
 
 __all__ = [
     "makespan_bound",

@@ -1,7 +1,7 @@
 """Fewest boxes that cover cells, fractions allowed: a linear programme over all boxes within a time.
 
-Only boxes count that no larger one within the time contains: some ten thousands, too many and too wide for a
-simplex method, but each is summed and spread in O(1) by summed-area tables. So it is solved by the
+Only boxes that no larger one within the time contains are used: tens of thousands, too many and too wide for
+a simplex method, but each is summed and spread in O(1) by summed-area tables. So it is solved by the
 primal-dual hybrid gradient method (Chambolle and Pock 2011; averages, restarts and the balance of the steps
 as in PDLP, Applegate et al. 2021).
 """
@@ -9,6 +9,7 @@ as in PDLP, Applegate et al. 2021).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,7 @@ from decompose.jit import jit
 
 Tables = tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]]
 
-RESTARTS, STEPS = 60, 100  # so many times, so many steps
+RESTARTS, STEPS = 60, 100  # most restarts, and steps between them
 SURE = 1e-4  # share by which the fewest boxes exceed the printers when the search stops
 
 
@@ -30,12 +31,12 @@ class Covering:
     Attributes
     ----------
     weights
-        (nx, ny, nz) of needed cells, at least 0. No box within the time holds more than its pieces of them
-        (but for rounding), so that their sum is a lower bound on the pieces of any covering.
+        (nx, ny, nz) weights of needed cells, at least 0. No box within the time holds more weight than it has
+        pieces (but for rounding), so that their sum is a lower bound on the pieces of any covering.
     boxes
-        (k, 6) the boxes that no larger one within the time contains.
+        (k, 6) int16 boxes that no larger one within the time contains.
     shares
-        (k,) how much of each the covering takes, near the least sum.
+        (k,) share of each that the covering takes, near the least sum.
     """
 
     weights: Floats
@@ -45,7 +46,10 @@ class Covering:
 
 @jit
 def _is_replaced(tables: Tables, limit_s: float, box: Box, shape: Shape) -> bool:
-    """Tell whether a box within the limit one layer larger, of no more pieces, can stand for a box."""
+    """Check whether a box within the limit one layer larger, of no more pieces, can replace a box.
+
+    tables: as of `_largest`.
+    """
     seconds, trimmed, pieces = tables
     at = index_of(box, shape)
     replaced = False
@@ -163,88 +167,166 @@ def _cover(shares: Floats, corners: Ints, steps: Floats, covered: Floats) -> Non
                 covered[x, y, z] = v
 
 
+class _Programme(NamedTuple):
+    """Linear programme: cover cells by the least sum of shares of boxes, times their pieces.
+
+    Attributes
+    ----------
+    needed
+        (nx, ny, nz) bool cells to be covered.
+    corners
+        (k, 8) int64 of `_corners`.
+    pieces
+        (k,) float64 number of pieces of each box.
+    content
+        (k,) float64 number of needed cells in each box.
+    crowd
+        (nx, ny, nz) float64 number of boxes over each cell.
+    """
+
+    needed: Bools
+    corners: Ints
+    pieces: Floats
+    content: Floats
+    crowd: Floats
+
+
+class _Iterate(NamedTuple):
+    """Shares (k,) of the boxes and weights (nx, ny, nz) of the cells, float64."""
+
+    shares: Floats
+    weights: Floats
+
+
+class _Workspace(NamedTuple):
+    """Arrays that every step uses, float64.
+
+    Attributes
+    ----------
+    sums, steps
+        (nx + 1, ny + 1, nz + 1), see `_hold` and `_cover`.
+    held
+        (k,) weight that each box holds.
+    covered
+        (nx, ny, nz) sum of the shares over each cell.
+    ahead
+        (k,) shares extrapolated by one step.
+    """
+
+    sums: Floats
+    steps: Floats
+    held: Floats
+    covered: Floats
+    ahead: Floats
+
+
+@jit
+def _step(p: _Programme, work: _Workspace, balance: float, current: _Iterate, mean: _Iterate) -> None:
+    """Make one step of the method, and add the new iterate to the mean; both are changed in place.
+
+    balance: ratio of the steps in shares to those in weights.
+    """
+    shares, weights = current.shares, current.weights
+    _hold(weights, p.corners, work.sums, work.held)
+    for k in range(len(shares)):
+        share = max(0.0, shares[k] + balance / p.content[k] * (work.held[k] - p.pieces[k]))
+        work.ahead[k] = 2.0 * share - shares[k]
+        shares[k] = share
+        mean.shares[k] += share / STEPS
+    _cover(work.ahead, p.corners, work.steps, work.covered)
+    nx, ny, nz = p.needed.shape
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                if p.needed[x, y, z]:
+                    step = (1.0 - work.covered[x, y, z]) / (p.crowd[x, y, z] * balance)
+                    weights[x, y, z] = max(0.0, weights[x, y, z] + step)
+                    mean.weights[x, y, z] += weights[x, y, z] / STEPS
+
+
+@jit
+def _scales(p: _Programme, work: _Workspace, at: _Iterate) -> tuple[float, float]:
+    """Find the divisors that make an iterate feasible: its weights by the first, its shares by the second.
+
+    They are the most weight that a box holds for each of its pieces, and the least sum of shares over a
+    needed cell.
+    """
+    _hold(at.weights, p.corners, work.sums, work.held)
+    _cover(at.shares, p.corners, work.steps, work.covered)
+    most_held, least_covered = 1e-12, np.inf
+    for k in range(len(p.pieces)):
+        most_held = max(most_held, work.held[k] / p.pieces[k])
+    nx, ny, nz = p.needed.shape
+    for x in range(nx):
+        for y in range(ny):
+            for z in range(nz):
+                if p.needed[x, y, z]:
+                    least_covered = min(least_covered, work.covered[x, y, z])
+    return most_held, max(least_covered, 1e-12)
+
+
+@jit
+def _search(p: _Programme, work: _Workspace, printers: int, current: _Iterate) -> _Iterate:
+    """Search for the best feasible weights and shares, from an iterate that is changed in place.
+
+    Primal-dual hybrid gradients with averages and restarts, see the head of this file. The search ends when
+    it is known whether more pieces than printers are needed.
+    """
+    best_weights, best_shares = current.weights.copy(), current.shares.copy()
+    most, least = 0.0, np.inf  # sums of these: the bounds on the fewest boxes
+    balance = 0.05 * len(p.pieces) / p.needed.sum()
+    for _ in range(RESTARTS):
+        old = _Iterate(current.shares.copy(), current.weights.copy())
+        mean = _Iterate(np.zeros(len(p.pieces)), np.zeros(p.needed.shape))
+        for _ in range(STEPS):
+            _step(p, work, balance, current, mean)
+        closest, following = np.inf, mean
+        for each in (_Iterate(current.shares.copy(), current.weights.copy()), mean):
+            most_held, least_covered = _scales(p, work, each)
+            low, high = each.weights.sum() / most_held, (each.shares * p.pieces).sum() / least_covered
+            if low > most:
+                most, best_weights = low, each.weights / most_held
+            if high < least:
+                least, best_shares = high, each.shares / least_covered
+            if high - low < closest:
+                closest, following = high - low, each
+        if most > printers * (1.0 + SURE) or least <= printers or least - most < SURE * most:
+            break
+        by_shares = ((following.shares - old.shares) ** 2 * p.content).sum()
+        by_weights = ((following.weights - old.weights) ** 2 * p.crowd).sum()
+        if by_shares > 0.0 and by_weights > 0.0:
+            balance = np.sqrt(balance * np.sqrt(by_shares / by_weights))
+        current.shares[:], current.weights[:] = following.shares, following.weights
+    return _Iterate(best_shares, best_weights)
+
+
 @jit
 def _solve(
-    needed: Bools, corners: Ints, pieces: Floats, printers: int, weights: Floats
-) -> tuple[Floats, Floats]:
-    """Best weights and shares found, scaled so that both keep their rules.
-
-    Primal-dual hybrid gradients with averages and restarts, see the head of this file.
+    needed: Bools, corners: Ints, pieces: Floats, crowd: Floats, printers: int, weights: Floats
+) -> _Iterate:
+    """Find good feasible weights and shares of a `_Programme`.
 
     Parameters
     ----------
-    needed
-        (nx, ny, nz) cells to be covered.
-    corners, pieces
-        (k, 8) of `_corners` and (k,) pieces of the boxes.
+    needed, corners, pieces, crowd
+        As in `_Programme`.
     printers
         The search ends when it is known whether more pieces than these are needed.
     weights
-        (nx, ny, nz) to begin with; changed.
-
-    Returns
-    -------
-    tuple
-        Weights (nx, ny, nz) and shares (k,).
+        (nx, ny, nz) float64 to begin with; changed.
     """
-    shape = (needed.shape[0] + 1, needed.shape[1] + 1, needed.shape[2] + 1)
-    sums, steps, covered = np.zeros(shape), np.zeros(shape), np.zeros(needed.shape)
-    held, content, crowd = np.zeros(len(pieces)), np.zeros(len(pieces)), np.zeros(needed.shape)
-    _hold(
-        needed.astype(np.float64), corners, sums, content
-    )  # how many cells a box has, and how many boxes a cell
-    _cover(np.ones(len(pieces)), corners, steps, crowd)
+    programme = _Programme(needed, corners, pieces, np.zeros(len(pieces)), crowd)
+    nx, ny, nz = needed.shape
+    work = _Workspace(
+        np.zeros((nx + 1, ny + 1, nz + 1)),
+        np.zeros((nx + 1, ny + 1, nz + 1)),
+        np.zeros(len(pieces)),
+        np.zeros((nx, ny, nz)),
+        np.zeros(len(pieces)),
+    )
+    _hold(needed.astype(np.float64), corners, work.sums, programme.content)
     shares = np.full(len(pieces), weights.sum() / pieces.sum())
-    ahead = np.zeros(len(pieces))
-    best_weights, best_shares = weights.copy(), shares.copy()
-    most, least = 0.0, np.inf  # sums of these: the bounds on the fewest boxes
-    balance = 0.05 * len(pieces) / needed.sum()  # of the steps in shares to those in weights
-    for _ in range(RESTARTS):
-        old_shares, old_weights = shares.copy(), weights.copy()
-        mean_shares, mean_weights = np.zeros(len(pieces)), np.zeros(needed.shape)
-        for _ in range(STEPS):
-            _hold(weights, corners, sums, held)
-            for k in range(len(pieces)):
-                share = max(0.0, shares[k] + balance / content[k] * (held[k] - pieces[k]))
-                ahead[k] = 2.0 * share - shares[k]
-                shares[k] = share
-                mean_shares[k] += share / STEPS
-            _cover(ahead, corners, steps, covered)
-            for x in range(needed.shape[0]):
-                for y in range(needed.shape[1]):
-                    for z in range(needed.shape[2]):
-                        if needed[x, y, z]:
-                            step = (1.0 - covered[x, y, z]) / (crowd[x, y, z] * balance)
-                            weights[x, y, z] = max(0.0, weights[x, y, z] + step)
-                            mean_weights[x, y, z] += weights[x, y, z] / STEPS
-        closest = np.inf
-        for mean in range(2):
-            s, w = (mean_shares, mean_weights) if mean else (shares.copy(), weights.copy())
-            _hold(w, corners, sums, held)
-            _cover(s, corners, steps, covered)
-            over, open_ = 1e-12, np.inf
-            for k in range(len(pieces)):
-                over = max(over, held[k] / pieces[k])
-            for x in range(needed.shape[0]):
-                for y in range(needed.shape[1]):
-                    for z in range(needed.shape[2]):
-                        if needed[x, y, z]:
-                            open_ = min(open_, covered[x, y, z])
-            low, high = w.sum() / over, (s * pieces).sum() / max(open_, 1e-12)
-            if low > most:
-                most, best_weights = low, w / over
-            if high < least:
-                least, best_shares = high, s / max(open_, 1e-12)
-            if high - low < closest:
-                closest, next_shares, next_weights = high - low, s, w
-        if most > printers * (1.0 + SURE) or least <= printers or least - most < SURE * most:
-            break
-        by_shares = ((next_shares - old_shares) ** 2 * content).sum()
-        by_weights = ((next_weights - old_weights) ** 2 * crowd).sum()
-        if by_shares > 0.0 and by_weights > 0.0:
-            balance = np.sqrt(balance * np.sqrt(by_shares / by_weights))
-        shares[:], weights[:] = next_shares, next_weights
-    return best_weights, best_shares
+    return _search(programme, work, printers, _Iterate(shares, weights))
 
 
 def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, weights: Floats) -> Covering:
@@ -252,10 +334,14 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
 
     Parameters
     ----------
+    boxes
+        The tables.
     needed
-        (nx, ny, nz).
+        (nx, ny, nz) cells to cover.
+    limit_s
+        The time.
     printers
-        Nobody looks further than whether more pieces than these are needed.
+        The search ends when it is known whether more pieces than these are needed.
     weights
         (nx, ny, nz) to begin with, 0 where a cell is not needed.
 
@@ -275,12 +361,12 @@ def cover_cells(boxes: BoxTables, needed: Bools, limit_s: float, printers: int, 
         return Covering((alone.cumsum().reshape(alone.shape) == 1) * alone * 1.0, found, np.zeros(len(found)))
     at = [box_index((a, b, c, d, e, f), boxes.shape) for a, b, c, d, e, f in found.tolist()]
     pieces = boxes.pieces[at].astype(np.float64)
-    best, shares = _solve(needed, corners, pieces, printers, weights.copy())
-    return Covering(best, found, shares)
+    best = _solve(needed, corners, pieces, crowd, printers, weights.copy())
+    return Covering(best.weights, found, best.shares)
 
 
 def _corners(boxes: Ints, shape: tuple[int, int, int]) -> Ints:
-    """(k, 8) Where the corners of boxes (k, 6) lie in a table one longer each way: first those that add."""
+    """Find the corners (k, 8) of boxes (k, 6) in a table one longer each way, the four that add first."""
     _, ny, nz = shape
     x0, y0, z0, x1, y1, z1 = boxes.T
 

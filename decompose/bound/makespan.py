@@ -1,4 +1,6 @@
-"""A proven lower bound on the makespan: no partition of the grid into boxes ends sooner by the tables.
+"""Proven lower bounds on the makespan: from surface and volume, and from the tables over all boxes of a grid.
+
+By the tables: no partition of the grid into boxes ends sooner.
 
 The certificate is a weight for each needed cell. Of `n` parts that hold all the weight, one holds at least
 an n-th of it, so the makespan is at least the time of the quickest box that holds so much (a box of k pieces
@@ -12,6 +14,7 @@ T is refuted; bisection finds the greatest such T.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +24,7 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.bound.covering import cover_cells
 from decompose.grid import BoxTables, interval
 from decompose.jit import jit
+from decompose.print_time import MAX_INSET_SHARE, CostModel
 
 UNIT = 1 << 24  # the weight of a whole part, once weights are rounded to whole numbers
 LIMITS = 30  # times that are tried at most
@@ -123,3 +127,32 @@ def makespan_bound(boxes: BoxTables, needed: Bools, printers: int, makespan_s: f
             high = limit
         limit = (low.seconds + high) / 2.0
     return low
+
+
+def surface_bound_s(area_mm2: float, volume_mm3: float, printers: int, cost: CostModel) -> float:
+    """Lower bound in seconds on the makespan of any partition that prints this surface and volume.
+
+    All of the surface is at best level skin or the flattest slope that has none; cuts, supports, brims and
+    least times of layers only add. The work is shared by at most `printers` parts, each with its fixed time;
+    what each saves by shorter inner walls, and where its walls cover the rim of its skin, is taken off.
+
+    Parameters
+    ----------
+    area_mm2, volume_mm3
+        Of the original surface, and of the solid that has to be printed.
+    printers
+        The greatest number of parts.
+    cost
+        Print time of a part.
+
+    Returns
+    -------
+    float
+        Seconds.
+    """
+    slope = cost.lateral_s_mm2 * math.sqrt(max(0.0, 1.0 - cost.skin_cos**2))
+    surface = area_mm2 * min(slope, cost.skin_s_mm2)
+    # c S - r sqrt(S) is at least (1 - k) c S - r^2 / (4 k c), for any share k.
+    rim_s = cost.skin_rim_s_mm**2 / (4.0 * MAX_INSET_SHARE * cost.skin_s_mm2) if cost.skin_s_mm2 else 0.0
+    shared_s = (1.0 - MAX_INSET_SHARE) * surface + cost.volume_s_mm3 * volume_mm3
+    return cost.fixed_s + max(0.0, shared_s / printers - rim_s)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,10 +15,7 @@ from scipy.ndimage import distance_transform_edt, find_objects
 
 from decompose.arrays import Floats, Ints
 from decompose.jit import jit
-
-if TYPE_CHECKING:
-    from decompose.results import Part
-
+from decompose.results import Part
 
 EXPLODE = 0.28  # how far parts move from the middle, as a share of their distance to it
 OVERSAMPLE = 3  # pixels of the buffer along each side of a pixel of the picture

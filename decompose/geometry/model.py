@@ -1,4 +1,4 @@
-"""Reading a model: any file that claims to be a mesh -> a closed solid in mm, or a reason why not."""
+"""Reader of models: from any mesh file to a closed solid in mm, or the reason why not."""
 
 from __future__ import annotations
 
@@ -80,29 +80,51 @@ def load_model(
     scale
         Factor from the file's numbers to mm; 1 by default.
     longest_side_mm
-        Instead of `scale`: the longest side that the model shall have.
+        Longest side of the scaled model, instead of `scale`.
     name
-        What a person calls the file, where that is not the path's own name. Messages use it, and its suffix
-        tells the kind of file.
+        Name of the file in messages, whose suffix gives the format; by default that of the path.
 
     Raises
     ------
     ModelUnreadable, ModelEmpty, ModelNotFinite, ModelFlat, ModelTiny, ModelHuge, ModelNotSolid
-        About in the order in which they are looked for.
+        About in the order of the checks.
     """
     where = _one_line(str(path) if name is None else name)
     suffix = Path(path.name if name is None else name).suffix.lower()
     name = _one_line(path.name if name is None else name)
+    _check_size_options(scale, longest_side_mm)
+    triangles = _read(path, where, name, suffix)
+    longest, reach = _measure_triangles(name, triangles)
+    factor = _factor(name, longest, scale, longest_side_mm)
+    if longest * factor < SMALLEST_MM:
+        raise ModelTiny(f"{name}: would be less than {SMALLEST_MM:g} mm long; give a larger --longest-side")
+    if not reach * factor <= LARGEST_MM:
+        raise ModelHuge(
+            f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
+            "give a smaller --longest-side, or move the model to its origin"
+        )
+    solid, repairs = close_surface(name, triangles * factor)
+    return Model(solid, tuple(repairs), factor)
+
+
+def _check_size_options(scale: float | None, longest_side_mm: float | None) -> None:
+    """Refuse a scale or a longest side that no model can have, and both together."""
     for flag, value in (("--scale", scale), ("--longest-side", longest_side_mm)):
         if value is not None and not 0.0 < value <= sys.float_info.max:
             raise BadSize(f"{flag} {value}: give a number above 0")
     if scale is not None and longest_side_mm is not None:
         raise BadSize("--scale and --longest-side exclude each other: give one of them")
-    triangles = _read(path, where, name, suffix)
+
+
+def _measure_triangles(name: str, triangles: Floats) -> tuple[float, float]:
+    """Measure the longest side and the greatest coordinate of triangles (m, 3, 3) in the unit of the file.
+
+    Refuses what is not finite, empty or flat.
+    """
     if not np.isfinite(triangles).all():
         bad = int((~np.isfinite(triangles)).any(axis=(1, 2)).sum())
         raise ModelNotFinite(
-            f"{name}: {bad} of {len(triangles)} triangles have a coordinate that is no number"
+            f"{name}: {bad} of {len(triangles)} triangles have a coordinate that is not a number"
         )
     reach = float(np.abs(triangles).max())
     unit = triangles / (reach or 1.0)  # its squares neither overflow nor vanish
@@ -113,16 +135,7 @@ def load_model(
     if size.min() <= FLAT_RATIO * size.max():
         axis = "xyz"[int(size.argmin())]
         raise ModelFlat(f"{name}: is flat, without thickness along {axis}; a print needs a solid")
-    factor = _factor(name, float(size.max()) * reach, scale, longest_side_mm)
-    if float(size.max()) * reach * factor < SMALLEST_MM:
-        raise ModelTiny(f"{name}: would be less than {SMALLEST_MM:g} mm long; give a larger --longest-side")
-    if not reach * factor <= LARGEST_MM:
-        raise ModelHuge(
-            f"{name}: would reach {reach * factor:.3g} mm from its origin (limit {LARGEST_MM:g} mm): "
-            "give a smaller --longest-side, or move the model to its origin"
-        )
-    solid, repairs = close_surface(name, triangles * factor)
-    return Model(solid, tuple(repairs), factor)
+    return float(size.max()) * reach, reach
 
 
 def _one_line(text: str) -> str:

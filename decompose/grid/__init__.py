@@ -10,23 +10,25 @@ from decompose.grid.grid import (
     GRANULARITY,
     Cell,
     Grid,
+    GridRules,
     build_grid,
     cell_counts,
     fill_grid,
     flat_coordinates,
 )
-from decompose.grid.interfaces import fill_out_boxes, free_directions, group_faces, keep_clear, move_groups
-from decompose.grid.needed_cells import NeededCells, refine_cells
+from decompose.grid.needed_cells import SAME_MM, NeededCells, refine_cells
 
 __all__ = [
     "CLEAR_MM",
     "GRANULARITY",
     "OVERHANG",
+    "SAME_MM",
     "VOLUME",
     "Box",
     "BoxTables",
     "Cell",
     "Grid",
+    "GridRules",
     "NeededCells",
     "Shape",
     "box_at",
@@ -34,14 +36,9 @@ __all__ = [
     "build_grid",
     "cell_counts",
     "fill_grid",
-    "fill_out_boxes",
     "flat_coordinates",
-    "free_directions",
-    "group_faces",
     "index_of",
     "interval",
-    "keep_clear",
-    "move_groups",
     "price_boxes",
     "refine_cells",
 ]

@@ -6,14 +6,16 @@ box costs a few dozen additions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from decompose.arrays import Bools, Floats
-from decompose.grid.box_index import Box, box_index, index_of
+from decompose.grid.box_index import Box, Shape, box_index, index_of
 from decompose.grid.clipping import LATERAL, MOMENT, OVERHANG, SKIN, SLOPE, VOLUME
 from decompose.grid.grid import Grid
 from decompose.jit import jit
@@ -141,80 +143,111 @@ def _least_price(prices: Prices, rooms: Floats, sums: Floats, ends_mm: Floats, a
     return best
 
 
+class Contents(NamedTuple):
+    """Contents of n cells, or of rows or layers of them.
+
+    Attributes
+    ----------
+    sums
+        (n, SUMS) float64, see `grid.clipping`.
+    ends
+        (n, 12) float64, see `_cell_ends`.
+    """
+
+    sums: Floats
+    ends: Floats
+
+
+class Pricing(NamedTuple):
+    """Rooms (rooms, boxes, 3) in mm, of `room_array`; cut areas, as `_cut_areas` takes them; and prices."""
+
+    rooms: Floats
+    cuts: tuple[Floats, Floats, Floats]
+    prices: Prices
+
+
+class Priced(NamedTuple):
+    """Tables to fill in: `seconds`, `trimmed` and `cut_mm2` of `BoxTables`."""
+
+    seconds: npt.NDArray[np.float32]
+    trimmed: npt.NDArray[np.int32]
+    cut_mm2: npt.NDArray[np.float32]
+
+
 @jit
-def _price_all(
-    needed: Bools,
-    sums: Floats,
-    extents: Floats,
-    cuts: tuple[Floats, Floats, Floats],
-    rooms: Floats,
-    prices: Prices,
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.float32]]:
-    """Price, trimmed box and cut area of every box: a row, then a layer, then a box is added up.
+def _clear(total: Contents) -> None:
+    """Make contents those of no cells."""
+    total.sums[:] = 0.0
+    for i in range(len(total.ends)):
+        _clear_ends(total.ends[i])
+
+
+@jit
+def _add(total: Contents, more: Contents) -> None:
+    """Add contents to others, cell by cell."""
+    for i in range(len(total.ends)):
+        for k in range(total.sums.shape[1]):
+            total.sums[i, k] += more.sums[i, k]
+        _widen_ends(total.ends[i], more.ends[i])
+
+
+@jit
+def _price_all(needed: Bools, sums: Floats, extents: Floats, pricing: Pricing, priced: Priced) -> None:
+    """Price every box of a grid: rows of cells are added up to layers, and layers to boxes.
 
     Parameters
     ----------
     needed, sums, extents
-        Of `Grid`.
-    cuts
-        For each axis, as `_cut_areas` takes them.
-    rooms
-        (rooms, boxes, 3) in mm, of `room_array`.
-    prices
-        Of `CostModel.prices`.
-
-    Returns
-    -------
-    tuple
-        `seconds`, `trimmed` and `cut_mm2` of `BoxTables`.
+        As in `Grid`.
+    pricing
+        Rooms, cut areas and prices.
+    priced
+        Filled in.
     """
-    nx, ny, nz = needed.shape
-    total = nx * (nx + 1) // 2 * (ny * (ny + 1) // 2) * (nz * (nz + 1) // 2)
-    seconds = np.full(total, np.inf, np.float32)
-    trimmed = np.full(total, -1, np.int32)
-    cut_mm2 = np.zeros(total, np.float32)
-    columns = sums.shape[3]
+    nx, ny, nz = shape = needed.shape
     ends = _cell_ends(needed, extents)
-    row, row_ends = np.zeros((ny, nz, columns)), np.zeros((ny, nz, 12))
-    layer, layer_ends = np.zeros((nz, columns)), np.zeros((nz, 12))
-    s, e, areas = np.zeros(columns), np.zeros(12), np.zeros(6)
+    row = Contents(np.zeros((ny, nz, sums.shape[3])), np.zeros((ny, nz, 12)))
+    layer = Contents(np.zeros((nz, sums.shape[3])), np.zeros((nz, 12)))
     for x0 in range(nx):
-        row[:] = 0.0
         for y in range(ny):
-            for z in range(nz):
-                _clear_ends(row_ends[y, z])
+            _clear(Contents(row.sums[y], row.ends[y]))
         for x1 in range(x0 + 1, nx + 1):
             for y in range(ny):
-                for z in range(nz):
-                    for k in range(columns):
-                        row[y, z, k] += sums[x1 - 1, y, z, k]
-                    _widen_ends(row_ends[y, z], ends[x1 - 1, y, z])
+                _add(Contents(row.sums[y], row.ends[y]), Contents(sums[x1 - 1, y], ends[x1 - 1, y]))
             for y0 in range(ny):
-                layer[:] = 0.0
-                for z in range(nz):
-                    _clear_ends(layer_ends[z])
+                _clear(layer)
                 for y1 in range(y0 + 1, ny + 1):
-                    for z in range(nz):
-                        for k in range(columns):
-                            layer[z, k] += row[y1 - 1, z, k]
-                        _widen_ends(layer_ends[z], row_ends[y1 - 1, z])
-                    for z0 in range(nz):
-                        s[:] = 0.0
-                        _clear_ends(e)
-                        for z1 in range(z0 + 1, nz + 1):
-                            for k in range(columns):
-                                s[k] += layer[z1 - 1, k]
-                            _widen_ends(e, layer_ends[z1 - 1])
-                            if e[9] < 0.0:
-                                continue  # no needed cell
-                            sides = (x0, y0, z0, x1, y1, z1)
-                            box = index_of(sides, (nx, ny, nz))
-                            least = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
-                            trimmed[box] = index_of(least, (nx, ny, nz))
-                            if trimmed[box] == box:
-                                cut_mm2[box] = _cut_areas(cuts, sides, areas)
-                                seconds[box] = _least_price(prices, rooms, s, e, areas)
-    return seconds, trimmed, cut_mm2
+                    _add(layer, Contents(row.sums[y1 - 1], row.ends[y1 - 1]))
+                    _price_column(layer, (x0, y0, x1, y1), shape, pricing, priced)
+
+
+@jit
+def _price_column(
+    layer: Contents, base: tuple[int, int, int, int], shape: Shape, pricing: Pricing, priced: Priced
+) -> None:
+    """Price all boxes over a base x0, y0, x1, y1 in cells, half-open.
+
+    layer: contents of the nz layers of cells over the base.
+    """
+    x0, y0, x1, y1 = base
+    nz = shape[2]
+    s, e, areas = np.zeros(layer.sums.shape[1]), np.zeros(12), np.zeros(6)
+    for z0 in range(nz):
+        s[:] = 0.0
+        _clear_ends(e)
+        for z1 in range(z0 + 1, nz + 1):
+            for k in range(len(s)):
+                s[k] += layer.sums[z1 - 1, k]
+            _widen_ends(e, layer.ends[z1 - 1])
+            if e[9] < 0.0:
+                continue  # no needed cell
+            sides = (x0, y0, z0, x1, y1, z1)
+            box = index_of(sides, shape)
+            least = (int(e[6]), int(e[7]), int(e[8]), int(e[9]), int(e[10]), int(e[11]))
+            priced.trimmed[box] = index_of(least, shape)
+            if priced.trimmed[box] == box:
+                priced.cut_mm2[box] = _cut_areas(pricing.cuts, sides, areas)
+                priced.seconds[box] = _least_price(pricing.prices, pricing.rooms, s, e, areas)
 
 
 @jit
@@ -313,11 +346,15 @@ def price_boxes(grid: Grid, printers: Sequence[PrinterRoom], cost: CostModel) ->
         table[inner] = cut.cumsum(axis=a).cumsum(axis=b)
         prefix.append(table)
     cuts = (prefix[0], prefix[1], prefix[2])
-    rooms = room_array(printers)
-    seconds, trimmed, cut_mm2 = _price_all(grid.needed, grid.sums, grid.extents, cuts, rooms, cost.prices())
+    total = math.prod(n * (n + 1) // 2 for n in grid.shape)
+    priced = Priced(
+        np.full(total, np.inf, np.float32), np.full(total, -1, np.int32), np.zeros(total, np.float32)
+    )
+    pricing = Pricing(room_array(printers), cuts, cost.prices())
+    _price_all(grid.needed, grid.sums, grid.extents, pricing, priced)
     full = np.isfinite(grid.extents[..., 0])
     nx, ny, nz = grid.shape
     open_x, open_y, open_z = (np.ascontiguousarray(c[:nx, :ny, :nz] > 0.0) for c in grid.cuts)
-    pieces = np.ones(len(seconds), np.int16)
-    _count_pieces(full, (open_x, open_y, open_z), trimmed, seconds, pieces)
-    return BoxTables(grid.shape, seconds, trimmed, pieces, cut_mm2)
+    pieces = np.ones(total, np.int16)
+    _count_pieces(full, (open_x, open_y, open_z), priced.trimmed, priced.seconds, pieces)
+    return BoxTables(grid.shape, priced.seconds, priced.trimmed, pieces, priced.cut_mm2)

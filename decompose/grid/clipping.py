@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from decompose.arrays import Floats, Ints
@@ -19,7 +21,27 @@ SUMS = 22
 MIN_FRAGMENT_MM2 = 1e-12
 
 Planes = tuple[Floats, Floats, Floats]
-Sums = tuple[Floats, Floats, Floats, Floats]  # area, flux, sums, extents: see `clip_into_cells`
+
+
+class CellContents(NamedTuple):
+    """Sums over the surface in each cell, float64.
+
+    Attributes
+    ----------
+    area
+        (nx, ny, nz) of the surface in mm2.
+    flux
+        (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3, x0 being the cell's near side.
+    sums
+        (nx, ny, nz, SUMS) of `Grid`, without the volume.
+    extents
+        (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf where there is none.
+    """
+
+    area: Floats
+    flux: Floats
+    sums: Floats
+    extents: Floats
 
 
 @jit
@@ -92,13 +114,18 @@ def _area_and_centre(polygon: Floats, normal: Floats, centre: Floats) -> float:
 
 @jit
 def _add_fragment(
-    into: Sums, cell: Ints, polygon: Floats, normal: Floats, west_mm: float, cosines: tuple[float, float]
+    into: CellContents,
+    cell: Ints,
+    polygon: Floats,
+    normal: Floats,
+    west_mm: float,
+    cosines: tuple[float, float],
 ) -> None:
     """Add a fragment, a polygon (k, 3) with a unit normal (3,), to the sums of its cell (3,).
 
     west_mm: x of the near side of the cell. cosines: of skin and of overhangs, see `clip_into_cells`.
     """
-    area, flux, sums, extents = into
+    area, flux, sums, extents = into.area, into.flux, into.sums, into.extents
     skin_cos, overhang_cos = cosines
     x, y, z = cell[0], cell[1], cell[2]
     centre = np.zeros(3)
@@ -127,8 +154,8 @@ def _add_fragment(
 
 
 @jit
-def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang_cos: float) -> Sums:
-    """Clip every triangle to the cells that it crosses, and add up by cell.
+def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang_cos: float) -> CellContents:
+    """Clip every triangle to the cells that it crosses, and add up its fragments by cell.
 
     Parameters
     ----------
@@ -138,23 +165,11 @@ def clip_into_cells(triangles: Floats, planes: Planes, skin_cos: float, overhang
         For each axis the ascending coordinates (n + 1,) of the planes in mm.
     skin_cos, overhang_cos
         Faces whose normal has a larger component along an axis get skin, count as overhangs.
-
-    Returns
-    -------
-    tuple
-        area
-            (nx, ny, nz) of the surface in mm2.
-        flux
-            (nx, ny, nz, 4) sums of A n in mm2, and of A nx (x - x0) in mm3, x0 being the cell's near side.
-        sums
-            (nx, ny, nz, SUMS) of `Grid`, without the volume.
-        extents
-            (nx, ny, nz, 6) least and greatest x, y, z of the surface in mm; +inf, -inf where there is none.
     """
     shape = (len(planes[0]) - 1, len(planes[1]) - 1, len(planes[2]) - 1)
     extents = np.full((*shape, 6), np.inf)
     extents[:, :, :, 3:] = -np.inf
-    into = (np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
+    into = CellContents(np.zeros(shape), np.zeros((*shape, 4)), np.zeros((*shape, SUMS)), extents)
     polygons = np.zeros((4, 12, 3))  # the triangle clipped along 0, 1, 2, 3 axes
     half = np.zeros((12, 3))
     count, last, at = np.zeros(4, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)

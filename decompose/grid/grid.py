@@ -22,9 +22,9 @@ GRANULARITY = {
 }  # fmt: skip
 MAX_BOXES = 10_000_000  # all boxes of the grid are held in memory
 MIN_CELL_MM = 4.0
-CLEAR_MM = (
-    2.0  # a grid plane keeps this far from flat faces where it can: no slivers, no face taken for a cut
-)
+CLEAR_MM = 2.0
+"""Distance that a grid plane keeps from flat faces where it can, so that no slivers are left and no face is
+taken for a cut."""
 
 
 class Cell(IntEnum):
@@ -33,6 +33,28 @@ class Cell(IntEnum):
     EXTERNAL = 0
     INTERNAL = 1
     BOUNDARY = 2
+
+
+@dataclass(frozen=True, slots=True)
+class GridRules:
+    """Rules for the cells and the faces of a model.
+
+    Attributes
+    ----------
+    min_wall_mm
+        Internal cells nearer than this to the surface are needed.
+    keep_interior
+        Every internal cell is needed.
+    overhang_cos
+        Faces whose normal points down by more than this count as overhangs.
+    skin_cos
+        Faces whose normal points up or down by more than this get skin.
+    """
+
+    min_wall_mm: float
+    keep_interior: bool
+    overhang_cos: float
+    skin_cos: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +161,7 @@ def cell_counts(size_mm: Floats, granularity: int) -> tuple[int, int, int]:
 def build_grid(
     triangles: Floats,
     granularity: int,
-    min_wall_mm: float,
-    keep_interior: bool,
-    overhang_cos: float,
-    skin_cos: float,
+    rules: GridRules,
     plane_at: tuple[int, float] | None = None,
 ) -> Grid:
     """Lay a grid over a closed mesh.
@@ -152,17 +171,11 @@ def build_grid(
     triangles
         (m, 3, 3) in mm, outward by the right-hand rule, closed.
     granularity
-        The cube root of the number of cells wanted.
-    min_wall_mm
-        Internal cells nearer than this to the surface are needed.
-    keep_interior
-        Every internal cell is needed.
-    overhang_cos
-        Faces whose normal points down by more than this count as overhangs.
-    skin_cos
-        Faces whose normal points up or down by more than this get skin.
+        Cube root of the number of cells wanted.
+    rules
+        For cells and faces.
     plane_at
-        An axis, and where the nearest inner plane of the grid is moved to, in mm.
+        Axis, and coordinate in mm to which the nearest inner plane of the grid is moved.
     """
     lo, hi = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
     counts = cell_counts(hi - lo, granularity)
@@ -173,27 +186,20 @@ def build_grid(
     if plane_at is not None and counts[plane_at[0]] > 1:
         inner_planes = planes[plane_at[0]][1:-1]
         inner_planes[np.abs(inner_planes - plane_at[1]).argmin()] = plane_at[1]
-    return fill_grid(triangles, planes, min_wall_mm, keep_interior, overhang_cos, skin_cos)
+    return fill_grid(triangles, planes, rules)
 
 
-def fill_grid(
-    triangles: Floats,
-    planes: tuple[Floats, Floats, Floats],
-    min_wall_mm: float,
-    keep_interior: bool,
-    overhang_cos: float,
-    skin_cos: float,
-) -> Grid:
-    """Fill a grid of these planes over a closed mesh, which lies between the outermost; see `build_grid`.
+def fill_grid(triangles: Floats, planes: tuple[Floats, Floats, Floats], rules: GridRules) -> Grid:
+    """Fill a grid of given planes over a closed mesh, which lies between the outermost; see `build_grid`.
 
     Parameters
     ----------
     planes
         For each axis the ascending coordinates (n + 1,) of the planes in mm.
-    triangles, min_wall_mm, keep_interior, overhang_cos, skin_cos
+    triangles, rules
         As of `build_grid`.
     """
-    area, flux, sums, extents = clip_into_cells(triangles, planes, skin_cos, overhang_cos)
+    area, flux, sums, extents = clip_into_cells(triangles, planes, rules.skin_cos, rules.overhang_cos)
     surface = extents.copy()  # the solid's extents follow from it
     steps = [np.diff(p) for p in planes]
     cuts = []
@@ -219,8 +225,8 @@ def fill_grid(
     cells[(area == 0.0) & (cuts[0][:-1] > 0.0)] = Cell.INTERNAL
     cells[area > 0.0] = Cell.BOUNDARY
     needed = cells != Cell.EXTERNAL
-    if not keep_interior:
-        needed = (cells == Cell.BOUNDARY) | _wall(cells, surface, planes, min_wall_mm)
+    if not rules.keep_interior:
+        needed = (cells == Cell.BOUNDARY) | _wall(cells, surface, planes, rules.min_wall_mm)
     return Grid(planes, cells, needed, sums, area, extents, surface, (cuts[0], cuts[1], cuts[2]))
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.grid.grid import Cell, Grid, fill_grid
+from decompose.grid.grid import Cell, Grid, GridRules, fill_grid
 
 SAME_MM = 1e-9  # coordinates closer than this are the same plane
 MAX_FINER = 4
@@ -35,7 +35,7 @@ def refine_cells(
     """
     times = max(1, min(MAX_FINER, int((most_cells / grid.needed.size) ** (1.0 / 3.0))))
     px, py, pz = (_finer(planes, times) for planes in grid.planes)
-    fine = fill_grid(triangles, (px, py, pz), min_wall_mm, True, 1.0, 1.0)
+    fine = fill_grid(triangles, (px, py, pz), GridRules(min_wall_mm, True, 1.0, 1.0))
     needed = fine.cells != Cell.EXTERNAL
     if not keep_interior:
         boundary = fine.cells == Cell.BOUNDARY

@@ -1,238 +1,234 @@
-"""Kernels of `columns`: upright rays through a mesh, and what they say of supports, mass and islands."""
+"""Kernels of `columns`: upright rays through a mesh, and the supports, mass and islands along them."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from decompose.arrays import Bools, Floats, Ints
 from decompose.jit import jit
+from decompose.print_time.rays import Rays, find_crossings, unit_normals
 
 MIN_STEP_MM = 0.4
-LEVELS = 8  # heights at which the growing part is looked at
+LEVELS = 8  # heights at which the growing part is measured
 ISLAND_LEVELS, ISLAND_STRIDE = 16, 2  # heights at which islands are counted, in every second column each way
-LEVEL_MM = 0.01  # heights that are the same
+LEVEL_MM = 0.01  # heights closer than this are the same
 STEEPEST = 20.0  # the tangent that counts as upright
-MIN_GAP_MM = 0.3  # what lies lower above the bed, or above the part, gets no support
+MIN_GAP_MM = 0.3  # a face that is lower above the bed, or above the part, gets no support
+
+
+class Runs(NamedTuple):
+    """Runs of solid in the columns around rays, from the bottom up.
+
+    Attributes
+    ----------
+    start, counts
+        (rays,) int64 index of the first run of each column, and the number of its runs.
+    ends
+        (runs, 5) float64 in mm: bottom and top of a run, height of air and of support below it, and the
+        height by which its lower face falls from one column to the next.
+    """
+
+    start: Ints
+    counts: Ints
+    ends: Floats
+
+
+class Sweep(NamedTuple):
+    """Sums over the columns of a mesh.
+
+    Attributes
+    ----------
+    touched
+        Number of columns of support that hang under or stand on a marked face, once for each of the two.
+    levels
+        (LEVELS, 4) float64 moments in x, y, z and mass of the solid below each level, per area of a column.
+    propped
+        (nx, ny) bool: support carries the part from the bed.
+    supports_mm
+        (nx, ny) float64 height of support in each column.
+    towers_mm, edges_mm2, islands_mm
+        See `_towers` and `_islands_mm`.
+    """
+
+    touched: float
+    levels: Floats
+    propped: Bools
+    supports_mm: Floats
+    towers_mm: float
+    edges_mm2: float
+    islands_mm: float
 
 
 @jit
-def sweep_columns(
-    triangles: Floats,
-    marked: Floats,
-    rays: tuple[Floats, float, tuple[int, int]],
-    height: float,
-    overhang_cos: float,
-) -> tuple[float, Floats, Bools, Floats, float, float, float]:
-    """Send upright rays through a closed mesh and add up what they meet, column by column.
+def sweep_columns(triangles: Floats, marked: Floats, rays: Rays, height: float, overhang_cos: float) -> Sweep:
+    """Send upright rays through a closed mesh and add up the solid and the air of their columns.
 
     Parameters
     ----------
     triangles
-        (m, 3, 3) in mm, outward, standing on z = 0.
+        (m, 3, 3) float64 in mm, outward, standing on z = 0.
     marked
         (m,) float64: 1 for a face to which no support should stick, else 0.
     rays
-        Place (2,) of the first ray in mm, their distance in mm, and how many there are along x and y.
+        One in the middle of each column.
     height
-        Of the mesh, in mm.
+        Height of the mesh in mm.
     overhang_cos
         Faces whose normal points down by more than this get support.
-
-    Returns
-    -------
-    tuple
-        touched
-            Number of marked faces that support hangs under or stands on, by columns.
-        levels
-            (LEVELS, 4) moments in x, y, z and mass of what is below each level, per area of a column.
-        propped
-            (nx, ny) whether support carries the part from the bed.
-        supports
-            (nx, ny) height of support in each column, in mm.
-        towers_mm, edges_mm2, islands_mm
-            See `_towers` and `_islands_mm`.
     """
-    origin, step, (nx, ny) = rays
-    normals = _normals(triangles)
-    start, where, which = _crossings(triangles, normals, origin, step, nx, ny)
+    origin, step, (nx, ny) = rays.origin_mm, rays.step_mm, rays.shape
+    normals = unit_normals(triangles)
+    crossings = find_crossings(triangles, normals, rays)
+    runs = Runs(crossings.start, np.zeros(nx * ny, np.int64), np.zeros((len(crossings.z_mm), 5)))
     touched = 0.0
-    # Runs of solid in a column: their ends, the open air and the support below, their lean.
-    runs = np.zeros((len(where), 5))
-    counts = np.zeros(nx * ny, np.int64)
     supports = np.zeros((nx, ny))
     propped = np.zeros((nx, ny), np.bool_)
     passing = np.zeros((LEVELS, 4))  # runs up to each level that go on above it
     ending = np.zeros((LEVELS, 4))  # and those that end below it, and not below the one before
     for column in range(nx * ny):
         i, j = column // ny, column % ny
+        begin, end = crossings.start[column], crossings.start[column + 1]
+        crossed = (crossings.z_mm[begin:end], crossings.face[begin:end])
+        found = _follow_ray(crossed, normals, marked, overhang_cos, step, runs.ends[begin:end])
+        runs.counts[column], supports[i, j], on_marked, propped[i, j] = found
+        touched += on_marked
         x, y = origin[0] + i * step, origin[1] + j * step
-        below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
-        depth, bottom, air, support, lean = 0, 0.0, 0.0, 0.0, 0.0
-        for k in range(start[column], start[column + 1]):
-            z, t = where[k], which[k]
-            up = normals[t, 2]
-            if up < 0.0:
-                depth += 1
-                if depth != 1:
-                    continue
-                bottom, air, support = z, z - below, 0.0
-                lean = min(STEEPEST, np.sqrt(1.0 - up * up) / -up)
-                if -up > overhang_cos and air > MIN_GAP_MM:
-                    supports[i, j] += air
-                    air, support = 0.0, air
-                    touched += marked[t] + on_marked
-                    if below == 0.0:
-                        propped[i, j] = True
-                continue
-            depth -= 1
-            if depth != 0:
-                continue
-            below, on_marked = z, marked[t]
-            run = start[column] + counts[column]
-            runs[run, 0], runs[run, 1], runs[run, 2], runs[run, 3] = bottom, z, air, support
-            runs[run, 4] = lean * step
-            counts[column] += 1
-            level = int(bottom / height * LEVELS)
-            while level < LEVELS - 1 and height * (level + 1) / LEVELS < z:
-                _add(passing, level, x, y, bottom, height * (level + 1) / LEVELS)
-                level += 1
-            _add(ending, min(level, LEVELS - 1), x, y, bottom, z)
+        for run in range(begin, begin + runs.counts[column]):
+            _add_run(passing, ending, (x, y), (runs.ends[run, 0], runs.ends[run, 1]), height)
     for level in range(LEVELS):
         for above in range(level, LEVELS):
             passing[above] += ending[level]
     carried = step * np.sqrt(1.0 - overhang_cos * overhang_cos) / overhang_cos
-    towers_mm, edges_mm2 = _towers(start, counts, runs, supports, carried, step)
-    islands_mm = _islands_mm(start, counts, runs, nx, ny, height)
-    return touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm
+    towers_mm, edges_mm2 = _towers(runs, supports, carried, step)
+    islands_mm = _islands_mm(runs, rays.shape, height)
+    return Sweep(touched, passing, propped, supports, towers_mm, edges_mm2, islands_mm)
 
 
 @jit
-def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
-    """Least and greatest x, y and z."""
-    lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
-    for t in range(len(triangles)):
-        for corner in range(3):
-            for axis in range(3):
-                lo[axis] = min(lo[axis], triangles[t, corner, axis])
-                hi[axis] = max(hi[axis], triangles[t, corner, axis])
-    return lo, hi
-
-
-@jit
-def _add(sums: Floats, level: int, x: float, y: float, bottom: float, top: float) -> None:
-    """Add the moments and the mass of a run of a column at (x, y)."""
-    sums[level, 0] += x * (top - bottom)
-    sums[level, 1] += y * (top - bottom)
-    sums[level, 2] += (top * top - bottom * bottom) / 2.0
-    sums[level, 3] += top - bottom
-
-
-@jit
-def _normals(triangles: Floats) -> Floats:
-    """(m, 3) Unit normals; 0 of what has no area."""
-    found = np.zeros((len(triangles), 3))
-    for t in range(len(triangles)):
-        ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
-        ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
-        vx, vy, vz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        length = np.sqrt(nx * nx + ny * ny + nz * nz)
-        if length > 0.0:
-            found[t, 0], found[t, 1], found[t, 2] = nx / length, ny / length, nz / length
-    return found
-
-
-@jit
-def _crossings(
-    triangles: Floats, normals: Floats, origin: Floats, step: float, nx: int, ny: int
-) -> tuple[Ints, Floats, Ints]:
-    """Crossings of each column with the mesh: where its own begin, their rising heights, their triangles.
-
-    Of two triangles with an edge in common a column goes through one: what lies on an edge belongs to the
-    triangle above it.
-    """
-    start = np.zeros(nx * ny + 1, np.int64)
-    where = np.zeros(0, np.float64)
-    which = np.zeros(0, np.int64)
-    filled = np.zeros(nx * ny, np.int64)
-    edges = np.zeros((3, 4))  # from x, to x, y where it begins, slope
-    for turn in range(2):  # count, then fill
-        if turn == 1:
-            for i in range(nx * ny):
-                start[i + 1] += start[i]
-            where = np.zeros(start[nx * ny], np.float64)
-            which = np.zeros(start[nx * ny], np.int64)
-        for t in range(len(triangles)):
-            up = normals[t, 2]
-            if up == 0.0:
-                continue
-            left, right = np.inf, -np.inf
-            for k in range(3):
-                p, q = k, (k + 1) % 3
-                if triangles[t, p, 0] > triangles[t, q, 0]:
-                    p, q = q, p  # so that both triangles of an edge find the same y
-                px, qx = triangles[t, p, 0], triangles[t, q, 0]
-                edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangles[t, p, 1]
-                edges[k, 3] = (triangles[t, q, 1] - triangles[t, p, 1]) / (qx - px) if qx > px else 0.0
-                left, right = min(left, px), max(right, qx)
-            first = max(0, int(np.ceil((left - origin[0]) / step)))
-            last = min(nx, int(np.ceil((right - origin[0]) / step)))
-            if first >= last:
-                continue
-            ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
-            lowest = min(az, triangles[t, 1, 2], triangles[t, 2, 2])
-            highest = max(az, triangles[t, 1, 2], triangles[t, 2, 2])
-            slope_x, slope_y = -normals[t, 0] / up, -normals[t, 1] / up
-            for i in range(first, last):
-                x = origin[0] + i * step
-                low, high = np.inf, -np.inf
-                for k in range(3):
-                    if edges[k, 0] < x <= edges[k, 1]:
-                        y = edges[k, 2] + (x - edges[k, 0]) * edges[k, 3]
-                        low, high = min(low, y), max(high, y)
-                if low > high:
-                    continue
-                begin = max(0, int(np.ceil((low - origin[1]) / step)))
-                end = min(ny, int(np.ceil((high - origin[1]) / step)))
-                for j in range(begin, end):
-                    column = i * ny + j
-                    if turn == 0:
-                        start[column + 1] += 1
-                        continue
-                    z = az + (x - ax) * slope_x + (origin[1] + j * step - ay) * slope_y
-                    z = min(max(z, lowest), highest)
-                    at = start[column] + filled[column]
-                    filled[column] += 1
-                    while at > start[column] and where[at - 1] > z:
-                        where[at], which[at] = where[at - 1], which[at - 1]
-                        at -= 1
-                    where[at], which[at] = z, t
-    return start, where, which
-
-
-@jit
-def _towers(
-    start: Ints,
-    counts: Ints,
-    runs: Floats,
-    supports: Floats,
-    carried: float,
+def _follow_ray(
+    crossed: tuple[Floats, Ints],
+    normals: Floats,
+    marked: Floats,
+    overhang_cos: float,
     step: float,
-) -> tuple[float, float]:
-    """Height of air under runs of solid that neither a run nor a support beside them carries.
+    ends: Floats,
+) -> tuple[int, float, float, bool]:
+    """Find the runs of solid along a ray, and the support below them.
+
+    Parameters
+    ----------
+    crossed
+        (k,) float64 rising heights in mm and (k,) int64 indices of the faces that it crosses.
+    normals, marked
+        (m, 3) float64 unit normals and (m,) float64 marks of all faces.
+    overhang_cos, step
+        As of `sweep_columns` and `Rays`.
+    ends
+        (k, 5) float64, of `Runs`, filled in.
+
+    Returns
+    -------
+    tuple
+        Number of runs, height of support in mm, number of marked faces that it touches, and whether it
+        carries the part from the bed.
+    """
+    z_mm, face = crossed
+    count, supported, touched, propped = 0, 0.0, 0.0, False
+    below, on_marked = 0.0, 0.0  # where a support in this column would stand, and on what
+    depth, bottom, air, support, lean = 0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(z_mm)):
+        z, t = z_mm[k], face[k]
+        up = normals[t, 2]
+        if up < 0.0:
+            depth += 1
+            if depth != 1:
+                continue
+            bottom, air, support = z, z - below, 0.0
+            lean = min(STEEPEST, np.sqrt(1.0 - up * up) / -up)
+            if -up > overhang_cos and air > MIN_GAP_MM:
+                supported += air
+                air, support = 0.0, air
+                touched += marked[t] + on_marked
+                propped = propped or below == 0.0
+            continue
+        depth -= 1
+        if depth != 0:
+            continue
+        below, on_marked = z, marked[t]
+        ends[count, 0], ends[count, 1], ends[count, 2], ends[count, 3] = bottom, z, air, support
+        ends[count, 4] = lean * step
+        count += 1
+    return count, supported, touched, propped
+
+
+@jit
+def _add_run(
+    passing: Floats, ending: Floats, place: tuple[float, float], run: tuple[float, float], height: float
+) -> None:
+    """Add a run of a column to the moments and the mass of each level.
+
+    Parameters
+    ----------
+    passing, ending
+        (LEVELS, 4) float64 sums of the runs that go on above a level, and of those that end below it.
+    place
+        x and y of the column in mm.
+    run
+        Bottom and top of the run in mm.
+    height
+        Height of the mesh in mm.
+    """
+    bottom, top = run
+    level = int(bottom / height * LEVELS)
+    while level < LEVELS - 1 and height * (level + 1) / LEVELS < top:
+        _add(passing[level], place, bottom, height * (level + 1) / LEVELS)
+        level += 1
+    _add(ending[min(level, LEVELS - 1)], place, bottom, top)
+
+
+@jit
+def _add(sums: Floats, place: tuple[float, float], bottom: float, top: float) -> None:
+    """Add the moments and the mass of a part of a column at x, y in mm to sums (4,) float64."""
+    x, y = place
+    sums[0] += x * (top - bottom)
+    sums[1] += y * (top - bottom)
+    sums[2] += (top * top - bottom * bottom) / 2.0
+    sums[3] += top - bottom
+
+
+@jit
+def _towers(runs: Runs, supports: Floats, carried: float, step: float) -> tuple[float, float]:
+    """Sum the height of air under runs of solid that neither a run nor a support beside them carries.
 
     Where runs begin beside each other on about one level, in an edge, the first of them counts, and of the
-    others both sides of the strip of support below them, in mm2.
+    others both sides of the strip of support below them.
 
-    carried: how much lower a run beside has to begin to carry it.
+    Parameters
+    ----------
+    runs
+        Runs of all columns.
+    supports
+        (nx, ny) float64 height of support in each column, in mm.
+    carried
+        Height in mm by which a run beside has to begin lower to carry a run.
+    step
+        Distance of the columns in mm.
+
+    Returns
+    -------
+    tuple
+        Height of all towers in mm, and sides of all strips in mm2.
     """
+    start, counts, ends = runs.start, runs.counts, runs.ends
     total, sides = 0.0, 0.0
     nx, ny = supports.shape
     for column in range(nx * ny):
         for k in range(start[column], start[column] + counts[column]):
-            bottom, air = runs[k, 0], runs[k, 2]
-            # Between two columns a thin wall that leans goes down by so much: what it stands on is below it.
-            reached = bottom - runs[k, 4]
+            bottom, air = ends[k, 0], ends[k, 2]
+            # A thin wall that leans is carried by what is lower, by as much as it falls between two columns.
+            reached = bottom - ends[k, 4]
             if air <= MIN_GAP_MM:
                 continue
             begins, edge = True, False
@@ -242,10 +238,10 @@ def _towers(
                     if supports[i, j] > 0.0:
                         begins = False
                     for m in range(start[beside], start[beside] + counts[beside]):
-                        if runs[m, 1] < reached:
+                        if ends[m, 1] < reached:
                             continue
                         far = abs(i - column // ny) + abs(j - column % ny) == 2
-                        lower = bottom - runs[m, 0]
+                        lower = bottom - ends[m, 0]
                         least = carried * (1.4142135623730951 if far else 1.0)
                         if lower > least:
                             begins = False
@@ -259,15 +255,20 @@ def _towers(
 
 
 @jit
-def _islands_mm(
-    start: Ints,
-    counts: Ints,
-    runs: Floats,
-    nx: int,
-    ny: int,
-    height: float,
-) -> float:
-    """The number of islands but one, of solid and of support, summed over the height."""
+def _islands_mm(runs: Runs, shape: tuple[int, int], height: float) -> float:
+    """Sum the number of islands but one, of solid and of support, over the height in mm.
+
+    Parameters
+    ----------
+    runs
+        Runs of all columns.
+    shape
+        Number of columns along x and along y.
+    height
+        Height of the mesh in mm.
+    """
+    start, counts, ends = runs.start, runs.counts, runs.ends
+    nx, ny = shape
     total = 0
     rows, row = (nx + ISLAND_STRIDE - 1) // ISLAND_STRIDE, (ny + ISLAND_STRIDE - 1) // ISLAND_STRIDE
     kind = np.zeros(rows * row, np.int8)  # none, solid, support
@@ -281,9 +282,9 @@ def _islands_mm(
                 column = i * ISLAND_STRIDE * ny + j * ISLAND_STRIDE
                 kind[me], parent[me] = 0, me
                 for k in range(start[column], start[column] + counts[column]):
-                    if runs[k, 0] < z < runs[k, 1]:
+                    if ends[k, 0] < z < ends[k, 1]:
                         kind[me] = 1
-                    elif runs[k, 0] - runs[k, 3] < z <= runs[k, 0]:
+                    elif ends[k, 0] - ends[k, 3] < z <= ends[k, 0]:
                         kind[me] = 2
                 if kind[me] == 0:
                     continue
@@ -302,7 +303,7 @@ def _islands_mm(
 
 @jit
 def _root(parent: Ints, at: int) -> int:
-    """Root of the group of an element."""
+    """Find the root of an element in a forest of parents (elements,) int64."""
     while parent[at] != at:
         parent[at] = parent[parent[at]]
         at = parent[at]

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from decompose.arrays import Bools, Floats
-from decompose.print_time.column_kernels import MIN_STEP_MM, find_bounds, sweep_columns
+from decompose.print_time.column_kernels import MIN_STEP_MM, sweep_columns
+from decompose.print_time.rays import Rays, find_bounds
 
 COLUMNS = 12_000  # about how many: support volumes then err by 1 to 2 %
 
@@ -73,25 +74,21 @@ def measure_columns(triangles: Floats, marked: Bools, overhang_cos: float, count
     shape = math.ceil(width / step), math.ceil(depth / step)
     # Off the middle by an odd share: a column through an edge of the mesh would be seen twice or not at all.
     origin = lo[:2] + step * (0.5 + np.array([0.0123, 0.0271]))
-    touched, levels, propped, supports, towers_mm, edges_mm2, islands_mm = sweep_columns(
-        triangles,
-        marked.astype(np.float64),
-        (origin, step, shape),
-        height,
-        overhang_cos,
+    found = sweep_columns(
+        triangles, marked.astype(np.float64), Rays(origin, step, shape), height, overhang_cos
     )
-    mass = np.maximum(levels[:, 3:], 1e-12)
+    mass = np.maximum(found.levels[:, 3:], 1e-12)
     area = step**2
     return Columns(
-        support_mm3=float(supports.sum() * area),
-        support_side_mm2=_side_mm2(supports, step) + edges_mm2,
-        towers_mm=towers_mm,
-        islands_mm=islands_mm,
-        propped_mm2=float(propped.sum() * area),
-        props_mm=origin + step * _row_ends(propped),
-        touched_mm2=float(touched * area),
-        volumes_mm3=levels[:, 3] * area,
-        centres_mm=levels[:, :3] / mass,
+        support_mm3=float(found.supports_mm.sum() * area),
+        support_side_mm2=_side_mm2(found.supports_mm, step) + found.edges_mm2,
+        towers_mm=found.towers_mm,
+        islands_mm=found.islands_mm,
+        propped_mm2=float(found.propped.sum() * area),
+        props_mm=origin + step * _row_ends(found.propped),
+        touched_mm2=float(found.touched * area),
+        volumes_mm3=found.levels[:, 3] * area,
+        centres_mm=found.levels[:, :3] / mass,
     )
 
 

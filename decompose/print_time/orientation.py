@@ -20,7 +20,7 @@ from decompose.geometry import convex_outline, rectangles, smallest_rectangle
 from decompose.jit import jit
 from decompose.print_time.columns import measure_columns
 from decompose.print_time.cost import CostModel
-from decompose.print_time.pose import COLUMN, Pose, measure_from_features
+from decompose.print_time.pose import COLUMN, PartMesh, Pose, measure_from_features
 from decompose.print_time.pose_prices import POSE_ROTATIONS, pose_features
 from decompose.printers import PrinterRoom
 
@@ -68,6 +68,7 @@ def find_best_pose(
     thinnest = replace(cost, brim_mm=0.0) if fit_first_layer else cost
     least_s = [thinnest.price_s([*f[:COLUMN], 0.0], e) for f, e in zip(features, extents, strict=True)]
     most_s = [cost.price_s(f, e) for f, e in zip(features, extents, strict=True)]
+    mesh = PartMesh(vertices, faces, cut)
     best: Pose | None = None
     measured = 0
     for i in np.argsort(most_s, kind="stable"):
@@ -77,7 +78,7 @@ def find_best_pose(
                 continue
             if least_s[i] + SURELY * _support_s(vertices, faces, hull, rotations[i], cost) >= best.price_s:
                 continue
-        pose = measure_from_features(vertices, faces, cut, rotations[i], features[i], cost, fit_first_layer)
+        pose = measure_from_features(mesh, rotations[i], features[i], cost, fit_first_layer)
         measured += 1
         if best is None or pose.rank < best.rank:
             best = pose

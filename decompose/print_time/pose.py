@@ -12,9 +12,8 @@ from decompose.arrays import Bools, Floats, Ints
 from decompose.print_time.columns import Columns, measure_columns
 from decompose.print_time.cost import CostModel
 from decompose.print_time.footing import FIRST_LAYER_MM, Footing
-from decompose.print_time.pose_prices import pose_features
+from decompose.print_time.pose_prices import pose_features, short_layers_s
 from decompose.print_time.recipe import ADDITIVE
-from decompose.print_time.short_layers import short_layers_s
 
 COLUMN = ADDITIVE.index("column_mm3")  # the last: the support's volume, were it to reach the bed
 TOUCHED_MM2 = 1.0  # less than this of a cut face under support is rounding
@@ -106,33 +105,37 @@ def measure_pose(
         Choose the brim and the first layer's expansion too.
     """
     (features,), _ = pose_features(vertices, faces, rotation[None], cost)
-    return measure_from_features(vertices, faces, cut, rotation, features, cost, fit_first_layer)
+    return measure_from_features(PartMesh(vertices, faces, cut), rotation, features, cost, fit_first_layer)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PartMesh:
+    """Closed mesh of a part: vertices (n, 3) in mm, faces (m, 3), and which faces (m,) are cuts."""
+
+    vertices: Floats
+    faces: Ints
+    cut: Bools
 
 
 def measure_from_features(
-    vertices: Floats,
-    faces: Ints,
-    cut: Bools,
-    rotation: Floats,
-    features: Floats,
-    cost: CostModel,
-    fit_first_layer: bool,
+    mesh: PartMesh, rotation: Floats, features: Floats, cost: CostModel, fit_first_layer: bool
 ) -> Pose:
-    placed = vertices @ rotation.T
+    """Measure a pose as `measure_pose` does, from `ADDITIVE` features (5,) that are known already."""
+    placed = mesh.vertices @ rotation.T
     lo, hi = placed.min(axis=0), placed.max(axis=0)
     origin = np.array([(lo[0] + hi[0]) / 2.0, (lo[1] + hi[1]) / 2.0, lo[2]])
-    triangles = (placed - origin)[faces]
+    triangles = (placed - origin)[mesh.faces]
     width, depth, height = (hi - lo).tolist()
     to_model = np.eye(4)
     to_model[:3, :3], to_model[:3, 3] = rotation.T, rotation.T @ origin
-    inside = measure_columns(triangles, cut, cost.overhang_cos)
+    inside = measure_columns(triangles, mesh.cut, cost.overhang_cos)
     footing = Footing.from_mesh(triangles, inside.props_mm)
     leans = [footing.inside_mm(centre[None, :2]) for centre in inside.centres_mm]
     brim: float | None = None
     expansion: float | None = None
     if fit_first_layer:
         brim = footing.brim_width_mm(height, leans[-1], cost.brim_mm, cost.shrinkage)
-        joined = bool((triangles[cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
+        joined = bool((triangles[mesh.cut][:, :, 2].min(axis=1, initial=math.inf) < FIRST_LAYER_MM).any())
         expansion = footing.expansion_mm(joined)
     priced = cost if brim is None else replace(cost, brim_mm=brim)
     return Pose(

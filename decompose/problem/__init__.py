@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import FINEST, choose_granularity
-from decompose.problem.problem import GridFigures, Partition, Problem
-from decompose.problem.validation import validate_problem
+from decompose.problem.problem import GridFigures, Partition, Problem, validate_problem
 
 __all__ = [
     "FINEST",

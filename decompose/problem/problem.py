@@ -1,4 +1,4 @@
-"""Input and answer of every engine."""
+"""Input and answer of every engine, and the check of the input before any engine works on it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.bound import makespan_bound, surface_bound_s
+from decompose.errors import DecomposeError, NoFit, size_text
 from decompose.geometry import Model, Solid
-from decompose.grid import VOLUME, Box, BoxTables, Grid, build_grid, price_boxes
+from decompose.grid import VOLUME, Box, BoxTables, Grid, GridRules, build_grid, price_boxes
 from decompose.options import Interior, Options
 from decompose.pieces import Piece, assign_printers, find_cut_faces
 from decompose.print_time import CostModel, Pose, find_best_pose
@@ -22,6 +23,8 @@ from decompose.problem.effort import Effort, Work
 from decompose.problem.granularity import choose_granularity
 
 Posing = tuple[Solid, tuple[tuple[tuple[float, float, float], ...], ...]]  # what, and for which rooms
+
+MAX_PARTS = 200  # more printers, or rounds, are not offered for a model that needs more
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,15 +113,9 @@ class Problem:
         options, cost = self.options, self.cost
         vertices, faces = model.solid.arrays()
         self.effort.book(Work.FACE_GRIDDED, len(faces))
-        return build_grid(
-            vertices[faces],
-            self.granularity(model),
-            options.min_wall_mm,
-            options.interior is Interior.KEEP,
-            cost.overhang_cos if overhang_cos is None else overhang_cos,
-            cost.skin_cos,
-            plane_at,
-        )
+        overhang_cos = cost.overhang_cos if overhang_cos is None else overhang_cos
+        rules = GridRules(options.min_wall_mm, options.interior is Interior.KEEP, overhang_cos, cost.skin_cos)
+        return build_grid(vertices[faces], self.granularity(model), rules, plane_at)
 
     def price_boxes(self, grid: Grid, rooms: Sequence[PrinterRoom] = ()) -> BoxTables:
         """Price every box of a grid; it fits where it fits these rooms, by default those of all printers."""
@@ -212,3 +209,52 @@ class Partition:
     model: Model
     rotation: Floats
     grid: GridFigures | None = None
+
+
+def validate_problem(
+    model: Model,
+    printers: tuple[PrinterRoom, ...],
+    options: Options,
+) -> None:
+    """Refuse a problem that no engine can work on.
+
+    Parameters
+    ----------
+    model, printers, options
+        As of `decompose.decompose_model`.
+
+    Raises
+    ------
+    DecomposeError
+        No printer, a printer without room, or a wall that is no length.
+    """
+    if not printers:
+        raise NoFit("no printer: name at least one")
+    for printer in printers:
+        if not printer.boxes:
+            raise NoFit(f"{printer.name} has no room for a part; take a narrower brim or a larger volume")
+    if not (math.isfinite(options.min_wall_mm) and options.min_wall_mm >= 0.0):
+        raise DecomposeError(f"--min-wall {options.min_wall_mm}: give a number of mm, 0 or more")
+    if not (math.isfinite(options.min_glue_mm2) and options.min_glue_mm2 >= 0.0):
+        raise DecomposeError(f"--min-glue {options.min_glue_mm2}: give a number of mm2, 0 or more")
+    _refuse_too_long(model, printers)
+
+
+def _refuse_too_long(model: Model, printers: tuple[PrinterRoom, ...]) -> None:
+    """Refuse models longer than all printers' rooms one after the other, along their diagonals."""
+    reach_mm = sum(max(math.hypot(*box) for box in p.boxes) for p in printers)
+    if float(model.extents_mm.max()) <= reach_mm:
+        return
+    spans = np.array([piece.bounds_mm for piece in model.solid.pieces()])
+    for axis in range(3):
+        order = spans[np.argsort(spans[:, 0, axis]), :, axis]
+        before = np.maximum.accumulate(np.concatenate([[-np.inf], order[:-1, 1]]))
+        solid_mm = float(np.maximum(0.0, order[:, 1] - np.maximum(order[:, 0], before)).sum())  # without gaps
+        if solid_mm > reach_mm:
+            least = math.ceil(solid_mm / reach_mm * len(printers))
+            longest = max(1, math.floor(float(model.extents_mm.max()) * reach_mm / solid_mm / math.sqrt(3.0)))
+            raise NoFit(
+                f"{size_text(model.extents_mm)} mm needs {least} parts at least, each on a printer of its "
+                f"own, and there are {len(printers)}: free more printers, or try --longest-side {longest}",
+                least if least <= MAX_PARTS else None,
+            )

@@ -89,12 +89,7 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         With the line, the reason, and what to do.
     """
     found = survey_lines(lines, target.filament_mm)
-    line_mm = found.nozzle_mm or target.nozzle_mm
-    if line_mm is None:
-        raise GcodeRefused(
-            "it does not say for which nozzle it was sliced, and the printers have several: write a comment "
-            "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
-        )
+    line_mm = _line_width_mm(found.nozzle_mm or target.nozzle_mm)
     writer = Writer(stopwatch)
     clearance = Clearance(SLACK_LAYERS * HIGHEST_LAYER * line_mm, target.printer.head)
     interpreter = Interpreter(found, writer, clearance, target, line_mm)
@@ -121,6 +116,16 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         filament_type=found.machine.filament_type,
         notices=_notices(found.ulticode, interpreter.left_out) + warnings,
     )
+
+
+def _line_width_mm(nozzle_mm: float | None) -> float:
+    """Return the nozzle's diameter as the width of a line; refuse a file for an unknown nozzle."""
+    if nozzle_mm is None:
+        raise GcodeRefused(
+            "it does not say for which nozzle it was sliced, and the printers have several: write a comment "
+            "like `; nozzle_diameter = 0.4` into it, or ask for one printer's material or colour"
+        )
+    return nozzle_mm
 
 
 def _add_start_and_end(printed: bytearray, interpreter: Interpreter, target: PrintTarget) -> bytes:

@@ -21,8 +21,8 @@ COARSE = Options(Engine.GUILLOTINE, granularity="vcoarse", prove=False)
 
 def test_dear_handling_takes_fewer_printers(lump: Solid, fleet: list[PrinterRoom], cost: CostModel) -> None:
     model = Model(lump, (), 1.0)
-    most = auto.decompose_auto(model, fleet, COARSE, cost, clear_s=0.0, assemble_s=0.0)
-    fewest = auto.decompose_auto(model, fleet, COARSE, cost, clear_s=1e5, assemble_s=1e5)
+    most = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(0.0, 0.0))
+    fewest = auto.decompose_auto(model, fleet, COARSE, cost, goal=auto.CountGoal(1e5, 1e5))
     assert [p.printer for p in fewest.parts] == [fleet[0].name]
     assert len(most.parts) > 1
     assert [p.printers for p in most.curve] == list(range(1, len(fleet) + 1))

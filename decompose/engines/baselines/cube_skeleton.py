@@ -38,7 +38,7 @@ from decompose.engines.baselines.hollow import (
 )
 from decompose.errors import NoFit
 from decompose.geometry import Solid, round_triangles
-from decompose.grid import Cell, Grid, build_grid, fill_grid
+from decompose.grid import Cell, Grid, GridRules, build_grid, fill_grid
 from decompose.options import Interior
 from decompose.pieces import Piece, box_planes, find_joints
 from decompose.print_time import axis_prices_s
@@ -59,8 +59,8 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
     model, options, faithful = problem.model, problem.options, problem.options.faithful
     vertices, faces = model.solid.arrays()
     cost = problem.cost
-    settings = (options.min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
-    grid = build_grid(vertices[faces], CELLS, *settings)
+    rules = GridRules(options.min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
+    grid = build_grid(vertices[faces], CELLS, rules)
     shell = hollow_model(model.solid, grid)
     hollowed = bool(shell.cavity.any())
     cube = largest_cube(shell.cavity if hollowed else grid.cells == Cell.INTERNAL)
@@ -72,7 +72,7 @@ def cut_by_cube_skeleton(problem: Problem) -> Partition:
         cell_mm = max(float(np.diff(planes).max()) for planes in grid.planes)
         cube_mm = refine_cube(model.solid, np.array(grid.bounds_mm(cube)), cell_mm, options.min_wall_mm)
         planes, cube = planes_at(model.solid, grid, cube_mm)
-        grid = fill_grid(vertices[faces], planes, *settings)
+        grid = fill_grid(vertices[faces], planes, rules)
         other = _cut(problem, grid, hollow_model(model.solid, grid, cube), cube)
         found = min(other, found, key=lambda own: (len(own) > len(problem.printers), problem.makespan_s(own)))
     problem.on_stage("cut")

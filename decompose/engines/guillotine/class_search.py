@@ -15,14 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 from decompose.arrays import Floats
-from decompose.bound import makespan_bound, surface_bound_s
-from decompose.engines.guillotine.exact_search import ExactSearch, cut_for_uniform_printers
+from decompose.bound import makespan_bound
+from decompose.engines.guillotine.exact_search import ExactSearch, build_tables, cut_for_uniform_printers
 from decompose.engines.guillotine.partitioner import OtherClass, Partitioner
 from decompose.engines.guillotine.plane_shift import shift_planes
 from decompose.engines.guillotine.printer_classes import PrinterClass, classify_printers, count_sums
 from decompose.engines.guillotine.recursion import UNREACHABLE
 from decompose.errors import NoFit, size_text
-from decompose.grid import VOLUME, Box, BoxTables, Grid, box_index
+from decompose.grid import Box, BoxTables, Grid, box_index
 from decompose.pieces import Piece, assign_bottleneck
 from decompose.printers import PrinterRoom
 from decompose.problem import GridFigures, Partition, Problem, Work
@@ -47,13 +47,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     """
     if problem.is_uniform:
         return cut_for_uniform_printers(problem)
-    model = problem.model
-    grid = problem.build_grid(model)
-    problem.on_stage("grid")
-    boxes = problem.price_boxes(grid)
-    problem.on_stage("boxes")
-    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
-    least_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    grid, boxes, least_s = build_tables(problem)
     cuts: list[Cut] = []
     failure: NoFit | None = None
     try:
@@ -77,7 +71,7 @@ def cut_by_guillotine(problem: Problem) -> Partition:
     problem.on_stage("planes")
     figures = by_class.grid_figures(grid, best, least_s, pieces)
     problem.on_stage("bound")
-    return Partition(pieces, model, np.eye(3), figures)
+    return Partition(pieces, problem.model, np.eye(3), figures)
 
 
 def _assign_cut(problem: Problem, cut: Cut) -> Cut:

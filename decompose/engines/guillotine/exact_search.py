@@ -38,13 +38,7 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     NoFit
         The pieces are more than the printers, with how many would do.
     """
-    model = problem.model
-    grid = problem.build_grid(model)
-    problem.on_stage("grid")
-    boxes = problem.price_boxes(grid)
-    problem.on_stage("boxes")
-    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
-    bound_s = surface_bound_s(model.solid.area_mm2, needed_mm3, len(problem.printers), problem.cost)
+    grid, boxes, bound_s = build_tables(problem)
     engine = ExactSearch(problem, grid, boxes, bound_s)
     chosen = engine.run()
     problem.on_stage("search")
@@ -58,7 +52,18 @@ def cut_for_uniform_printers(problem: Problem) -> Partition:
     problem.on_stage("planes")
     figures = problem.grid_figures(grid, boxes, list(chosen), pieces)
     problem.on_stage("bound")
-    return Partition(pieces, model, np.eye(3), figures)
+    return Partition(pieces, problem.model, np.eye(3), figures)
+
+
+def build_tables(problem: Problem) -> tuple[Grid, BoxTables, float]:
+    """Build a problem's grid, price its boxes, and bound the makespan in s by the surface and the volume."""
+    grid = problem.build_grid(problem.model)
+    problem.on_stage("grid")
+    boxes = problem.price_boxes(grid)
+    problem.on_stage("boxes")
+    needed_mm3 = float(grid.sums[grid.needed][:, VOLUME].sum())
+    area_mm2 = problem.model.solid.area_mm2
+    return grid, boxes, surface_bound_s(area_mm2, needed_mm3, len(problem.printers), problem.cost)
 
 
 class ExactSearch:

@@ -1,27 +1,279 @@
 """Neighbourhood search: a partition made better where it is slowest, not bound to guillotine cuts.
 
-The slowest box and a few about it are cut anew between all the others (`window`), with no more
-parts, so that the slowest of them ends sooner. Their union need not be a box. A move of one face, a slab that
-goes from one box to the next, two boxes merged and split elsewhere: all are such windows.
+The slowest box and a few about it, a window, are cut again between all the others, with no more parts, so
+that the slowest of them ends sooner. Their union need not be a box. A move of one face, a slab that goes from
+one box to the next, two boxes merged and split elsewhere: all are such windows.
+
+The tables of a window are those of the grid, but only the cells of its own boxes are to be covered, and a box
+that meets another part is worth nothing. Guillotine cuts are exact there as they are anywhere; besides, the
+window as a whole may be cut as a pinwheel: four boxes around a fifth, which no guillotine cut can begin.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
+import numpy.typing as npt
 
-from decompose.engines.guillotine.window import Window
-from decompose.grid import Box, BoxTables, box_index
+from decompose.arrays import Bools, Ints
+from decompose.engines.guillotine.partitioner import Partitioner
+from decompose.engines.guillotine.recursion import UNREACHABLE
+from decompose.grid import Box, BoxTables, Shape, box_index, index_of, interval
+from decompose.jit import jit
 from decompose.problem import Effort, Work
 
-MAX_WINDOWS = 200  # that are solved in one search
+MAX_WINDOWS = 200  # solved in one search
 MAX_TOGETHER = 5  # boxes in a window
-MAX_ABOUT = 10  # neighbours of a box that are looked at, the quickest first
-MAX_EACH = 24  # windows about one box, the one with the most slack first
+MAX_ABOUT = 10  # neighbours of a box in its windows, the quickest first
+MAX_EACH = 24  # windows about one box, those with the most slack first
 MAX_BOXES = 150_000  # of all sizes in a window: larger ones take too long
 WORTH = 0.999  # a window has to end sooner than this share of its time
+CLOSE = 0.002  # share of the time to which the least makespan is found
+
+Pinwheel = tuple[int, int, int, int, int, int]  # axis that it is extruded along, mirrored, p1, p2, q1, q2
+
+
+@jit
+def _two_parts(box: Box, shape: Shape) -> tuple[int, int]:
+    """Indices of the two boxes that make up a box of two cells or more: all but its last layer, and it."""
+    x0, y0, z0, x1, y1, z1 = box
+    if z1 - z0 > 1:
+        return index_of((x0, y0, z0, x1, y1, z1 - 1), shape), index_of((x0, y0, z1 - 1, x1, y1, z1), shape)
+    if y1 - y0 > 1:
+        return index_of((x0, y0, z0, x1, y1 - 1, z1), shape), index_of((x0, y1 - 1, z0, x1, y1, z1), shape)
+    return index_of((x0, y0, z0, x1 - 1, y1, z1), shape), index_of((x1 - 1, y0, z0, x1, y1, z1), shape)
+
+
+@jit
+def _count_cells(sums: Ints, box: Box) -> int:
+    """Number of cells in a box, by their summed-area table (nx + 1, ny + 1, nz + 1)."""
+    x0, y0, z0, x1, y1, z1 = box
+    count = sums[x1, y1, z1] - sums[x0, y1, z1] - sums[x1, y0, z1] + sums[x0, y0, z1]
+    return int(count - sums[x1, y1, z0] + sums[x0, y1, z0] + sums[x1, y0, z0] - sums[x0, y0, z0])
+
+
+@jit
+def _join_ends(
+    trimmed: npt.NDArray[np.int32],
+    ends: npt.NDArray[np.int16],
+    parts: tuple[int, int],
+    joined: npt.NDArray[np.int16],
+) -> bool:
+    """Join the ends of the two parts of a box; False where there is nothing to be covered in either.
+
+    Parameters
+    ----------
+    trimmed
+        (boxes,) -1 for a box without cells to be covered.
+    ends
+        (boxes, 6) int16 ends of the box about the cells to be covered.
+    parts
+        Indices of the two parts.
+    joined
+        (6,) filled in.
+    """
+    near, far = parts
+    if trimmed[near] < 0 and trimmed[far] < 0:
+        return False
+    if trimmed[near] < 0:
+        joined[:] = ends[far]
+    elif trimmed[far] < 0:
+        joined[:] = ends[near]
+    else:
+        for k in range(3):
+            joined[k] = min(ends[near, k], ends[far, k])
+            joined[k + 3] = max(ends[near, k + 3], ends[far, k + 3])
+    return True
+
+
+@jit
+def _fill_tables(
+    own: Bools,
+    others: Ints,
+    place: tuple[Shape, Shape],
+    grid_tables: tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]],
+    tables: tuple[npt.NDArray[np.float32], npt.NDArray[np.int32], npt.NDArray[np.int16]],
+) -> None:
+    """Fill in the tables of a window, smaller boxes first.
+
+    Parameters
+    ----------
+    own
+        (wx, wy, wz) cells of the window to be covered.
+    others
+        (wx + 1, wy + 1, wz + 1) int64 summed-area table of the cells of other parts.
+    place
+        First cell x, y, z of the window on the grid, and the grid's shape.
+    grid_tables
+        `seconds` and `pieces` of the grid, (boxes of the grid,).
+    tables
+        `seconds`, `trimmed` and `pieces` of the window, (boxes of the window,): as +inf, -1 and 1 at first.
+    """
+    (x, y, z), grid_shape = place
+    grid_seconds, grid_pieces = grid_tables
+    seconds, trimmed, pieces = tables
+    wx, wy, wz = shape = own.shape
+    ends = np.zeros((len(seconds), 6), np.int16)  # of the box about the cells to be covered
+    for dx, dy, dz in np.ndindex(wx, wy, wz):
+        for x0, y0, z0 in np.ndindex(wx - dx, wy - dy, wz - dz):
+            x1, y1, z1 = x0 + dx + 1, y0 + dy + 1, z0 + dz + 1
+            box = index_of((x0, y0, z0, x1, y1, z1), shape)
+            e = ends[box]
+            if dx == 0 and dy == 0 and dz == 0:
+                if not own[x0, y0, z0]:
+                    continue
+                e[0], e[1], e[2], e[3], e[4], e[5] = x0, y0, z0, x1, y1, z1
+            elif not _join_ends(trimmed, ends, _two_parts((x0, y0, z0, x1, y1, z1), shape), e):
+                continue
+            trimmed[box] = index_of((e[0], e[1], e[2], e[3], e[4], e[5]), shape)
+            if trimmed[box] == box and _count_cells(others, (x0, y0, z0, x1, y1, z1)) == 0:
+                on_grid = index_of((x + x0, y + y0, z + z0, x + x1, y + y1, z + z1), grid_shape)
+                seconds[box] = grid_seconds[on_grid]
+                pieces[box] = grid_pieces[on_grid]
+
+
+@jit
+def _fewest_in_pinwheel(
+    counts: npt.NDArray[np.int16], wx: int, wy: int, wz: int
+) -> tuple[int, int, int, int, int, int, int]:
+    """Fewest parts of a pinwheel of the whole window, and the pinwheel; see `pinwheel_boxes`."""
+    sizes = (wx, wy, wz)
+    strides = (wy * (wy + 1) // 2 * (wz * (wz + 1) // 2), wz * (wz + 1) // 2, 1)
+    best = (UNREACHABLE, 0, 0, 0, 0, 0, 0)
+    for axis in range(3):
+        p_axis, q_axis = (axis + 1) % 3, (axis + 2) % 3
+        p, q = sizes[p_axis], sizes[q_axis]
+        sp, sq = strides[p_axis], strides[q_axis]
+        whole = interval(0, sizes[axis], sizes[axis]) * strides[axis]
+        for p1 in range(1, p - 1):
+            for p2 in range(p1 + 1, p):
+                for q1 in range(1, q - 1):
+                    for q2 in range(q1 + 1, q):
+                        low, high = interval(0, q1, q) * sq, interval(q2, q, q) * sq
+                        lower, upper = interval(0, q2, q) * sq, interval(q1, q, q) * sq
+                        middle = interval(p1, p2, p) * sp + interval(q1, q2, q) * sq
+                        centre = np.int64(counts[whole + middle])
+                        n = centre + counts[whole + interval(0, p2, p) * sp + low]
+                        n += counts[whole + interval(p2, p, p) * sp + lower]
+                        n += counts[whole + interval(p1, p, p) * sp + high]
+                        n += counts[whole + interval(0, p1, p) * sp + upper]
+                        if n < best[0]:
+                            best = (n, axis, 0, p1, p2, q1, q2)
+                        n = centre + counts[whole + interval(p1, p, p) * sp + low]
+                        n += counts[whole + interval(0, p1, p) * sp + lower]
+                        n += counts[whole + interval(0, p2, p) * sp + high]
+                        n += counts[whole + interval(p2, p, p) * sp + upper]
+                        if n < best[0]:
+                            best = (n, axis, 1, p1, p2, q1, q2)
+    return best
+
+
+def pinwheel_boxes(shape: tuple[int, int, int], wheel: Pinwheel) -> list[Box]:
+    """Five boxes of a pinwheel that fills a grid of this shape; the last one is in the middle."""
+    axis, mirrored, p1, p2, q1, q2 = wheel
+    p, q = shape[(axis + 1) % 3], shape[(axis + 2) % 3]
+    if mirrored:
+        flat = [(p1, p, 0, q1), (0, p1, 0, q2), (0, p2, q2, q), (p2, p, q1, q), (p1, p2, q1, q2)]
+    else:
+        flat = [(0, p2, 0, q1), (p2, p, 0, q2), (p1, p, q2, q), (0, p1, q1, q), (p1, p2, q1, q2)]
+    boxes = []
+    for a, b, c, d in flat:
+        lo, hi = [0, 0, 0], list(shape)
+        lo[(axis + 1) % 3], hi[(axis + 1) % 3] = a, b
+        lo[(axis + 2) % 3], hi[(axis + 2) % 3] = c, d
+        boxes.append((lo[0], lo[1], lo[2], hi[0], hi[1], hi[2]))
+    return boxes
+
+
+class Window:
+    """Some boxes of a partition, to be cut anew between the others.
+
+    Parameters
+    ----------
+    boxes
+        The tables of the grid.
+    mine, others
+        The boxes of the partition that are cut anew, and all the rest.
+    """
+
+    def __init__(self, boxes: BoxTables, mine: Iterable[Box], others: Iterable[Box]) -> None:
+        own = np.array(sorted(mine))
+        self._lo, hi = own[:, :3].min(axis=0), own[:, 3:].max(axis=0)
+        nx, ny, nz = (hi - self._lo).tolist()
+        self.shape = (nx, ny, nz)
+        covered = self._mark_cells(own)
+        left, front, bottom = self._lo.tolist()
+        for cell in np.argwhere(covered):
+            x, y, z = (self._lo + cell).tolist()
+            covered[tuple(cell)] = boxes.trimmed[box_index((x, y, z, x + 1, y + 1, z + 1), boxes.shape)] >= 0
+        rest = np.array(list(others)).reshape(-1, 6)
+        rest = rest[(rest[:, :3] < hi).all(axis=1) & (rest[:, 3:] > self._lo).all(axis=1)]
+        strange = self._mark_cells(rest).astype(np.int64)
+        sums = np.pad(strange, ((1, 0),) * 3).cumsum(axis=0).cumsum(axis=1).cumsum(axis=2)
+        total = int(np.prod([n * (n + 1) // 2 for n in self.shape]))
+        seconds = np.full(total, np.inf, np.float32)
+        trimmed = np.full(total, -1, np.int32)
+        pieces = np.ones(total, np.int16)
+        on_grid = (boxes.seconds, boxes.pieces)
+        place = ((left, front, bottom), boxes.shape)
+        _fill_tables(covered, sums, place, on_grid, (seconds, trimmed, pieces))
+        self._solver = Partitioner(BoxTables(self.shape, seconds, trimmed, pieces))
+        self._wheel: Pinwheel | None = None
+
+    @property
+    def boxes(self) -> int:
+        """Number of boxes in its tables."""
+        return len(self._solver.boxes.seconds)
+
+    @property
+    def sums(self) -> int:
+        """Number of sums of all its solves."""
+        return self._solver.sums
+
+    def _mark_cells(self, boxes: Ints) -> Bools:
+        """(nx, ny, nz) Cells of the window that lie in some of these boxes (n, 6)."""
+        inside = np.zeros(self.shape, dtype=np.bool_)
+        for box in boxes:
+            lo, hi = np.maximum(box[:3] - self._lo, 0), box[3:] - self._lo
+            inside[lo[0] : hi[0], lo[1] : hi[1], lo[2] : hi[2]] = True
+        return inside
+
+    def fewest_parts(self, limit_s: float) -> int:
+        """Fewest parts that each take at most limit_s; `UNREACHABLE` or more where there are none."""
+        by_cuts = self._solver.solve(limit_s, ties=True)
+        count, *wheel = _fewest_in_pinwheel(self._solver.counts, *self.shape)
+        axis, mirrored, p1, p2, q1, q2 = wheel
+        self._wheel = (axis, mirrored, p1, p2, q1, q2) if count < by_cuts else None
+        return min(by_cuts, int(count))
+
+    def chosen_boxes(self) -> list[Box]:
+        """Boxes of the last solution, in the cells of the grid."""
+        if self._wheel is None:
+            found = self._solver.chosen_boxes()
+        else:
+            arms = pinwheel_boxes(self.shape, self._wheel)
+            found = [box for arm in arms for box in self._solver.chosen_boxes(arm)]
+        x, y, z = self._lo.tolist()
+        return [(a + x, b + y, c + z, d + x, e + y, f + z) for a, b, c, d, e, f in found]
+
+    def solve(self, parts: int, below_s: float, least_s: float) -> list[Box] | None:
+        """Cut it into at most so many parts, all faster than below_s, about as fast as possible.
+
+        Nobody looks below least_s.
+        """
+        high = float(np.nextafter(np.float32(below_s), np.float32(0.0)))
+        if self.fewest_parts(high) > parts:
+            return None
+        found, low = self.chosen_boxes(), least_s
+        while high - low > CLOSE * high:
+            middle = (low + high) / 2.0
+            if self.fewest_parts(middle) <= parts:
+                found, high = self.chosen_boxes(), middle
+            else:
+                low = middle
+        return found
 
 
 def improve_locally(

@@ -1,7 +1,7 @@
 """Cut planes moved off the grid, so that the slowest parts end sooner.
 
 A grid moves a face by a whole layer of cells, which is a large share of a part. Here every group of faces
-that can move (`grid.interfaces`) moves at once, by a linear programme: the least makespan were every
+that can move (`plane_moves`) moves at once, by a linear programme: the least makespan were every
 part's time linear in the places of its faces, within steps that are short enough for that. The parts are then
 priced at the new places, which corrects the slopes. Every `ROUNDS_EACH` rounds all parts that moved are posed
 anew; until then each stays in its pose, which is much faster to price. One such search is made even when the
@@ -24,19 +24,22 @@ from decompose.engines.guillotine.box_part import (
     sorted_times_s,
     spare_length_mm,
 )
-from decompose.engines.guillotine.plane_programme import solve_plane_shifts
+from decompose.engines.guillotine.plane_moves import (
+    ShiftLimits,
+    fill_out_boxes,
+    free_directions,
+    group_faces,
+    keep_clear,
+    move_groups,
+    solve_plane_shifts,
+)
 from decompose.grid import (
     CLEAR_MM,
     Box,
     Cell,
     Grid,
     NeededCells,
-    fill_out_boxes,
     flat_coordinates,
-    free_directions,
-    group_faces,
-    keep_clear,
-    move_groups,
     refine_cells,
 )
 from decompose.options import Interior
@@ -260,9 +263,8 @@ class _PlaneShift:
         seconds = np.array([part.seconds for part in parts])
         boxes_mm, promised_s = now, math.inf
         for _ in range(MAX_KEPT):
-            by_mm, least_s = solve_plane_shifts(
-                seconds, slopes, self.groups, longer_mm, shorter_mm, low_mm, high_mm
-            )
+            limits = ShiftLimits(longer_mm, shorter_mm, low_mm, high_mm)
+            by_mm, least_s = solve_plane_shifts(seconds, slopes, self.groups, limits)
             if not math.isfinite(least_s):  # not with all of these kept: what was found before has to do
                 break
             promised_s = least_s

@@ -52,22 +52,44 @@ class BlockPartition:
     parts: int
 
 
-def draw_seed_sets(
-    points: Floats, grid: Grid, barred: Bools, printers: int, tries: int, seed: int, run: Run = map
-) -> list[Seeds]:
+@dataclass(frozen=True, slots=True, eq=False)
+class SeedSource:
+    """Points that are clustered for seeds, and the cells that may be seeds.
+
+    Attributes
+    ----------
+    points
+        (n, 3) vertices in mm, no two the same. Where they are fewer than the seeds, the centres of the
+        boundary cells are taken.
+    grid
+        Over the model.
+    barred
+        (nx, ny, nz) cells that are out of bounds.
+    """
+
+    points: Floats
+    grid: Grid
+    barred: Bools
+
+
+def draw_seed_sets(source: SeedSource, printers: int, tries: int, seed: int, run: Run = map) -> list[Seeds]:
     """Draw the seeds to grow blocks from: `tries` draws of each number from `printers` down to 1.
 
     Parameters
     ----------
-    points
-        (n, 3) vertices in mm, no two the same.
-    barred
-        (nx, ny, nz) cells that are out of bounds.
+    source
+        Points and cells.
+    printers, tries
+        Greatest number of seeds, and draws of each number.
+    seed
+        Seed of the random numbers.
+    run
+        Calls a function for each draw.
     """
     wanted = [(count, number) for count in range(printers, 0, -1) for number in range(tries)]
 
     def one(draw: tuple[int, int]) -> Seeds:
-        return draw_seeds(points, grid, barred, draw[0], np.random.default_rng([seed, *draw]))
+        return draw_seeds(source, draw[0], np.random.default_rng([seed, *draw]))
 
     with threadpool_limits(1):  # threads of k-means would add up in any order
         return list(run(one, wanted))
@@ -110,20 +132,20 @@ def _parts(blocks: Ints, terrain: Terrain) -> int:
     return int(terrain.pieces[indices].sum())
 
 
-def draw_seeds(points: Floats, grid: Grid, barred: Bools, count: int, rng: np.random.Generator) -> list[Box]:
+def draw_seeds(source: SeedSource, count: int, rng: np.random.Generator) -> list[Box]:
     """Draw cells to grow blocks from, all of them boundary cells and no two the same.
 
     Parameters
     ----------
-    points
-        (n, 3) in mm, no two the same: the model's vertices, or the centres of its boundary cells where the
-        vertices are fewer than the seeds.
-    barred
-        (nx, ny, nz) cells that are out of bounds.
+    source
+        Points and cells.
     count
-        Wanted; never more than there are boundary cells.
+        Number of seeds; fewer are drawn where there are fewer boundary cells.
+    rng
+        Random numbers.
     """
-    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~barred)
+    points, grid = source.points, source.grid
+    boundary = np.argwhere((grid.cells == Cell.BOUNDARY) & ~source.barred)
     count = min(count, len(boundary))
     middles = [(p[1:] + p[:-1]) / 2.0 for p in grid.planes]
     centres = np.stack([middles[axis][boundary[:, axis]] for axis in range(3)], axis=1)

@@ -19,7 +19,7 @@ import numpy as np
 
 from decompose.arrays import Floats
 from decompose.engines.parallelobox.alignment import AlignedModel, align_model
-from decompose.engines.parallelobox.attempts import BlockPartition, draw_seed_sets, run_attempts
+from decompose.engines.parallelobox.attempts import BlockPartition, SeedSource, draw_seed_sets, run_attempts
 from decompose.engines.parallelobox.terrain import (
     OVERHANG_TOLERANCE_DEG,
     Terrain,
@@ -192,9 +192,8 @@ def _grow_half(half: Half, ground: _Ground, problem: Problem) -> Grown:
     if not problem.effort.can_afford(Work.POINT_CLUSTERED, clustered):
         return {}
     run = map if problem.executor is None else problem.executor.map
-    drawn = draw_seed_sets(
-        points, ground.grid, terrains[0].barred, printers, options.parallelobox.tries, options.seed, run
-    )
+    source = SeedSource(points, ground.grid, terrains[0].barred)
+    drawn = draw_seed_sets(source, printers, options.parallelobox.tries, options.seed, run)
     problem.effort.book(Work.POINT_CLUSTERED, clustered)
     grown = len(drawn) * len(terrains) * len(options.parallelobox.score.readings)
     problem.effort.book(Work.CELL_GROWN, grown * ground.grid.needed.size)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from decompose.auto import decompose_auto
+from decompose.auto import CountGoal, decompose_auto
 from decompose.decompose import decompose_model
 from decompose.export import write_decomposition
 from decompose.file_names import ASSEMBLY, PICTURE, REPORT
@@ -97,8 +97,8 @@ def decompose_to_folder(path: Path, out: Path, request: DecomposeRequest) -> dic
         cost = CostModel.from_recipe(replace(recipe(settings, prelude_s=0.0), brim_mm=request.brim_mm))
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             if request.printers is None:
-                handling = {"clear_s": request.clear_s, "assemble_s": request.assemble_s}
-                found = decompose_auto(model, rooms, options, cost, executor, **handling)
+                goal = CountGoal(request.clear_s, request.assemble_s)
+                found = decompose_auto(model, rooms, options, cost, executor, goal)
             else:
                 found = decompose_model(model, rooms, options, cost, executor)
             written = write_decomposition(found, out)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
-from decompose.auto import decompose_auto
+from decompose.auto import CountGoal, decompose_auto
 from decompose.decompose import decompose_model
 from decompose.errors import NoFit
 from decompose.geometry import Model
@@ -34,9 +34,8 @@ class ModelCutter:
 
     def cut_for_worthwhile(self, within_s: float | None = None) -> Decomposition:
         """Cut the model for as many printers as are worth it, or as few as end within a time."""
-        return decompose_auto(
-            self.model, self.rooms, self.options, self.cost, self.executor, within_s=within_s
-        )
+        goal = CountGoal(within_s=within_s)
+        return decompose_auto(self.model, self.rooms, self.options, self.cost, self.executor, goal)
 
     def cut_for_one(self) -> Decomposition | None:
         """Keep the model whole, on the lowest printer that can hold it; None where none can.

@@ -11,10 +11,12 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from box_tables import Shape, every_box, tables
-from decompose.bound import makespan_bound
+from decompose.bound import makespan_bound, surface_bound_s
 from decompose.bound.makespan import CLOSE, Bound
 from decompose.engines.guillotine import Partitioner
+from decompose.geometry import Solid
 from decompose.grid import Box, BoxTables, box_index
+from decompose.print_time import CostModel, Recipe, axis_prices_s
 
 shapes = st.tuples(st.integers(1, 4), st.integers(1, 3), st.integers(1, 3))
 
@@ -130,3 +132,13 @@ def test_it_proves_more_than_the_volume_does_where_cells_are_many() -> None:
     assert solver.find_least_makespan(20, 0.0) is not None
     bound = makespan_bound(boxes, needed, 20, solver.longest_s())
     assert 0.8 * solver.longest_s() <= bound.seconds <= solver.longest_s()
+
+
+@settings(deadline=None)  # the first call compiles
+@given(*[st.floats(3.0, 200.0)] * 3, st.integers(1, 9))
+def test_slabs_of_a_block_never_end_before_it(width: float, depth: float, height: float, slabs: int) -> None:
+    """Small slabs too, whose flat sides are all rim and whose walls are all inset."""
+    cost = CostModel.from_recipe(Recipe(prelude_s=60.0))
+    slab = axis_prices_s(*Solid.box((0, 0, 0), (width, depth, height / slabs)).arrays(), cost)
+    block = Solid.box((0, 0, 0), (width, depth, height))
+    assert slab.min() >= surface_bound_s(block.area_mm2, block.volume_mm3, slabs, cost)

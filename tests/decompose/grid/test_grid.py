@@ -17,6 +17,7 @@ from decompose.grid import (
     BoxTables,
     Cell,
     Grid,
+    GridRules,
     box_index,
     build_grid,
     cell_counts,
@@ -33,9 +34,7 @@ HUGE = PrinterRoom("huge", ((1e4, 1e4, 1e4),))
 
 @pytest.fixture(scope="module")
 def grid(triangles: Triangles) -> Grid:
-    return build_grid(
-        triangles, granularity=7, min_wall_mm=0.0, keep_interior=True, overhang_cos=0.7, skin_cos=0.75
-    )
+    return build_grid(triangles, 7, GridRules(0.0, True, 0.7, 0.75))
 
 
 @pytest.fixture(scope="module")
@@ -103,9 +102,7 @@ def test_classes_of_cells(grid: Grid, lump: Solid) -> None:
 @pytest.mark.parametrize("min_wall_mm", [0.0, 10.0, 25.0])
 def test_hollow_cells_keep_their_distance(min_wall_mm: float) -> None:
     corners = Solid.box((0, 0, 0), (200, 160, 120)).arrays()
-    grid = build_grid(
-        corners[0][corners[1]], 12, min_wall_mm, keep_interior=False, overhang_cos=0.7, skin_cos=0.75
-    )
+    grid = build_grid(corners[0][corners[1]], 12, GridRules(min_wall_mm, False, 0.7, 0.75))
     hollow = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
     assert len(hollow)
     lo = np.array([[grid.planes[a][c[a]] for a in range(3)] for c in hollow])

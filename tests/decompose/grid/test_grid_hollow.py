@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from decompose.geometry import Solid
-from decompose.grid import Cell, build_grid
+from decompose.grid import Cell, GridRules, build_grid
 from decompose.print_time import CostModel
 
 
@@ -40,7 +40,7 @@ def turned_block() -> Solid:
 def test_the_hollow_keeps_the_wall(shape: Callable[[], Solid], min_wall_mm: float, cost: CostModel) -> None:
     solid = shape()
     vertices, faces = solid.arrays()
-    grid = build_grid(vertices[faces], 14, min_wall_mm, False, cost.overhang_cos, cost.skin_cos)
+    grid = build_grid(vertices[faces], 14, GridRules(min_wall_mm, False, cost.overhang_cos, cost.skin_cos))
     left_out = np.argwhere((grid.cells == Cell.INTERNAL) & ~grid.needed)
     assert len(left_out) > 0
     hollow = Solid.union([Solid.box(*grid.bounds_mm((*at, *(at + 1)))) for at in left_out])
@@ -53,7 +53,7 @@ def test_the_hollow_keeps_the_wall(shape: Callable[[], Solid], min_wall_mm: floa
 
 def test_a_wall_of_nothing_and_the_interior_kept(cost: CostModel) -> None:
     vertices, faces = block().arrays()
-    bare = build_grid(vertices[faces], 10, 0.0, False, cost.overhang_cos, cost.skin_cos)
-    kept = build_grid(vertices[faces], 10, 25.0, True, cost.overhang_cos, cost.skin_cos)
+    bare = build_grid(vertices[faces], 10, GridRules(0.0, False, cost.overhang_cos, cost.skin_cos))
+    kept = build_grid(vertices[faces], 10, GridRules(25.0, True, cost.overhang_cos, cost.skin_cos))
     assert (bare.needed == (bare.cells == Cell.BOUNDARY)).all()
     assert kept.needed.all()

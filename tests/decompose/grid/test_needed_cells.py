@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from decompose.grid import Grid, NeededCells, build_grid, refine_cells
+from decompose.grid import Grid, GridRules, NeededCells, build_grid, refine_cells
 from decompose.print_time import CostModel, Recipe
 
 SIDES_MM = np.array([300.0, 260.0, 280.0])
@@ -21,7 +21,7 @@ def block(turn: Rotation) -> np.ndarray:
 
 
 def grid_of(triangles: np.ndarray, cost: CostModel, cells: int, wall_mm: float, keep: bool = False) -> Grid:
-    return build_grid(triangles, cells, wall_mm, keep, cost.overhang_cos, cost.skin_cos)
+    return build_grid(triangles, cells, GridRules(wall_mm, keep, cost.overhang_cos, cost.skin_cos))
 
 
 def corners_mm(cells: NeededCells, which: np.ndarray) -> np.ndarray:

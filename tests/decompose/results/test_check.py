@@ -13,7 +13,7 @@ from decompose.decompose import decompose_model
 from decompose.errors import GeometryError, Rule
 from decompose.export import write_decomposition
 from decompose.geometry import Model, Solid
-from decompose.grid import Box, Grid, build_grid
+from decompose.grid import Box, Grid, GridRules, build_grid
 from decompose.options import Options
 from decompose.pieces import cut_cells
 from decompose.print_time import CostModel
@@ -33,7 +33,7 @@ def model() -> Model:
 @pytest.fixture(scope="module")
 def grid(model: Model) -> Grid:
     vertices, faces = model.solid.arrays()
-    return build_grid(vertices[faces], 6, 5.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
+    return build_grid(vertices[faces], 6, GridRules(5.0, False, 0.7, 0.75))
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +152,7 @@ def test_a_broken_rule_is_named(
 def test_what_is_missing_must_be_whole_cells_away_from_the_surface(cost: CostModel) -> None:
     block = Model(Solid.box((0, 0, 0), (100, 100, 100)), (), 1.0)
     vertices, faces = block.solid.arrays()
-    grid = build_grid(vertices[faces], 10, 15.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
+    grid = build_grid(vertices[faces], 10, GridRules(15.0, False, 0.7, 0.75))
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
     base = decompose_model(block, room, Options(granularity=10, min_wall_mm=15.0), cost)
     shell = block.solid.subtract(Solid.box(*grid.bounds_mm((4, 4, 4, 6, 6, 6))))
@@ -185,7 +185,7 @@ def test_the_wall_is_measured_to_faces_not_only_to_their_corners(
     vertices, faces = cube.solid.arrays()
     room = [PrinterRoom("p", ((500.0, 500.0, 500.0),))]
     base = decompose_model(cube, room, Options(granularity=6, min_wall_mm=10.0), cost)
-    plain = build_grid(vertices[faces], 3, 10.0, keep_interior=False, overhang_cos=0.7, skin_cos=0.75)
+    plain = build_grid(vertices[faces], 3, GridRules(10.0, False, 0.7, 0.75))
     x, z = np.array([-1.0, 150.0, 170.0, 201.0]), np.array([-1.0, top - 20.0, top, 201.0])
     cuts = (np.ones((4, 3, 3)), np.ones((3, 4, 3)), np.ones((3, 3, 4)))
     grid = replace(plain, planes=(x, x, z), cuts=cuts)  # its middle cell is the hollow

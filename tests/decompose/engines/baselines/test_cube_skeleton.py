@@ -26,7 +26,7 @@ from decompose.engines.baselines.hollow import (
 )
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, round_triangles
-from decompose.grid import CLEAR_MM, Cell, build_grid, fill_grid, flat_coordinates
+from decompose.grid import CLEAR_MM, Cell, GridRules, build_grid, fill_grid, flat_coordinates
 from decompose.options import Engine, Interior, Options
 from decompose.pieces import Piece, box_planes
 from decompose.print_time import CostModel
@@ -96,7 +96,7 @@ def test_cells_meet_in_faces(shape: tuple[int, int, int], seed: int, share: floa
 def test_the_shell_keeps_the_wall(cost: CostModel) -> None:
     solid = ball(100.0).solid
     vertices, faces = solid.arrays()
-    grid = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     shell = hollow_model(solid, grid)
     outside = Solid.box((-130,) * 3, (130,) * 3).subtract(solid)
     taken = solid.subtract(shell.solid)
@@ -131,13 +131,13 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
     """A ball on a plate whose upper face lies where the cube has its lower side."""
     body = ball(100.0).solid
     vertices, faces = body.arrays()
-    rough = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    rough = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     begun = largest_cube(hollow_model(body, rough).cavity)
     assert begun is not None
     side_mm = float(refine_cube(body, np.array(rough.bounds_mm(begun)), 10.0, 12.0)[0, 2])
     solid = Solid.union([body, Solid.box((-90, -90, side_mm - 20.0), (90, 90, side_mm + 0.5))])
     vertices, faces = solid.arrays()
-    grid = build_grid(vertices[faces], 20, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    grid = build_grid(vertices[faces], 20, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     begun = largest_cube(hollow_model(solid, grid).cavity)
     assert begun is not None
     cube_mm = refine_cube(solid, np.array(grid.bounds_mm(begun)), 10.0, 12.0)
@@ -150,7 +150,7 @@ def test_the_planes_of_the_grid_go_to_the_sides_of_the_refined_cube(cost: CostMo
         assert np.abs(moved[:, axis, None] - flats).min(initial=np.inf) >= CLEAR_MM - 1e-9
     before = grid.bounds_mm(begun)
     assert np.prod(moved[1] - moved[0]) > 1.1 * np.prod(before[1] - before[0])
-    grid = fill_grid(vertices[faces], planes, 12.0, False, cost.overhang_cos, cost.skin_cos)
+    grid = fill_grid(vertices[faces], planes, GridRules(12.0, False, cost.overhang_cos, cost.skin_cos))
     inside = tuple(slice(cube[a], cube[a + 3]) for a in range(3))
     assert (grid.cells[inside] == Cell.INTERNAL).all()
     assert hollow_model(solid, grid, cube).cavity[inside].all()

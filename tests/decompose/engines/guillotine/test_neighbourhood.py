@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from box_tables import Shape, every_box, tables
 from decompose.engines.guillotine import Partitioner
-from decompose.engines.guillotine.neighbourhood import improve_locally, sorted_times_s
+from decompose.engines.guillotine.neighbourhood import Window, improve_locally, pinwheel_boxes, sorted_times_s
 from decompose.engines.guillotine.partitioner import UNREACHABLE
-from decompose.engines.guillotine.window import Window, pinwheel_boxes
 from decompose.grid import Box, BoxTables, box_index
 
 shapes = st.tuples(st.integers(2, 5), st.integers(1, 4), st.integers(1, 3))

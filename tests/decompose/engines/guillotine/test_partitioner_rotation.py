@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decompose.engines.guillotine import Partitioner
-from decompose.grid import build_grid, price_boxes
+from decompose.grid import GridRules, build_grid, price_boxes
 from decompose.print_time import CostModel
 from decompose.printers import PrinterRoom
 
@@ -15,7 +15,7 @@ PRINTERS = 12
 
 
 def makespan_s(triangles: np.ndarray, cost: CostModel) -> float:
-    grid = build_grid(triangles, 6, 0.0, True, cost.overhang_cos, cost.skin_cos)
+    grid = build_grid(triangles, 6, GridRules(0.0, True, cost.overhang_cos, cost.skin_cos))
     solver = Partitioner(price_boxes(grid, [ROOM], cost))
     found = solver.find_least_makespan(PRINTERS, 0.0, tolerance_s=0.01)
     assert found is not None

@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 from decompose.decompose import decompose_model
 from decompose.engines.parallelobox import search
 from decompose.engines.parallelobox.alignment import align_model, overhang_mm2
-from decompose.engines.parallelobox.attempts import draw_seed_sets, draw_seeds, run_attempts
+from decompose.engines.parallelobox.attempts import SeedSource, draw_seed_sets, draw_seeds, run_attempts
 from decompose.engines.parallelobox.growth import NOBODY, fill_voids, grow_blocks
 from decompose.engines.parallelobox.terrain import SPEED_MM_S, Terrain, paper_terrain, time_terrain
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, find_mirror, rotation_to_axis
-from decompose.grid import BoxTables, Cell, Grid, box_index, build_grid, price_boxes
+from decompose.grid import BoxTables, Cell, Grid, GridRules, box_index, build_grid, price_boxes
 from decompose.grid.box_index import interval_ends
 from decompose.options import Engine, Options, ParalleloboxOptions, Score
 from decompose.print_time import CostModel
@@ -137,7 +137,7 @@ def ball_points(ball: Model) -> np.ndarray:
 @pytest.fixture(scope="module")
 def ball_grid(ball: Model, cost: CostModel) -> Grid:
     vertices, faces = ball.solid.arrays()
-    return build_grid(vertices[faces], 8, 10.0, False, cost.overhang_cos, cost.skin_cos)
+    return build_grid(vertices[faces], 8, GridRules(10.0, False, cost.overhang_cos, cost.skin_cos))
 
 
 @pytest.fixture(scope="module")
@@ -149,20 +149,26 @@ def ball_boxes(ball_grid: Grid, printers: list[PrinterRoom], cost: CostModel) ->
 def test_seeds_are_boundary_cells_no_two_the_same(
     ball_grid: Grid, ball_points: np.ndarray, count: int
 ) -> None:
-    found = draw_seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    found = draw_seeds(
+        SeedSource(ball_points, ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
+    )
     boundary = int((ball_grid.cells == Cell.BOUNDARY).sum())
     assert len(set(found)) == len(found) == min(count, boundary)
     assert all(ball_grid.cells[x, y, z] == Cell.BOUNDARY for x, y, z, *_ in found)
-    assert found == draw_seeds(ball_points, ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    assert found == draw_seeds(
+        SeedSource(ball_points, ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
+    )
     # Fewer vertices than seeds:
-    few = draw_seeds(ball_points[:3], ball_grid, nothing(ball_grid), count, np.random.default_rng(3))
+    few = draw_seeds(
+        SeedSource(ball_points[:3], ball_grid, nothing(ball_grid)), count, np.random.default_rng(3)
+    )
     assert len(set(few)) == len(found)
 
 
 def test_seeds_spread_over_the_surface(ball_grid: Grid, ball_points: np.ndarray) -> None:
-    cells = np.array(draw_seeds(ball_points, ball_grid, nothing(ball_grid), 8, np.random.default_rng(0)))[
-        :, :3
-    ]
+    cells = np.array(
+        draw_seeds(SeedSource(ball_points, ball_grid, nothing(ball_grid)), 8, np.random.default_rng(0))
+    )[:, :3]
     gaps = np.abs(cells[:, None] - cells[None]).sum(axis=2) + 100 * np.eye(8, dtype=int)
     assert gaps.min() >= 2
 
@@ -172,7 +178,7 @@ def test_attempts_cover_the_model_and_are_the_same_each_time(
     score: Score, ball_grid: Grid, ball_boxes: BoxTables, ball_points: np.ndarray
 ) -> None:
     terrain = time_terrain(ball_grid, ball_boxes)
-    drawn = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 5)
+    drawn = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5)
     found = run_attempts(drawn, terrain, 14, score)
     assert found
     for each in found:
@@ -185,10 +191,10 @@ def test_attempts_cover_the_model_and_are_the_same_each_time(
         assert each.longest == ball_boxes.seconds[indices].max() < np.inf
     assert [a.longest for a in found] == sorted(a.longest for a in found)
     with ThreadPoolExecutor(2) as pool:
-        threaded = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 5, pool.map)
+        threaded = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 5, pool.map)
         assert threaded == drawn
         assert run_attempts(threaded, terrain, 14, score, pool.map) == found
-    others = draw_seed_sets(ball_points, ball_grid, terrain.barred, 14, 2, 6)
+    others = draw_seed_sets(SeedSource(ball_points, ball_grid, terrain.barred), 14, 2, 6)
     assert found != run_attempts(others, terrain, 14, score)
 
 
@@ -288,11 +294,11 @@ def test_faithful_is_the_papers_table(
     build, drawn = problem_module.build_grid, search.draw_seed_sets
 
     def gridded(*args: Any) -> Grid:
-        seen.append(("grid", args[1], args[4]))
+        seen.append(("grid", args[1], args[2].overhang_cos))
         return build(*args)
 
     def seeded(*args: Any) -> list[Any]:
-        seen.append(("draws", args[3], args[4]))
+        seen.append(("draws", args[1], args[2]))
         return drawn(*args)
 
     monkeypatch.setattr(problem_module, "build_grid", gridded)

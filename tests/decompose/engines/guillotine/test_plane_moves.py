@@ -1,24 +1,33 @@
-"""Faces that move together: however the groups move, a partition stays one."""
+"""Faces that move together: a partition stays one, and the shifts have the least makespan."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from decompose.engines.guillotine.window import pinwheel_boxes
-from decompose.grid import (
-    Box,
-    NeededCells,
+from decompose.engines.guillotine.neighbourhood import pinwheel_boxes
+from decompose.engines.guillotine.plane_moves import (
+    ShiftLimits,
     fill_out_boxes,
     free_directions,
     group_faces,
     keep_clear,
     move_groups,
+    solve_plane_shifts,
 )
+from decompose.grid import Box, NeededCells
 
 PLANES = tuple(np.arange(7) * 10.0 for _ in range(3))
+ROW = np.full((3, 2, 3), -1)  # three boxes in a row along x, with two planes between them
+ROW[0, 1, 0] = ROW[1, 0, 0] = 0
+ROW[1, 1, 0] = ROW[2, 0, 0] = 1
+SLOPES = np.where(ROW >= 0, np.array([-1.0, 1.0])[None, :, None], 0.0)  # a second a mm
+FREE = np.full((3, 3), math.inf)
+FAR = np.full(2, 100.0)
 
 
 def in_mm(boxes: list[Box]) -> np.ndarray:
@@ -110,3 +119,38 @@ def test_a_plane_stops_short_of_flat_faces(flats: list[float], old: float, new: 
     assert place == old or np.abs(known - place).min(initial=np.inf) >= 2.0 - 1e-6
     if np.abs(known - new).min(initial=np.inf) >= 2.0:
         assert place == new
+
+
+def test_makes_all_equal_through_a_box_between() -> None:
+    moves, seconds = solve_plane_shifts(
+        np.array([20.0, 14.0, 8.0]), SLOPES, ROW, ShiftLimits(FREE, FREE, -FAR, FAR)
+    )
+    assert seconds == pytest.approx(14.0)
+    assert moves == pytest.approx([-6.0, -6.0])
+
+
+def test_moves_only_what_helps() -> None:
+    moves, seconds = solve_plane_shifts(
+        np.array([20.0, 20.0, 8.0]), SLOPES, ROW, ShiftLimits(FREE, FREE, np.array([0.0, -1.0]), FAR)
+    )
+    assert seconds == pytest.approx(20.0)  # the first box cannot get shorter
+    assert moves == pytest.approx([0.0, 0.0])
+
+
+@pytest.mark.parametrize("which", ["longer", "shorter", "step"])
+def test_goes_as_far_as_it_may(which: str) -> None:
+    longer, shorter, step = FREE.copy(), FREE.copy(), FAR
+    if which == "longer":
+        longer[2, 0] = 1.0
+    elif which == "shorter":
+        shorter[0, 0] = 3.0
+    else:
+        step = np.array([3.0, 100.0])
+    limits = ShiftLimits(longer, shorter, -step, step)
+    moves, seconds = solve_plane_shifts(np.array([20.0, 0.0, 8.0]), SLOPES, ROW, limits)
+    if which == "longer":
+        assert moves[1] == pytest.approx(-1.0)
+        assert seconds == pytest.approx(9.5)
+    else:
+        assert moves[0] == pytest.approx(-3.0)
+        assert seconds == pytest.approx(17.0)

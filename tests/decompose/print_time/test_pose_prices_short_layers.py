@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from decompose.print_time import CostModel, Recipe, measure_pose
-from decompose.print_time.short_layers import SLABS, _by_slab, short_layers_s
+from decompose.print_time.pose_prices import SLABS, _by_slab, short_layers_s
 
 COST = CostModel.from_recipe(Recipe())
 

@@ -1,4 +1,4 @@
-"""Interfaces between the boxes of a partition, and the moves of faces that keep it a partition.
+"""Moves of cut planes: groups of faces that move together, and the shifts with the least makespan.
 
 Two faces that lie on each other move together. Where four boxes meet along an edge (or two do, crosswise),
 one of the two planes there has to go through: the faces on both sides of the edge move together too, or a
@@ -7,13 +7,17 @@ corner would be left open or be taken twice.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linprog
 
 from decompose.arrays import Bools, Floats, Ints
-from decompose.grid.box_index import Box
-from decompose.grid.needed_cells import SAME_MM, NeededCells
+from decompose.grid import SAME_MM, Box, NeededCells
+
+MOVE_S_MM = 0.05  # least gain for each mm of a move, so that nothing moves for nothing
 
 
 def fill_out_boxes(chosen: Sequence[Box], empty: Bools) -> list[Box]:
@@ -197,3 +201,74 @@ def keep_clear(flats_mm: Floats, old_mm: float, new_mm: float, clear_mm: float) 
         if np.abs(flats_mm - place).min(initial=np.inf) >= clear_mm - SAME_MM:
             return float(place)
     return old_mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShiftLimits:
+    """Limits on the shifts of groups.
+
+    Attributes
+    ----------
+    longer_mm, shorter_mm
+        (n, 3) by how much each part may get longer and shorter along each axis; inf without a limit.
+    low_mm, high_mm
+        (groups,) how far each group may move down (at most 0) and up.
+    """
+
+    longer_mm: Floats
+    shorter_mm: Floats
+    low_mm: Floats
+    high_mm: Floats
+
+
+def solve_plane_shifts(
+    seconds: Floats, slopes: Floats, groups: Ints, limits: ShiftLimits
+) -> tuple[Floats, float]:
+    """Solve for the shift of each group with the least makespan, as if every part's time were linear.
+
+    Parameters
+    ----------
+    seconds
+        (n,) times of the parts before the shift.
+    slopes
+        (n, 2, 3) change of a part's time in s for each mm that one of its faces moves up its axis.
+    groups
+        (n, 2, 3) of `group_faces`.
+    limits
+        On the shifts.
+
+    Returns
+    -------
+    tuple
+        Shifts (groups,) in mm, and makespan in s; no shifts and inf where the programme has no solution.
+    """
+    count, n = len(limits.low_mm), len(seconds)
+    parts, sides, axes = np.nonzero(groups >= 0)
+    faces = groups[parts, sides, axes]
+    times, lengths = np.zeros((n, count)), np.zeros((n * 3, count))
+    np.add.at(times, (parts, faces), slopes[parts, sides, axes])
+    np.add.at(lengths, (parts * 3 + axes, faces), 2.0 * sides - 1.0)
+    each, none = np.eye(count), np.zeros((n * 3, count))
+    rows = np.block(  # of the moves, how far they are either way, and the makespan
+        [
+            [times, np.zeros((n, count)), -np.ones((n, 1))],
+            [lengths, none, np.zeros((n * 3, 1))],
+            [-lengths, none, np.zeros((n * 3, 1))],
+            [each, -each, np.zeros((count, 1))],
+            [-each, -each, np.zeros((count, 1))],
+        ]
+    )
+    rights = np.concatenate(
+        [-seconds, limits.longer_mm.ravel(), limits.shorter_mm.ravel(), np.zeros(2 * count)]
+    )
+    known = np.isfinite(rights)
+    solved = linprog(
+        np.array([*np.zeros(count), *np.full(count, MOVE_S_MM), 1.0]),
+        rows[known],
+        rights[known],
+        bounds=[*zip(limits.low_mm, limits.high_mm, strict=True), *[(0.0, None)] * count, (None, None)],
+        method="highs-ds",
+    )
+    if solved.status != 0:
+        return np.zeros(count), math.inf
+    return np.asarray(solved.x[:count]), float(solved.x[-1])

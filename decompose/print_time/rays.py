@@ -1,0 +1,176 @@
+"""Kernels of upright rays through a mesh: the heights at which they cross its faces."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from decompose.arrays import Floats, Ints
+from decompose.jit import jit
+
+
+class Rays(NamedTuple):
+    """Upright rays on a square grid.
+
+    Attributes
+    ----------
+    origin_mm
+        (2,) float64 x and y of the first ray.
+    step_mm
+        Distance between neighbours.
+    shape
+        Number of rays along x and along y.
+    """
+
+    origin_mm: Floats
+    step_mm: float
+    shape: tuple[int, int]
+
+
+class Crossings(NamedTuple):
+    """Crossings of rays with the faces of a mesh, ray after ray, from the bottom up.
+
+    Attributes
+    ----------
+    start
+        (rays + 1,) int64 index of the first crossing of each ray.
+    z_mm
+        (crossings,) float64 heights.
+    face
+        (crossings,) int64 indices of the faces.
+    """
+
+    start: Ints
+    z_mm: Floats
+    face: Ints
+
+
+@jit
+def find_bounds(triangles: Floats) -> tuple[Floats, Floats]:
+    """Find the least and the greatest x, y and z (3,) of triangles (m, 3, 3), all float64 in mm."""
+    lo, hi = np.full(3, np.inf), np.full(3, -np.inf)
+    for t in range(len(triangles)):
+        for corner in range(3):
+            for axis in range(3):
+                lo[axis] = min(lo[axis], triangles[t, corner, axis])
+                hi[axis] = max(hi[axis], triangles[t, corner, axis])
+    return lo, hi
+
+
+@jit
+def unit_normals(triangles: Floats) -> Floats:
+    """Compute the unit normals (m, 3) of triangles (m, 3, 3), float64; 0 for a triangle without area."""
+    found = np.zeros((len(triangles), 3))
+    for t in range(len(triangles)):
+        ax, ay, az = triangles[t, 0, 0], triangles[t, 0, 1], triangles[t, 0, 2]
+        ux, uy, uz = triangles[t, 1, 0] - ax, triangles[t, 1, 1] - ay, triangles[t, 1, 2] - az
+        vx, vy, vz = triangles[t, 2, 0] - ax, triangles[t, 2, 1] - ay, triangles[t, 2, 2] - az
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        length = np.sqrt(nx * nx + ny * ny + nz * nz)
+        if length > 0.0:
+            found[t, 0], found[t, 1], found[t, 2] = nx / length, ny / length, nz / length
+    return found
+
+
+@jit
+def find_crossings(triangles: Floats, normals: Floats, rays: Rays) -> Crossings:
+    """Find the crossings of rays with triangles (m, 3, 3) in mm with unit normals (m, 3), all float64.
+
+    Of two triangles with an edge in common a ray goes through one: what lies on an edge belongs to the
+    triangle above it.
+    """
+    x0, y0, step = rays.origin_mm[0], rays.origin_mm[1], rays.step_mm
+    nx, ny = rays.shape
+    found = Crossings(np.zeros(nx * ny + 1, np.int64), np.zeros(0, np.float64), np.zeros(0, np.int64))
+    filled = np.zeros(nx * ny, np.int64)
+    edges = np.zeros((3, 4))
+    for turn in range(2):  # count, then fill
+        if turn == 1:
+            found = _allocate_crossings(found.start)
+        for t in range(len(triangles)):
+            if normals[t, 2] == 0.0:
+                continue
+            left, right = _set_edges(triangles[t], edges)
+            (ax, ay, az), slope_x, slope_y, (lowest, highest) = _plane(triangles[t], normals[t])
+            first = max(0, int(np.ceil((left - x0) / step)))
+            for i in range(first, min(nx, int(np.ceil((right - x0) / step)))):
+                x = x0 + i * step
+                low, high = _edge_span(edges, x)
+                if low > high:
+                    continue
+                begin = max(0, int(np.ceil((low - y0) / step)))
+                for j in range(begin, min(ny, int(np.ceil((high - y0) / step)))):
+                    column = i * ny + j
+                    if turn == 0:
+                        found.start[column + 1] += 1
+                        continue
+                    z = az + (x - ax) * slope_x + (y0 + j * step - ay) * slope_y
+                    _insert_crossing(found, column, filled[column], min(max(z, lowest), highest), t)
+                    filled[column] += 1
+    return found
+
+
+@jit
+def _allocate_crossings(counts: Ints) -> Crossings:
+    """Allocate crossings for counts (rays + 1,) int64 of those of each ray, the first entry 0."""
+    for ray in range(len(counts) - 1):
+        counts[ray + 1] += counts[ray]
+    return Crossings(counts, np.zeros(counts[-1], np.float64), np.zeros(counts[-1], np.int64))
+
+
+@jit
+def _set_edges(triangle: Floats, edges: Floats) -> tuple[float, float]:
+    """Describe the edges of a triangle (3, 3) in mm as seen from above; return its least and greatest x.
+
+    edges: (3, 4) float64, filled in: x at the left and the right end, y at the left end, and slope.
+    """
+    left, right = np.inf, -np.inf
+    for k in range(3):
+        p, q = k, (k + 1) % 3
+        if triangle[p, 0] > triangle[q, 0]:
+            p, q = q, p  # so that both triangles of an edge find the same y
+        px, qx = triangle[p, 0], triangle[q, 0]
+        edges[k, 0], edges[k, 1], edges[k, 2] = px, qx, triangle[p, 1]
+        edges[k, 3] = (triangle[q, 1] - triangle[p, 1]) / (qx - px) if qx > px else 0.0
+        left, right = min(left, px), max(right, qx)
+    return left, right
+
+
+@jit
+def _edge_span(edges: Floats, x: float) -> tuple[float, float]:
+    """Find the least and the greatest y of edges (3, 4), of `_set_edges`, at an x; +inf and -inf for none."""
+    low, high = np.inf, -np.inf
+    for k in range(3):
+        if edges[k, 0] < x <= edges[k, 1]:
+            y = edges[k, 2] + (x - edges[k, 0]) * edges[k, 3]
+            low, high = min(low, y), max(high, y)
+    return low, high
+
+
+@jit
+def _plane(
+    triangle: Floats, normal: Floats
+) -> tuple[tuple[float, float, float], float, float, tuple[float, float]]:
+    """Describe the plane of a triangle (3, 3) in mm with a unit normal (3,).
+
+    Returns
+    -------
+    tuple
+        A corner in mm, the slopes of z along x and y, and the least and the greatest z of the corners.
+    """
+    ax, ay, az = triangle[0, 0], triangle[0, 1], triangle[0, 2]
+    lowest = min(az, triangle[1, 2], triangle[2, 2])
+    highest = max(az, triangle[1, 2], triangle[2, 2])
+    return (ax, ay, az), -normal[0] / normal[2], -normal[1] / normal[2], (lowest, highest)
+
+
+@jit
+def _insert_crossing(found: Crossings, ray: int, count: int, z: float, face: int) -> None:
+    """Insert a crossing among the `count` that a ray has already, by its height in mm."""
+    first = found.start[ray]
+    at = first + count
+    while at > first and found.z_mm[at - 1] > z:
+        found.z_mm[at], found.face[at] = found.z_mm[at - 1], found.face[at - 1]
+        at -= 1
+    found.z_mm[at], found.face[at] = z, face
