@@ -13,7 +13,7 @@ from drivers import messages as m
 from drivers.agent.idle_watch import CARD, IdleWatch
 from drivers.clock import Clock
 from drivers.errors import AgentError, DriverError, PortError
-from drivers.firmware import ULTIMAKER2
+from drivers.firmware import Firmware
 from drivers.link import Link, Report, Said, Up
 from drivers.link.dialogue import talk
 from drivers.locks import AGENT_LOCK, hold
@@ -70,7 +70,7 @@ def plugged(
     return result
 
 
-def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> str:
+def commission(url: str, folder: Path | None, firmware: Firmware, answer_s: float = _ANSWER_S) -> str:
     """Pulse DTR on the port of an idle printer and see its board start again.
 
     Parameters
@@ -79,13 +79,15 @@ def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> st
         The port, which no agent has; not a simulated one.
     folder
         The agent's folder, where that is written down; None for a printer that is not in the fleet.
+    firmware
+        Of the printer.
     answer_s
         Wall seconds for the board to answer, before the pulse and after it.
 
     Returns
     -------
     str
-        The printer's model, by its banner.
+        The printer's model, by its own words.
 
     Raises
     ------
@@ -99,11 +101,11 @@ def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> st
         if lock is None:
             raise PortError(f"{url}: its agent is running: ask that")
     try:
-        port = open_port(url, Path(), Clock(), ULTIMAKER2.baud_rate)
+        port = open_port(url, Path(), Clock(), firmware.baud_rate)
         try:
-            _see_idle(port, url, answer_s)
+            _see_idle(port, url, firmware, answer_s)
             port.reset()
-            banner = _see_start(port, url, answer_s)
+            words = _see_start(port, url, firmware, answer_s)
         finally:
             port.close()
         if folder is not None:
@@ -112,7 +114,7 @@ def commission(url: str, folder: Path | None, answer_s: float = _ANSWER_S) -> st
     finally:
         if lock is not None:
             os.close(lock)
-    return model_of(banner)
+    return model_of(words)
 
 
 def commission_by_agent(folder: Path) -> None:
@@ -151,8 +153,8 @@ async def _ask_agent(folder: Path) -> None:
         await client.close()
 
 
-def model_of(banner: bytes) -> str:
-    """The printer model that says this when it starts.
+def model_of(words: bytes) -> str:
+    """The printer model that says this when it starts, or is asked what it is.
 
     Raises
     ------
@@ -160,16 +162,21 @@ def model_of(banner: bytes) -> str:
         None that is known.
     """
     for profile in PROFILES.values():
-        found = profile.firmware.version.search(banner)
-        if found is not None and (found["suffix"] or b"").decode() == profile.banner_suffix:
+        firmware = profile.firmware
+        if firmware.version is None:
+            known = firmware.identity_word in words and profile.machine_word in words
+        else:
+            known = firmware.read_suffix(words) == profile.banner_suffix
+        if known:
             return profile.model
-    version = next((line for line in banner.split(b"\n") if b"Vers:" in line), b"")
+    marks = (b"Vers:", b"MACHINE_TYPE:")
+    version = next((line for line in words.split(b"\n") if any(mark in line for mark in marks)), b"")
     raise DriverError(f"the board started again, but says no version that is known: {version!r}")
 
 
-def _see_idle(port: Port, url: str, answer_s: float) -> None:
+def _see_idle(port: Port, url: str, firmware: Firmware, answer_s: float) -> None:
     """See that a printer is idle; a board that opening the port did not reset can say that it prints."""
-    link, idle = Link(ULTIMAKER2), IdleWatch()
+    link, idle = Link(firmware), IdleWatch()
     for now_s, event in talk(port, link, answer_s):
         if isinstance(event, Up):
             if event.restarted:
@@ -186,12 +193,21 @@ def _see_idle(port: Port, url: str, answer_s: float) -> None:
     raise PortError(f"{url}: its printer does not say that it is idle; switch it off and on")
 
 
-def _see_start(port: Port, url: str, answer_s: float) -> bytes:
-    for _, event in talk(port, Link(ULTIMAKER2), answer_s):
+def _see_start(port: Port, url: str, firmware: Firmware, answer_s: float) -> bytes:
+    """See the board start; what it says then, and where that does not tell the model, what it answers."""
+    link, words = Link(firmware), b""
+    for now_s, event in talk(port, link, answer_s):
         if isinstance(event, Up):
-            if event.restarted:
+            if not event.restarted:
+                break
+            if firmware.version is not None:
                 return event.banner
-            break
+            link.send(now_s, firmware.identity_query)
+            link.poll_soon(now_s + 0.5)
+        elif isinstance(event, Said):
+            words += event.text + b"\n"
+        elif isinstance(event, Report):
+            return words
     raise PortError(
         f"{url}: no `start` after a pulse of DTR: see to its cable; "
         "a printer that the farm cannot stop prints only while somebody is there"

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.agent.idle_watch import ASK, CARD, IdleWatch
+from drivers.agent.idle_watch import CARD, IdleWatch
 from drivers.clock import Clock, wall_s
 from drivers.emulator.launch import control, read_status
 from drivers.emulator.status import EmulatorStatus
@@ -319,7 +319,8 @@ class Board:
         self.back = self.back or self.idle.cold
         if self.link.drained:
             # what a port that went left hot, and no reset ends; asking alone would feed the dead-man for ever
-            self.link.send(now_s, *(self._firmware.heaters_off if self.state.hot else ASK))
+            firmware = self._firmware
+            self.link.send(now_s, *(firmware.heaters_off if self.state.hot else firmware.idle_queries))
 
     def _idle_trouble(self, trouble: Trouble, now_s: float) -> None:
         if trouble.fault is Fault.REBOOT:

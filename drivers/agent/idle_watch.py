@@ -10,7 +10,6 @@ import re
 from drivers.errors import Fault
 from drivers.link.replies import Report, Trouble
 
-ASK = (b"M114", b"M27")
 CARD = "it prints from its SD card"
 MOVED = "somebody moved it at the printer"
 HEATED = "somebody switched a heater on at the printer"
@@ -51,7 +50,7 @@ class IdleWatch:
         return self._cold >= 3
 
     def said(self, text: bytes) -> tuple[bool, str | None]:
-        """Take an answer to `ASK`.
+        """Take an answer to `Firmware.idle_queries`.
 
         Returns
         -------

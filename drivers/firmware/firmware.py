@@ -39,24 +39,45 @@ class Firmware:
         Of its serial port.
     command_bytes
         The longest command that it takes with ``N1234567 `` and ``*255`` around it.
-    version, home_offset
-        Patterns of the banner; `version` has the group `suffix`, `home_offset` the whole offset as group 1.
+    version
+        Pattern of the banner with the group `suffix`; None where the banner does not tell the model.
+    home_offset
+        Pattern of the settings, which a banner with a version has, too; the whole offset is group 1.
     banner_end
-        Stands in the banner's last line.
+        Stands in the banner's last line; None where the banner is over when nothing more is said.
     identity_query, identity_word
-        A question, and what must be in the answer.
+        A question, and what must be in the answer, beside `Profile.machine_word`.
     settings_query, position_query, report_query
         Questions for settings with the home offset, for the place of the head, and for temperatures.
-    last_line_query
-        A line that is answered with the number of the last one accepted, and does nothing.
+    idle_queries
+        Questions for what people do at an idle printer: the place of the head, and the SD card.
+    last_line_query, last_line_answer
+        A line that is answered with the number of the last one accepted, and does nothing; how the answer
+        begins.
+    last_line_resends
+        The answer has a ``Resend`` and perhaps an ok behind it, and what was sent behind the question is
+        lost.
+    acknowledges_read_moves
+        The ok of a move comes when it was read; else, as that of all commands, when it was carried out.
+    ok_details
+        Pattern of all that may follow an ``ok``, with the number of its line as group 1; None where nothing
+        does.
+    keep_alive
+        Beginning of a line that is said every 2 s as long as a command is carried out; None where none is.
     troubles
         What stands in a line that tells of a fault; the first that is found counts.
     stop_moves
         Empties the queue of moves: the head stands.
+    halt
+        Switches everything off until the board is reset; None where there is no such command.
+    tells_motion
+        The answer to `position_query` counts steps that were made, not those that were planned.
     wait_moves, motors_off, heaters_off, fan_off
         Commands.
     dead_man
         Arms the end of all heat where no command comes for ``%d`` seconds; 0 is off.
+    set_up
+        Commands to a board that has started, before a print.
     as_new
         What makes a board that was not reset as good as one that was.
     waiting_s
@@ -68,22 +89,31 @@ class Firmware:
     title: str
     baud_rate: int
     command_bytes: int
-    version: re.Pattern[bytes]
+    version: re.Pattern[bytes] | None
     home_offset: re.Pattern[bytes]
-    banner_end: bytes
+    banner_end: bytes | None
     identity_query: bytes
     identity_word: bytes
     settings_query: bytes
     position_query: bytes
     report_query: bytes
+    idle_queries: tuple[bytes, ...]
     last_line_query: bytes
+    last_line_answer: bytes
+    last_line_resends: bool
+    acknowledges_read_moves: bool
+    ok_details: re.Pattern[bytes] | None
+    keep_alive: bytes | None
     troubles: tuple[tuple[bytes, Fault], ...]
     stop_moves: bytes
+    halt: bytes | None
+    tells_motion: bool
     wait_moves: bytes
     motors_off: bytes
     heaters_off: tuple[bytes, ...]
     fan_off: bytes
     dead_man: bytes
+    set_up: tuple[bytes, ...]
     as_new: tuple[bytes, ...]
     waiting_s: Mapping[bytes, float]
     forbidden: Mapping[bytes, str]
@@ -100,10 +130,13 @@ class Firmware:
 
     def read_identity(self, banner: bytes) -> Identity | None:
         """Read which printer says this; None where it is garbled, or not this firmware's banner."""
-        version, offset = self.version.search(banner), self.read_offset(banner)
-        if version is None or offset is None:
-            return None
-        return Identity((version["suffix"] or b"").decode(), offset)
+        suffix, offset = self.read_suffix(banner), self.read_offset(banner)
+        return None if suffix is None or offset is None else Identity(suffix, offset)
+
+    def read_suffix(self, banner: bytes) -> str | None:
+        """Read how the version in a banner ends; None where there is none to read."""
+        found = None if self.version is None else self.version.search(banner)
+        return None if found is None else (found["suffix"] or b"").decode()
 
     def read_offset(self, settings: bytes) -> str | None:
         """Read the home offset out of settings; None where there is none to read."""

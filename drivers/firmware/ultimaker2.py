@@ -24,10 +24,16 @@ ULTIMAKER2 = Firmware(
     settings_query=b"M503",
     position_query=b"M114",
     report_query=b"M105",
+    idle_queries=(b"M114", b"M27"),
     # A line with a checksum and no number. The newline before it ends a line that has lost its own, the
     # second star stays where the first is damaged, and the checksum is wrong, so that a line that is glued to
     # it is refused.
     last_line_query=b"\n1**0\n",
+    last_line_answer=b"Error:No Line Number",
+    last_line_resends=False,
+    acknowledges_read_moves=True,
+    ok_details=None,
+    keep_alive=None,
     troubles=(
         (b"MAXTEMP", Fault.MAXTEMP),
         (b"MINTEMP", Fault.MINTEMP),
@@ -39,11 +45,14 @@ ULTIMAKER2 = Firmware(
         (b"echo:Marlin", Fault.REBOOT),  # the banner: its ``start`` was lost or garbled
     ),
     stop_moves=b"M401",
+    halt=None,
+    tells_motion=True,
     wait_moves=b"M400",
     motors_off=b"M84",
     heaters_off=(b"M104 S0", b"M140 S0"),
     fan_off=b"M107",
     dead_man=b"M85 S%d",
+    set_up=(),
     as_new=(b"M104 S0", b"M140 S0", b"M401", b"M107", b"G90", b"M82", b"M220 S100", b"M221 S100"),
     waiting_s={
         b"G28": 1500.0,

@@ -6,7 +6,8 @@ import select
 import time
 from collections.abc import Iterator
 
-from drivers.link.link import Link, Phase
+from drivers.link.link import Link
+from drivers.link.opening import Phase
 from drivers.link.replies import Event
 from drivers.ports import Port
 

@@ -1,36 +1,16 @@
-"""The serial protocol of the Ultimaker 2+ firmware, without I/O: bytes and the time in, bytes and events out.
+"""Marlin's serial protocol, without I/O: bytes and the time in, bytes and events out.
 
-Theory of operation (docs/explanation/ultimaker2-serial.md, sections 1, 3 and 7; all of it holds over a wire
-that loses and garbles bytes):
-
-1. Lines are numbered and checksummed, and ONE is in flight. The firmware carries out a number once: what is
-   sent twice is refused with the number that it wants, so to send the last line again is always safe.
-2. That holds for M105 too: a bare one with one flipped bit may be an M1, which never comes back.
-3. A plain ``ok`` is the answer to a line, ``ok T:`` that to M105; they are never taken for each other. A
-   lost or doubled ok makes the link at most a few lines early or late, until the firmware refuses one.
-4. Whatever is uncertain is asked: a line with a checksum and no number (`Firmware.last_line_query`) is
-   answered with the number of the last line that was accepted, does nothing, empties no buffer and has no
-   ok. It is put after `ASK_S` of silence, after words that cannot be read, and after each refusal; the
-   newline before it ends a line that had lost its own. What it says is true of all that was sent before it:
-   a line that is missing is sent again, a move that is not had its ok lost. Until then the oks after a
-   refusal are void.
-5. Silence is no trouble of its own: behind long moves, G28, G4 and M400 the question waits as the line does.
-   A line is never sent twice because it was late.
-6. A number that is neither that of the line in flight nor the one before has to be said twice. One that is
-   not in the history then is that of a board which has lost its count: it was reset.
-7. Where more than 5 % of the lines have to be sent again the link gives up: with an 8-bit checksum some of
-   the garbled lines would be carried out.
+The theory of operation stands in the package's docstring.
 """
 
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 
 from drivers.errors import Fault
 from drivers.firmware import Firmware
 from drivers.link import replies
-from drivers.link.opening import Heard, Opening
+from drivers.link.opening import Heard, Opening, Phase
 from drivers.link.outbox import Outbox, Source
 from drivers.link.recovery import ASKS, NOISE_LINES, NOISE_REPAIRS, Action, Place, Recovery
 from drivers.link.replies import Event, Events, Said, Trouble, Up
@@ -38,17 +18,10 @@ from drivers.link.replies import Event, Events, Said, Trouble, Up
 SILENT = "the board does not answer"
 ASK_S = 0.3  # of silence; doubled with each question
 HINT_S = 0.05  # after something that could not be read and may have been an ok
+KEEP_ALIVE_S = 2.5  # without a sign that the board is at work it has done what it was sent
+CONFIRMATIONS = 3  # the board carries out a line between two answers, and holds two at most
+CONFIRMATIONS_AT_REST = 2  # the second is asked for after `KEEP_ALIVE_S`
 _LONGEST_ANSWER = 512
-
-
-class Phase(StrEnum):
-    """Phase of a conversation with a board."""
-
-    CLOSED = "closed"
-    OPENING = "opening"  # waits for ``start``
-    BANNER = "banner"  # waits for the end of it
-    LIVE = "live"
-    DEAD = "dead"  # trouble: nothing is sent, and nothing heard
 
 
 class Link:
@@ -84,6 +57,9 @@ class Link:
         self._waiting = False  # for the ok of the line at the cursor
         self._calm = True  # nothing was asked or refused since the line in flight was sent
         self._refused = False  # oks are void until the board has said its last line
+        self._sent_s = -math.inf  # when the line in flight was sent
+        self._answer: int | None = None  # a last line that was said, until all that comes with it was heard
+        self._answer_s = math.inf  # when that is
         self._recovery = Recovery()
         self.repeated = 0
         self._outbox = Outbox(self._firmware)
@@ -158,6 +134,8 @@ class Link:
     @property
     def deadline_s(self) -> float:
         """Time at which `tick` wants to be called."""
+        if self._answer is not None:
+            return self._answer_s
         if self.phase is Phase.LIVE and not self._waiting:
             return self._poll_s
         return self._due_s  # of what is in flight, or of the phase; never where the link is closed or dead
@@ -175,6 +153,7 @@ class Link:
             line = self._outbox.take_encoded()
             if line is not None:
                 self._out = line
+                self._sent_s = now_s
                 self._due_s = now_s + self._ask_s
                 return None
         *heard, self._partial = (self._partial + data).split(b"\n")
@@ -193,24 +172,30 @@ class Link:
         elif line.endswith(b"start"):  # a reset puts noise before it
             self._give_up(Fault.REBOOT, "the board started again by itself", events)
         else:
-            for words in replies.words(line):
+            for words in replies.words(line, self._firmware):
                 if self.phase is Phase.LIVE:
                     self._hear_words(words, now_s, events)
 
     def _hear_words(self, words: bytes, now_s: float, events: list[Event]) -> None:
-        if words.startswith(b"ok"):
-            if words != b"ok":
-                self._hear_report(words, now_s, events)
-            elif not self._asked:
+        if (number := replies.acknowledged(words, self._firmware)) is not None:
+            if not self._asked and self._answer is None and number in (-1, self._outbox.number):
                 self._hear_ok(now_s)
+        elif words.startswith(b"ok"):
+            self._hear_report(words, now_s, events)
         elif (number := replies.wanted(words)) is not None:
-            self._hear_refusal(number, now_s)
-        elif (number := replies.last_line(words)) is not None:
-            self._hear_last_line(number, now_s, events)
+            if self._answer is None:
+                self._hear_refusal(number, now_s)
+        elif (number := replies.last_line(words, self._firmware)) is not None:
+            if self._firmware.last_line_resends:
+                self._answer, self._answer_s, self._calm = number, now_s + self._hint_s, False
+            else:
+                self._hear_last_line(number, now_s, events)
         elif replies.refused(words):
             self._hear_refusal(-1, now_s)  # its Resend comes next, or is lost
         elif (trouble := replies.trouble(words, self._firmware)) is not None:
             self._give_up(trouble.fault, trouble.text, events)
+        elif (alive := self._firmware.keep_alive) is not None and words.startswith(alive):
+            self._hear_at_work(now_s, events)
         elif words:
             events.append(Said(words))
             if not words.startswith((b"echo:", b"Error:", b"T:")):
@@ -266,9 +251,20 @@ class Link:
         else:
             self._ask(now_s)
 
+    def _hear_at_work(self, now_s: float, events: list[Event]) -> None:
+        """The board carries out a line that takes long; a question would be of no use."""
+        if not self._waiting:
+            return
+        if now_s - self._sent_s > max(self._outbox.patience_s, 5 * self._floor_s):
+            self._give_up(Fault.NO_ANSWER, "the board is busy with one line for too long", events)
+        else:
+            self._due_s = max(self._due_s, now_s + self._keep_alive_s)
+
     def _hear_last_line(self, last: int, now_s: float, events: list[Event]) -> None:
         """An answer to a question; or the refusal of a line that has lost its number."""
         action = self._recovery.match_answer(last, self._place, self._waiting)
+        if self._firmware.last_line_resends:
+            self._recovery.forget_questions()
         if action is None:
             self._settle(last, now_s, events)
         elif action is Action.TAKE_FOR_REFUSAL:
@@ -279,7 +275,8 @@ class Link:
     def _settle(self, last: int, now_s: float, events: list[Event]) -> None:
         """The board had accepted line `last` when all of ours had reached it."""
         outbox = self._outbox
-        action, line = self._recovery.settle(last, self._place, outbox.moves, outbox.holds(last + 1))
+        held = outbox.holds(last + 1)
+        action, line = self._recovery.settle(last, self._place, self._confirmations, held)
         if action is Action.ASK_AGAIN:
             self._ask(now_s)
             return
@@ -288,6 +285,8 @@ class Link:
             return
         self._refused = False
         match action:
+            case Action.WAIT if self._firmware.keep_alive is not None:
+                self._due_s = now_s + self._keep_alive_s
             case Action.WAIT:
                 self._hurry(now_s)
             case Action.ACCEPT:
@@ -303,14 +302,32 @@ class Link:
             case _:
                 self._give_up(Fault.REBOOT, "the board has lost its line count: it was reset", events)
 
+    @property
+    def _confirmations(self) -> int:
+        """Answers that it was accepted after which the line in flight is waited for no longer."""
+        if self._firmware.acknowledges_read_moves and self._outbox.moves:
+            return 1
+        return CONFIRMATIONS if self._firmware.keep_alive is None else CONFIRMATIONS_AT_REST
+
     # --- time ---
+
+    @property
+    def _hint_s(self) -> float:
+        return max(HINT_S, self._floor_s / 40)
+
+    @property
+    def _keep_alive_s(self) -> float:
+        return max(KEEP_ALIVE_S, self._floor_s / 4)
 
     def tick(self, now_s: float) -> Events:
         """Look whether something is due."""
         if now_s < self.deadline_s:
             return ()
         events: list[Event] = []
-        if self.phase is Phase.BANNER:
+        if self._answer is not None:
+            last, self._answer = self._answer, None
+            self._hear_last_line(last, now_s, events)
+        elif self.phase is Phase.BANNER:
             self._greet(now_s, events)
         elif self._waiting:
             self._press(now_s, events)
@@ -348,7 +365,7 @@ class Link:
     def _hurry(self, now_s: float) -> None:
         """Ask soon, where there is something to ask for and room for it."""
         if self._waiting and self._recovery.asks < ASKS:
-            self._due_s = min(self._due_s, now_s + max(HINT_S, self._floor_s / 40))
+            self._due_s = min(self._due_s, now_s + self._hint_s)
 
     @property
     def _place(self) -> Place:
@@ -372,6 +389,7 @@ class Link:
         self._waiting = self._calm = True
         self._recovery.launch()
         self._out += line
+        self._sent_s = now_s
         self._due_s = now_s + self._ask_s
 
     def _repaired(self, events: list[Event]) -> bool:
@@ -391,4 +409,5 @@ class Link:
         self.phase = Phase.DEAD
         self._waiting = self._refused = False
         self._recovery.wanted = -1
+        self._answer = None
         self._due_s = math.inf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import Enum, StrEnum
 
 from drivers.firmware import Firmware
 from drivers.link.recovery import TRIES
@@ -12,11 +12,21 @@ HAIL_S = 0.3  # to the first question, where a board may not start at all
 QUIET_S = 1.0  # after ``start``: time for the rest of the banner
 
 
+class Phase(StrEnum):
+    """Phase of a conversation with a board."""
+
+    CLOSED = "closed"
+    OPENING = "opening"  # waits for ``start``
+    BANNER = "banner"  # waits for the end of it
+    LIVE = "live"
+    DEAD = "dead"  # trouble: nothing is sent, and nothing heard
+
+
 class Heard(Enum):
     """Meaning of a line while the port opens."""
 
     NOTHING = 0
-    START = 1  # the banner begins
+    START = 1  # the banner begins, or goes on
     READY = 2  # the banner has ended, or a board that did not start anew answers
     REFUSAL = 3  # the hail may be lost
 
@@ -70,7 +80,10 @@ class Opening:
             return Heard.START
         if self.restarted:
             self.banner += line + b"\n"
-            return Heard.READY if self._firmware.banner_end in line else Heard.NOTHING
+            end = self._firmware.banner_end
+            if end is None:
+                return Heard.START  # it goes on
+            return Heard.READY if end in line else Heard.NOTHING
         if self._hail and b"Resend" in line:
             self.refused = True
             return Heard.REFUSAL

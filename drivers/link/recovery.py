@@ -12,7 +12,6 @@ from typing import NamedTuple
 NOISE_REPAIRS, NOISE_LINES = 10, 200  # 5 %
 TRIES = 4
 ASKS = 4  # more may not fit into the board's ring behind a line
-CONFIRMATIONS = 3  # the board carries out a line between two answers, and holds two at most
 
 
 class Place(NamedTuple):
@@ -109,15 +108,19 @@ class Recovery:
             return None
         return Action.ASK_SOON if question.number == place.number else Action.IGNORE
 
-    def settle(self, last: int, place: Place, moves: bool, held: bool) -> Verdict:
+    def forget_questions(self) -> None:
+        """What was asked is not answered any more: it was lost."""
+        self._questions.clear()
+
+    def settle(self, last: int, place: Place, confirmations: int, held: bool) -> Verdict:
         """Decide; the board had accepted line `last` when all of ours had reached it.
 
         Parameters
         ----------
         last, place
             The answer, and where the link stands.
-        moves
-            The line in flight is a move: its ok comes as soon as it is accepted.
+        confirmations
+            Answers after which the ok of a line that was accepted is taken for lost.
         held
             Line `last` + 1 can be sent again.
         """
@@ -131,7 +134,7 @@ class Recovery:
         self._contradictions = 0
         if last == number:
             self.confirmations += 1
-            return Verdict(Action.ACCEPT if moves or self.confirmations >= CONFIRMATIONS else Action.WAIT)
+            return Verdict(Action.ACCEPT if self.confirmations >= confirmations else Action.WAIT)
         if number == 0:
             return Verdict(Action.REPEAT, 0)  # it had not heard that it has to count from 0
         if number < last <= top:

@@ -78,9 +78,9 @@ def wanted(line: bytes) -> int | None:
     return None if found is None else int(found[1])
 
 
-def last_line(line: bytes) -> int | None:
-    """The number of the last line that was accepted, as a checksum without a number has the board say."""
-    found = _LAST_LINE.search(line) if line.startswith(b"Error:No Line Number") else None
+def last_line(line: bytes, firmware: Firmware) -> int | None:
+    """The number of the last line that was accepted, in an answer to `Firmware.last_line_query`."""
+    found = _LAST_LINE.search(line) if line.startswith(firmware.last_line_answer) else None
     return None if found is None else int(found[1])
 
 
@@ -89,9 +89,17 @@ def refused(line: bytes) -> bool:
     return line.startswith(b"Error:") and b"Last Line" in line
 
 
-def words(line: bytes) -> list[bytes]:
+def acknowledged(words: bytes, firmware: Firmware) -> int | None:
+    """The number of the line that an ok names; negative where it names none; None where this is no ok."""
+    if words == b"ok":
+        return -1
+    found = None if firmware.ok_details is None else firmware.ok_details.fullmatch(words, 2)
+    return None if found is None or not words.startswith(b"ok") else int(found[1] or -1)
+
+
+def words(line: bytes, firmware: Firmware) -> list[bytes]:
     """The answers in a line: more than one where a newline was lost, or M119 left it out."""
-    if line == b"ok":
+    if acknowledged(line, firmware) is not None:
         return [line]
     found: list[bytes] = []
     for part in _BEGINNINGS.split(line):

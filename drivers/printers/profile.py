@@ -82,6 +82,8 @@ class Profile:
     ----------
     model
         Cura's definition id.
+    slicer_names
+        Pattern of the names that slicers have for it, in lower case.
     kin
         The model whose G-code is right for this one too, but for its height: the same feeder and hot end.
     bed_mm, height_mm
@@ -90,7 +92,9 @@ class Profile:
         Bounding rectangles of the areas that the definition forbids.
     home_mm
         Firmware coordinates after G28.
-    max_feedrate_mm_s, max_acceleration_mm_s2
+    travel_mm
+        Furthest coordinates to which the firmware goes: X, Y, Z.
+    steps_per_mm, max_feedrate_mm_s, max_acceleration_mm_s2
         X, Y, Z, E.
     jerk_mm_s
         XY, Z, E.
@@ -116,18 +120,26 @@ class Profile:
         Of G10.
     head_above_nozzle_mm
         Cura's ``machine_nozzle_head_distance``.
+    leave_code
+        Moves from a part, of which nobody knows where it is, after a reset in a print; none where a way might
+        lead through it.
     banner_suffix
         How the firmware's version ends in the banner.
+    machine_word
+        Stands in the answer to `Firmware.identity_query`.
     """
 
     model: str
     kin: str
     title: str
+    slicer_names: str
     firmware: Firmware
     bed_mm: tuple[float, float]
     height_mm: float
     clips: tuple[Rect, ...]
     home_mm: tuple[float, float, float]
+    travel_mm: tuple[float, float, float]
+    steps_per_mm: tuple[float, float, float, float]
     max_feedrate_mm_s: tuple[float, float, float, float]
     max_acceleration_mm_s2: tuple[float, float, float, float]
     acceleration_mm_s2: float
@@ -148,4 +160,11 @@ class Profile:
     retraction_mm: float
     retraction_mm_s: float
     head_above_nozzle_mm: float
+    leave_code: tuple[bytes, ...]
     banner_suffix: str = ""
+    machine_word: bytes = b""
+
+    @property
+    def top_mm(self) -> float:
+        """The highest Z at which the head may wait: that of its switch, where it is up there."""
+        return max(self.home_mm[2], self.height_mm)

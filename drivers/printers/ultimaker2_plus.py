@@ -9,6 +9,7 @@ ULTIMAKER2_PLUS = Profile(
     model="ultimaker2_plus",
     kin="ultimaker2_plus",
     title="Ultimaker 2+",
+    slicer_names=r"\b(um|ultimaker)[\s_-]*2[\s_-]*(e|extended)?[\s_-]*(\+|plus)\s*\Z",
     firmware=FIRMWARE,
     bed_mm=(223.0, 223.0),
     height_mm=205.0,
@@ -19,6 +20,8 @@ ULTIMAKER2_PLUS = Profile(
         Rect(108.0, -112.5, 115.0, -104.5),
     ),
     home_mm=(0.0, 224.5, 215.0),
+    travel_mm=(230.0, 224.5, 225.0),
+    steps_per_mm=(80.0, 80.0, 200.0, 369.0),
     max_feedrate_mm_s=(300.0, 300.0, 40.0, 45.0),
     max_acceleration_mm_s2=(9000.0, 9000.0, 100.0, 10000.0),
     acceleration_mm_s2=3000.0,
@@ -56,4 +59,5 @@ ULTIMAKER2_PLUS = Profile(
     retraction_mm=6.5,  # Cura's figures, and the firmware's
     retraction_mm_s=25.0,
     head_above_nozzle_mm=5.0,
+    leave_code=(b"G28 Z0", b"G28 X0 Y0"),  # the bed goes down to its switch first
 )

@@ -24,7 +24,7 @@ from pathlib import Path
 from drivers.emulator.launch import TTY
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.errors import AgentError, DriverError, PortError
-from drivers.firmware import ULTIMAKER2, Firmware
+from drivers.firmware import Firmware
 from drivers.gcode import HeaterName
 from drivers.link import Event, Link, Report, Said, Up
 from drivers.link.dialogue import talk
@@ -63,22 +63,22 @@ class StopTarget:
         Its port, as in `fleet.yaml`.
     folder
         The folder of its agent.
-    power_off_cmd
-        Command that cuts its mains; see `PowerOff`.
     firmware
         Its firmware.
+    power_off_cmd
+        Command that cuts its mains; see `PowerOff`.
     """
 
     printer: str
     port: str
     folder: Path
+    firmware: Firmware
     power_off_cmd: str | None = None
-    firmware: Firmware = ULTIMAKER2
 
     @classmethod
     def of_agent(cls, start: StartFile, folder: Path) -> StopTarget:
         """Make the target from the start file of an agent in `folder`."""
-        return cls(start.printer, start.port, folder, start.power_off_cmd, firmware_of(start.model))
+        return cls(start.printer, start.port, folder, firmware_of(start.model), start.power_off_cmd)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,6 +218,7 @@ class _Board:
         self._up: Up | None = None
         self._report: Report | None = None
         self._position: bytes | None = None
+        self._waited = False  # for the last of its moves
 
     @property
     def motion(self) -> str:
@@ -236,6 +237,8 @@ class _Board:
             self._on_event(now_s, event)
             if self.still and self._report is not None and self._report.off:
                 break
+        if (self._report is None or not self._report.off) and self._firmware.halt is not None:
+            self._port.write_now(b"\n" + self._firmware.halt + b"\n")  # nothing is to be lost any more
         if self._report is None or self._up is None:
             return "was reset, but shows no temperatures: switch it off", False
         report, up = self._report, self._up
@@ -258,12 +261,23 @@ class _Board:
         elif isinstance(event, Report):
             self._report = event
             if not self.still and self._link.drained:
-                self._link.send(now_s, self._firmware.position_query)
+                self._look_for_motion(now_s)
         elif isinstance(event, Said) and (found := _COUNT.search(event.text)) is not None:
             if found[1] == self._position and not self.still:
                 self.still = True
                 self._link.send(now_s, self._firmware.motors_off)
             self._position = found[1]
+
+    def _look_for_motion(self, now_s: float) -> None:
+        """Ask where the head is; a firmware that cannot tell has stopped, and waited until it stood."""
+        if self._firmware.tells_motion:
+            self._link.send(now_s, self._firmware.position_query)
+        elif self._waited:
+            self.still = True
+            self._link.send(now_s, self._firmware.motors_off)
+        else:
+            self._waited = True
+            self._link.send(now_s, self._firmware.wait_moves)
 
     def _confirm_cooling(self, how: str) -> tuple[str, bool]:
         watch, report = HeaterWatch(0.0), self._report

@@ -34,6 +34,8 @@ def connect(context: SessionContext) -> Script:
         greeting = context.greeting
         if greeting is not None and greeting.restarted:
             context.dead_man_s = 0.0
+            if context.firmware.set_up:
+                yield from send(context, *context.firmware.set_up)
             return
         if greeting is not None and not context.board_resets:
             yield from send(context, *context.firmware.as_new)

@@ -21,21 +21,27 @@ def identify(context: SessionContext) -> Script:
         yield from connect(context)
         assert context.greeting is not None
         found = firmware.read_identity(context.greeting.banner)
-        if not context.greeting.restarted:  # the height of its home tells an Extended
+        if not context.greeting.restarted or firmware.version is None:
+            # the height of its home tells an Extended; others are told by the answer to `identity_query`
             offset = firmware.read_offset((yield from ask(context, firmware.settings_query)))
             found = None if offset is None else Identity(profile.banner_suffix, offset)
         if found is None:
-            wrong = "its banner does not tell which printer it is"
+            says = "banner does not tell" if firmware.version is not None else "settings do not tell"
+            wrong = f"its {says} which printer it is"
         elif found.suffix != profile.banner_suffix:
             wrong = f"not the board of an {profile.title}"
         elif context.identity is not None and found.offset != context.identity:
             offsets = f"home offset {found.offset}, not {context.identity}"
             wrong = f"another printer, or levelled anew: {offsets}"
-        elif firmware.identity_word in (yield from ask(context, firmware.identity_query)):
-            context.identity = found.offset
-            return
         else:
-            wrong = f"M115 tells of another firmware than the {firmware.title}'s"
+            answer = yield from ask(context, firmware.identity_query)
+            if firmware.identity_word not in answer:
+                wrong = f"M115 tells of another firmware than the {firmware.title}'s"
+            elif profile.machine_word not in answer:
+                wrong = f"M115 tells of another machine than the {profile.title}"
+            else:
+                context.identity = found.offset
+                return
     raise Ended(Fault.WRONG_PRINTER, wrong)
 
 

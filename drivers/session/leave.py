@@ -98,6 +98,6 @@ def _reset_and_show_off(context: SessionContext, homed: bool) -> Answer:
     if not restarted:
         yield from arm_dead_man(context, 0.0)
     if homed and context.fault is None:
-        # The nozzle may stand in the part: the bed goes down to its switch first.
-        yield from send(context, b"G28 Z0", b"G28 X0 Y0", firmware.motors_off, firmware.wait_moves)
+        # the nozzle may stand in the part
+        yield from send(context, *context.profile.leave_code, firmware.motors_off, firmware.wait_moves)
     return True

@@ -57,7 +57,7 @@ def back_mm(program: Program, done: int, stood: Point | None = None) -> float:
 def lift_mm(context: SessionContext, z_mm: float, done: int) -> float:
     """Compute how far the bed goes down before the head leaves its part: finished ones may be higher."""
     highest_mm = 0.0 if context.program is None else context.program.highest_mm(done)
-    return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.home_mm[2]) - z_mm)
+    return max(0.0, min(max(z_mm, highest_mm) + LIFT_MM, context.profile.top_mm) - z_mm)
 
 
 def pausable(context: SessionContext) -> bool:

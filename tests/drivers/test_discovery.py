@@ -15,6 +15,7 @@ from drivers.clock import Clock
 from drivers.discovery import commission, model_of, plugged
 from drivers.emulator.launch import control, launch
 from drivers.errors import DriverError, PortError
+from drivers.firmware import ULTIMAKER2
 from drivers.ports import Device
 from drivers.records import Journal
 from drivers.remote import agent_pid, spawn_agent
@@ -58,7 +59,7 @@ def test_what_is_plugged_in_is_named_by_its_socket_and_by_the_fleet(tmp_path: Pa
 
 @pytest.mark.system
 def test_a_board_that_starts_again_is_commissioned_and_that_is_kept(tmp_path: Path, printer: Path):
-    assert commission(str(printer), tmp_path / "agent") == MODEL
+    assert commission(str(printer), tmp_path / "agent", ULTIMAKER2) == MODEL
     memory = Journal(tmp_path / "agent" / "journal.jsonl").state
     assert memory.board.reset_verified == str(printer) and memory.board.opened is not None
 
@@ -86,7 +87,7 @@ def test_a_board_that_prints_from_its_card_is_not_reset():
     thread.start()
     try:
         with pytest.raises(PortError, match="SD card"):
-            commission(str(path), None, answer_s=30.0)
+            commission(str(path), None, ULTIMAKER2, answer_s=30.0)
         assert b"M27" in heard
     finally:
         os.close(slave)

@@ -156,7 +156,7 @@ def find_targets(places: Places) -> tuple[dict[str, Stop], FleetFileError | None
             targets[name] = _stop_there(*remote, start)
         elif section.enabled and name not in targets:
             folder, firmware = places.state.agent(name), firmware_of(section.model)
-            target = StopTarget(name, section.port, folder, relay, firmware)
+            target = StopTarget(name, section.port, folder, firmware, relay)
             targets[name] = _stop_here(target)
     return targets, None
 

@@ -10,7 +10,7 @@ import typer
 from drivers.errors import DriverError
 from drivers.locks import AGENT_LOCK, held
 from drivers.ports import NET
-from drivers.printers import PROFILES
+from drivers.printers import PROFILES, firmware_of
 from farm.cli.client import Client
 from farm.cli.display import print_json
 from farm.cli.options import Json, placed
@@ -116,7 +116,8 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
             print(f"{section.name}: its board restarts when DTR is pulsed, so it can be stopped")
             return
         folder = places.state.agent(section.name) if section is not None else None
-        model = commission(section.port if section is not None else wanted, folder)
+        firmware = firmware_of(_MODEL if section is None else section.model)
+        model = commission(section.port if section is not None else wanted, folder, firmware)
     except DriverError as error:
         raise Refused(str(error)) from error
     print(f"{wanted}: its board restarts when DTR is pulsed, so it can be stopped; it is an {model}")

@@ -118,7 +118,7 @@ def silent_board():
 
 def test_an_emergency_stop_sends_the_abort_before_it_waits(tmp_path: Path, silent_board):
     url, master = silent_board
-    stopped = stop_printer(StopTarget("a", url, tmp_path / "a"), show_s=0.0)
+    stopped = stop_printer(StopTarget("a", url, tmp_path / "a", ULTIMAKER2), show_s=0.0)
     assert everything(master) == ULTIMAKER2.abort_unnumbered
     assert not (stopped.seen_off or stopped.still) and "not seen to stand still" in stopped.text
 

@@ -22,6 +22,7 @@ from drivers import messages as m
 from drivers.clock import Clock
 from drivers.emulator.launch import alive as emulator_alive
 from drivers.emulator.launch import control, launch, read_status
+from drivers.firmware import ULTIMAKER2
 from drivers.locks import AGENT_LOCK, held, hold, holder, kill_holder, sign
 from drivers.records import ESTOPPED, Journal, StartFile
 from drivers.remote import AgentClient, is_alive, spawn_agent
@@ -173,7 +174,7 @@ def test_a_board_that_does_not_show_its_heaters_off_has_its_mains_cut(tmp_path: 
     script.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/cut\n{relay}\n')
     script.chmod(0o700)
     try:
-        target = StopTarget("um2-01", port, tmp_path / "um2-01", f"{script} {{printer}}")
+        target = StopTarget("um2-01", port, tmp_path / "um2-01", ULTIMAKER2, f"{script} {{printer}}")
         stopped = stop_printer(target, show_s=0.05)
         assert not stopped.seen_off and stopped.cut_s is not None
         assert "shows no temperatures" in stopped.text and said in stopped.text
@@ -207,7 +208,7 @@ def test_a_heater_that_does_not_cool_is_not_reported_as_off(
 
     threading.Timer(0.2, board).start()
     try:
-        stopped = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a"), notify=tell)
+        stopped = stop_printer(StopTarget("a", os.ttyname(slave), tmp_path / "a", ULTIMAKER2), notify=tell)
         assert not stopped.seen_off and "not seen to cool" in stopped.text
         assert len(heard) == 1 and "both targets 0" in heard[0]
         assert Journal(tmp_path / "a" / "journal.jsonl").state.board.hot
@@ -223,13 +224,14 @@ def test_the_agent_of_another_user_means_that_the_printer_is_not_seen_off(
         raise PermissionError(13, "Permission denied", str(path))
 
     monkeypatch.setattr(estop, "kill_holder", denied)
-    stopped = stop_printer(StopTarget("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01"))
+    target = StopTarget("um2-01", str(tmp_path / "no-such-tty"), tmp_path / "um2-01", ULTIMAKER2)
+    stopped = stop_printer(target)
     assert not stopped.seen_off
     assert "cannot be stopped" in stopped.text
 
 
 def test_a_simulated_printer_without_power_is_off(tmp_path: Path):
-    stopped = stop_printer(StopTarget("um2-01", f"sim://{MODEL}", tmp_path / "um2-01"))
+    stopped = stop_printer(StopTarget("um2-01", f"sim://{MODEL}", tmp_path / "um2-01", ULTIMAKER2))
     assert stopped.seen_off
 
 
@@ -273,7 +275,8 @@ def test_targets_are_read_from_start_files_and_broken_files_are_skipped(tmp_path
         if text is not None:
             (tmp_path / name / "start.json").write_text(text)
     StartFile("d", MODEL, "/dev/null", power_off_cmd="relay d").write(tmp_path / "d")
-    assert list_targets(tmp_path) == {"d": StopTarget("d", "/dev/null", tmp_path / "d", "relay d")}
+    left = StopTarget("d", "/dev/null", tmp_path / "d", ULTIMAKER2, "relay d")
+    assert list_targets(tmp_path) == {"d": left}
 
 
 def test_an_unchanged_start_file_is_not_written_again(tmp_path: Path):
