@@ -25,7 +25,7 @@ from pathlib import Path
 
 from drivers import messages as m
 from drivers.clock import Clock
-from drivers.emulator.firmware import wording
+from drivers.emulator.firmware import ultimaker2, wording
 from drivers.emulator.firmware.planner import Limits
 from drivers.emulator.port import Port
 from drivers.errors import DriverError
@@ -46,7 +46,7 @@ class Peer:
         profile = PROFILES[MODEL]
         self.port = Port(link)
         self.turnarounds_s: list[float] = []
-        self._banner = wording.START + wording.banner(profile, Limits.of(profile))
+        self._banner = wording.START + ultimaker2.banner(profile, Limits.of(profile))
         self._period_s = period_s
         self._partial = b""
         self._nozzle_c = self._bed_c = b"0"
@@ -86,7 +86,7 @@ class Peer:
             heat = (nozzle_c, self._nozzle_c, bed_c, self._bed_c)
             self.port.write(b"ok T:%.1f /%b.0 B:%.1f /%b.0 @:0 B@:0\n" % heat)
             return
-        answers = {b"M115": wording.IDENTITY, b"M114": PLACE, b"M27": b"Not SD printing\n"}
+        answers = {b"M115": ultimaker2.IDENTITY, b"M114": PLACE, b"M27": b"Not SD printing\n"}
         self.port.write(answers.get(name, b"") + wording.OK)
 
     def due(self) -> None:

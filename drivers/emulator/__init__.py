@@ -1,4 +1,4 @@
-"""An Ultimaker 2+ on a pseudo-terminal: a process of its own that outlives its agent, as a printer does.
+"""A simulated printer on a pseudo-terminal: a process of its own that outlives its agent, as a printer does.
 
 `launch` starts one or finds the one that is alive, `status` is what may be read of it from outside,
 `__main__` is the process and `port` its pseudo-terminal. `faults` names what goes wrong on request. The rest

@@ -224,7 +224,7 @@ def _hold(path: Path) -> IO[bytes]:
 
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
-        prog="python -m drivers.emulator", description="An Ultimaker 2+ on a pty."
+        prog="python -m drivers.emulator", description="A simulated printer on a pty."
     )
     parser.add_argument("--model", required=True, choices=sorted(PROFILES))
     parser.add_argument("--folder", required=True, type=Path)

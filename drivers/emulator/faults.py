@@ -66,7 +66,8 @@ class Faults:
     stuck_endstop: bool = False  # Z's stays pressed
     # between host and board
     no_reset: bool = False  # DTR does not get through: neither an opened port nor a pulse resets the board
-    # not a fault: what tells two printers apart
+    # not faults: an option of some firmwares, and what tells two printers apart
+    advanced_ok: bool = False  # an ok names its line, and the room in both buffers
     levelled: int = 0  # how many hundredths of a millimetre M206's Z lies below -10
 
     @property

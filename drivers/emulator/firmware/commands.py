@@ -7,7 +7,8 @@ While one of them runs, the firmware reads no further line; its main loop advanc
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.machine import Machine, positive, value
@@ -25,7 +26,18 @@ ARC_SEGMENT_MM = 1.0
 ARC_MOST_CHORDS = 4096  # more than the longest arc over this bed needs
 
 
-def execute(machine: Machine, line: bytes, now_s: float) -> Work | None:
+Command = Callable[[Machine, bytes, float], Work | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """Commands of a firmware by their numbers; what is in neither table is answered by a plain ok."""
+
+    g: Mapping[int, Command]
+    m: Mapping[int, Command]
+
+
+def execute(commands: Commands, machine: Machine, line: bytes, now_s: float) -> Work | None:
     """Carry out any line but G0 and G1.
 
     Returns
@@ -33,10 +45,10 @@ def execute(machine: Machine, line: bytes, now_s: float) -> Work | None:
     iterator of float or None
         The times at which a command that is not done yet goes on; None where it is done.
     """
-    for letter, commands in ((b"G", _G), (b"M", _M)):
+    for letter, table in ((b"G", commands.g), (b"M", commands.m)):
         code = value(line, letter)
         if code is not None:
-            command = commands.get(int(code))
+            command = table.get(int(code))
             return command(machine, line, now_s) if command is not None else None
     extruder = value(line, b"T")
     if extruder is None:
@@ -48,14 +60,14 @@ def execute(machine: Machine, line: bytes, now_s: float) -> Work | None:
     return None
 
 
-def _settled(machine: Machine) -> Work:
+def settled(machine: Machine) -> Work:
     """Wait until the planner is empty (``st_synchronize``); the main loop advances it at each step."""
     while len(machine.planner):
         yield machine.planner.end_s
 
 
-def _dwell(machine: Machine, line: bytes, now_s: float) -> Work:
-    yield from _settled(machine)
+def dwell(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield from settled(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
     pause_s = (value(line, b"P") or 0.0) / 1000.0
     seconds = value(line, b"S")
@@ -63,8 +75,8 @@ def _dwell(machine: Machine, line: bytes, now_s: float) -> Work:
     yield begin_s + max(0.0, seconds if seconds is not None else pause_s)
 
 
-def _home(machine: Machine, line: bytes, now_s: float) -> Work:
-    yield from _settled(machine)
+def home(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield from settled(machine)
     begin_s = max(now_s, machine.planner.idle_since_s)
     named = [letter in line for letter in (b"X", b"Y", b"Z")]
     axes = named if any(named) else [True, True, True]
@@ -80,10 +92,10 @@ def _home(machine: Machine, line: bytes, now_s: float) -> Work:
     yield begin_s + took_s
     faults = machine.board.faults
     if faults.no_endstop and axes[faults.no_endstop - 1]:
-        machine.stop(wording.NO_ENDSTOP, begin_s + took_s)
+        machine.stop(machine.words.no_endstop, begin_s + took_s)
         return
     if faults.stuck_endstop and axes[2]:
-        machine.stop(wording.STUCK_ENDSTOP, begin_s + took_s)
+        machine.stop(machine.words.stuck_endstop, begin_s + took_s)
         return
     for i in range(3):
         if axes[i]:
@@ -95,7 +107,7 @@ def _home(machine: Machine, line: bytes, now_s: float) -> Work:
     machine.board.changes += 1
 
 
-def _arc(machine: Machine, line: bytes, now_s: float) -> None:
+def move_arc(machine: Machine, line: bytes, now_s: float) -> None:
     """``G2 G3`` with I and J, cut into chords of 1 mm (``mc_arc``)."""
     f, i, j = value(line, b"F"), value(line, b"I") or 0.0, value(line, b"J") or 0.0
     if f is not None and f > 0.0:
@@ -133,7 +145,7 @@ def _arc(machine: Machine, line: bytes, now_s: float) -> None:
     machine.relative, machine.relative_e = modes
 
 
-def _retract(machine: Machine, line: bytes, now_s: float) -> None:
+def retract(machine: Machine, line: bytes, now_s: float) -> None:
     back = value(line, b"G") == 10
     if back == bool(machine.retracted_mm):
         return
@@ -144,17 +156,17 @@ def _retract(machine: Machine, line: bytes, now_s: float) -> None:
     machine.queue(x, y, z, way_mm, RETRACT_MM_S, now_s)
 
 
-def _absolute(machine: Machine, line: bytes, now_s: float) -> None:
+def absolute(machine: Machine, line: bytes, now_s: float) -> None:
     machine.relative = value(line, b"G") == 91
 
 
-def _extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
+def extruder_mode(machine: Machine, line: bytes, now_s: float) -> None:
     machine.relative_e = value(line, b"M") == 83
 
 
-def _set_position(machine: Machine, line: bytes, now_s: float) -> Work:
+def set_position(machine: Machine, line: bytes, now_s: float) -> Work:
     if b"E" not in line:
-        yield from _settled(machine)
+        yield from settled(machine)
     for axis, letter in enumerate((b"X", b"Y", b"Z", b"E")):
         number = value(line, letter)
         if number is not None:
@@ -162,48 +174,49 @@ def _set_position(machine: Machine, line: bytes, now_s: float) -> Work:
             machine.at[axis] = number
 
 
-def _hang(machine: Machine, line: bytes, now_s: float) -> Work:
+def hang(machine: Machine, line: bytes, now_s: float) -> Work:
     while True:  # M0 and M1 never come back over USB
         yield math.inf
 
 
-def _motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
+def motors_off(machine: Machine, line: bytes, now_s: float) -> Work:
     if b"S" not in line:
-        yield from _settled(machine)
+        yield from settled(machine)
         machine.streaming = False
 
 
-def _finish(machine: Machine, line: bytes, now_s: float) -> Work:
-    yield from _settled(machine)
+def finish(machine: Machine, line: bytes, now_s: float) -> Work:
+    yield from settled(machine)
     machine.streaming = False
 
 
-def _stop_moves(machine: Machine, line: bytes, now_s: float) -> None:
+def stop_moves(machine: Machine, line: bytes, now_s: float) -> None:
     machine.quick_stop(now_s)
 
 
-def _dead_man(machine: Machine, line: bytes, now_s: float) -> None:
+def dead_man(machine: Machine, line: bytes, now_s: float) -> None:
     seconds = value(line, b"S")
     if seconds is not None:
+        machine.armed_s = now_s
         machine.dead_man_s = seconds if seconds > 0.0 else math.inf
 
 
-def _set_nozzle(machine: Machine, line: bytes, now_s: float) -> None:
+def set_nozzle(machine: Machine, line: bytes, now_s: float) -> None:
     target_c = value(line, b"S")
     if target_c is not None:
         machine.heat_nozzle(target_c, now_s)
 
 
-def _set_bed(machine: Machine, line: bytes, now_s: float) -> None:
+def set_bed(machine: Machine, line: bytes, now_s: float) -> None:
     target_c = value(line, b"S")
     if target_c is not None:
         machine.heat_bed(target_c, now_s)
 
 
-def _wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
+def wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
     """``M109``: up or down to the target, then 3 s within 3 degrees of it; a report each second."""
     nozzle = machine.board.nozzle
-    _set_nozzle(machine, line, now_s)
+    set_nozzle(machine, line, now_s)
     heating = nozzle.temperature_c(now_s) < nozzle.target_c
     report_s, there_s = now_s + REPORT_S, math.inf
     while True:
@@ -230,10 +243,10 @@ def _wait_nozzle(machine: Machine, line: bytes, now_s: float) -> Work:
         yield now_s
 
 
-def _wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
+def wait_bed(machine: Machine, line: bytes, now_s: float) -> Work:
     """``M190``: up to the target, at once when it is hotter; a report each second."""
     bed = machine.board.bed
-    _set_bed(machine, line, now_s)
+    set_bed(machine, line, now_s)
     report_s = now_s + REPORT_S
     while machine.board.bed_c(now_s) < bed.target_c - WINDOW_C:
         if now_s >= report_s:
@@ -258,7 +271,7 @@ def temperatures(machine: Machine, now_s: float) -> bytes:
     )
 
 
-def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
+def report_position(machine: Machine, line: bytes, now_s: float) -> None:
     here = [a - b for a, b in zip(machine.planner.position(now_s), machine.shift, strict=True)]
     machine.say(
         b"X:%.2fY:%.2fZ:%.2fE:%.2f Count X: %.2fY:%.2fZ:%.2f\n"
@@ -266,7 +279,7 @@ def _report_position(machine: Machine, line: bytes, now_s: float) -> None:
     )
 
 
-def _report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
+def report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     # No newline at its end: the ok is glued on, as in the firmware.
     x, y, z, _ = machine.planner.position(now_s)
     home = machine.board.profile.home_mm
@@ -274,45 +287,37 @@ def _report_endstops(machine: Machine, line: bytes, now_s: float) -> None:
     machine.say(b"Reporting endstop status\nx_min: %by_max: %bz_max: %b" % (hit[0], hit[1], hit[2]))
 
 
-def _report_card(machine: Machine, line: bytes, now_s: float) -> None:
+def report_card(machine: Machine, line: bytes, now_s: float) -> None:
     at = machine.sd_at(now_s)
     machine.say(b"SD printing byte %d/%d\n" % at if at is not None else b"Not SD printing\nCard error:1\n")
 
 
-def _list_card(machine: Machine, line: bytes, now_s: float) -> None:
+def list_card(machine: Machine, line: bytes, now_s: float) -> None:
     machine.say(b"Begin file list\nEnd file list\n")
 
 
-def _init_card(machine: Machine, line: bytes, now_s: float) -> Work:
+def init_card(machine: Machine, line: bytes, now_s: float) -> Work:
     yield now_s + 2.0
-    machine.say(wording.SD_FAIL)
+    machine.say(b"echo:SD init fail\n")
 
 
-def _identify(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(wording.IDENTITY)
-
-
-def _report_settings(machine: Machine, line: bytes, now_s: float) -> None:
-    machine.say(wording.settings(machine.limits, machine.board.faults.levelled))
-
-
-def _beep(machine: Machine, line: bytes, now_s: float) -> Work:
+def beep(machine: Machine, line: bytes, now_s: float) -> Work:
     yield now_s + positive(line, b"P", 0.0) / 1000.0
 
 
-def _park(machine: Machine, line: bytes, now_s: float) -> Work:
+def park(machine: Machine, line: bytes, now_s: float) -> Work:
     """``M601`` outside an SD print: bed down, head away, no waiting for a person."""
-    yield from _settled(machine)
+    yield from settled(machine)
     now_s = max(now_s, machine.planner.idle_since_s)
     x, y, z, e = machine.at
     z = min(z + 20.0, machine.top_mm[2])
     machine.at = [10.0, 10.0, z, e]
     machine.queue(x, y, z, 0.0, 35.0, now_s)
     machine.queue(10.0, 10.0, z, 0.0, 150.0, now_s)
-    yield from _settled(machine)
+    yield from settled(machine)
 
 
-def _set_limits(machine: Machine, line: bytes, now_s: float) -> None:
+def set_limits(machine: Machine, line: bytes, now_s: float) -> None:
     limits, code = machine.limits, int(value(line, b"M") or 0)
     per_axis = {92: limits.steps_per_mm, 201: limits.acceleration_mm_s2, 203: limits.feedrate_mm_s}
     if code in per_axis:
@@ -327,66 +332,18 @@ def _set_limits(machine: Machine, line: bytes, now_s: float) -> None:
         limits.jerk_e_mm_s = positive(line, b"E", limits.jerk_e_mm_s)
 
 
-def _set_feed_factor(machine: Machine, line: bytes, now_s: float) -> None:
+def set_feed_factor(machine: Machine, line: bytes, now_s: float) -> None:
     machine.feed_factor = positive(line, b"S", 100.0 * machine.feed_factor) / 100.0
 
 
-def _set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
+def set_flow_factor(machine: Machine, line: bytes, now_s: float) -> None:
     machine.flow_factor = positive(line, b"S", 100.0 * machine.flow_factor) / 100.0
 
 
-def _allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
+def allow_cold(machine: Machine, line: bytes, now_s: float) -> None:
     machine.extrude_min_c = value(line, b"S") or 0.0
 
 
 def _zero(number: float) -> float:
     """Never minus nothing."""
     return 0.0 if abs(number) < 0.005 else number
-
-
-Command = Callable[[Machine, bytes, float], Work | None]
-
-_G: dict[int, Command] = {
-    2: _arc,
-    3: _arc,
-    4: _dwell,
-    10: _retract,
-    11: _retract,
-    28: _home,
-    90: _absolute,
-    91: _absolute,
-    92: _set_position,
-}
-# Codes that change nothing here (fan, light, SD card, text) and those that it does not know: plain ok.
-_M: dict[int, Command] = {
-    0: _hang,
-    1: _hang,
-    18: _motors_off,
-    20: _list_card,
-    21: _init_card,
-    27: _report_card,
-    82: _extruder_mode,
-    83: _extruder_mode,
-    84: _motors_off,
-    85: _dead_man,
-    92: _set_limits,
-    104: _set_nozzle,
-    109: _wait_nozzle,
-    114: _report_position,
-    115: _identify,
-    119: _report_endstops,
-    140: _set_bed,
-    190: _wait_bed,
-    201: _set_limits,
-    203: _set_limits,
-    204: _set_limits,
-    205: _set_limits,
-    220: _set_feed_factor,
-    221: _set_flow_factor,
-    300: _beep,
-    302: _allow_cold,
-    400: _finish,
-    401: _stop_moves,
-    503: _report_settings,
-    601: _park,
-}

@@ -5,9 +5,9 @@ ended at 103.2 s frees its place at 103.2 s, also when that is noticed at 103.4 
 not stretch a print while the planner has moves left. `EmulatedFirmware.deadline_s` is when it wants to be
 called again without bytes.
 
-The order of things follows ``Marlin_main.cpp``: ``get_command`` (`listener`) takes lines out of a ring of 127
-bytes into a buffer of 8, and says ok to G0-G3 there; the loop carries out one line at a time and reads no
-other while it is busy.
+The order of things follows ``Marlin_main.cpp`` of the Ultimaker 2: ``get_command`` (`listener`) takes lines
+out of a ring of 127 bytes into a buffer of 8, and says ok to G0-G3 there; the loop carries out one line at a
+time and reads no other while it is busy. Where other firmwares differ, their `Dialect` says so.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from collections.abc import Callable
 
 from drivers.emulator.faults import SLEEP_S, Faults
 from drivers.emulator.firmware import wording
-from drivers.emulator.firmware.commands import Work, execute, temperatures
-from drivers.emulator.firmware.listener import LINES, Listener, Phase
+from drivers.emulator.firmware.commands import Work, execute
+from drivers.emulator.firmware.dialects import DIALECTS
+from drivers.emulator.firmware.listener import KEEP_ALIVE_S, Listener, Phase
 from drivers.emulator.firmware.machine import Machine, value
 from drivers.emulator.hardware.board import EmulatedBoard
 from drivers.printers import Profile
@@ -48,7 +49,7 @@ class EmulatedFirmware(Listener):
     """
 
     def __init__(self, profile: Profile, faults: Faults, rng: random.Random, now_s: float) -> None:
-        super().__init__(faults, rng)
+        super().__init__(DIALECTS[profile.firmware.title], faults, rng)
         self.board = EmulatedBoard(profile, faults)
         self.resets = -1  # the boot at power on is none
         self._due: dict[int, list[str]] = {}
@@ -57,7 +58,7 @@ class EmulatedFirmware(Listener):
         self._asleep_s = -math.inf
         self._past = (0, 0.0, 0.0)  # moves, time of moves and starvation of the lives before this one
         self._time_s = now_s
-        self.machine = Machine(self.board, self._say, self.stop, now_s)
+        self.machine = Machine(self.board, self._say, self.stop, self.dialect.words, now_s)
         self.reset(now_s)
 
     # --- from outside ---
@@ -75,7 +76,7 @@ class EmulatedFirmware(Listener):
         self.resets += 1
         self.board.changes += 1
         self.phase = Phase.BOOTLOADER
-        self.machine = Machine(self.board, self._say, self.stop, now_s)
+        self.machine = Machine(self.board, self._say, self.stop, self.dialect.words, now_s)
         self._deafen()
         self._running: Work | None = None
         self._resume_s = math.inf
@@ -86,7 +87,7 @@ class EmulatedFirmware(Listener):
             (
                 (start_s, self._start),
                 (start_s + BANNER_S + FIRST_COMMAND_S, self._run),
-                (start_s + SD_FAIL_S, lambda _: self._say(wording.SD_FAIL)),
+                (start_s + SD_FAIL_S, lambda _: self._say(self.dialect.late_banner)),
             )
         )
         self._time_s = now_s
@@ -157,7 +158,9 @@ class EmulatedFirmware(Listener):
         due_s = self._schedule[0][0] if self._schedule else math.inf
         if self.phase in (Phase.RUNNING, Phase.MUTE):
             machine = self.machine
-            due_s = min(due_s, machine.trip_s, machine.heard_s + machine.dead_man_s)
+            due_s = min(due_s, machine.trip_s, self.dialect.inactive_since_s(machine) + machine.dead_man_s)
+            if self.dialect.keep_alive and self._busy():
+                due_s = min(due_s, self._at_work_s)
         return due_s
 
     def _pass(self, now_s: float) -> None:
@@ -168,6 +171,9 @@ class EmulatedFirmware(Listener):
                 continue  # a command that ended meanwhile put it off
             if self._schedule and self._schedule[0][0] <= at_s:
                 self._schedule.popleft()[1](at_s)
+            elif self._at_work_s <= at_s and self.dialect.keep_alive and self._busy():
+                self._say(self.dialect.keep_alive)
+                self._at_work_s += KEEP_ALIVE_S
             elif self.machine.trip_s <= at_s:
                 self.stop(self.machine.trip_words, at_s)
             else:
@@ -182,6 +188,8 @@ class EmulatedFirmware(Listener):
             if self._asleep_s > now_s:
                 break
             self._time_s = max(self._time_s, self._asleep_s)
+            if self._receiver.ring and self.dialect.reads_while_busy and self._busy():
+                self._get_command()
             if machine.waiting:
                 free_s = planner.free_s()
                 if free_s > now_s:
@@ -190,6 +198,9 @@ class EmulatedFirmware(Listener):
                 planner.advance(self._time_s)
                 machine.release(self._time_s)
                 machine.heard_s = self._time_s
+                if self._owes_ok and not machine.waiting:
+                    self._owes_ok = False
+                    self._acknowledge()
                 continue
             if self._running is not None:
                 if self._resume_s > now_s:
@@ -201,7 +212,7 @@ class EmulatedFirmware(Listener):
             if self._receiver.ring:
                 if not self._buffer and self._quick_move():
                     continue
-                if len(self._buffer) < LINES - 1:
+                if len(self._buffer) < self.dialect.buffer_lines - 1:
                     self._get_command()
             if not self._buffer:
                 break
@@ -226,26 +237,34 @@ class EmulatedFirmware(Listener):
     def _process(self, line: bytes) -> None:
         """Carry out one line of the buffer."""
         machine, now_s = self.machine, self._time_s
+        number = value(line, b"N")
+        self._number = self._number if number is None else int(number)
+        self._at_work_s = now_s + KEEP_ALIVE_S
         code = value(line, b"G")
         if code is not None and 0 <= int(code) <= 3 and not machine.stopped:
             if int(code) < 2:
                 machine.move(line, now_s)
             else:
-                execute(machine, line, now_s)
+                execute(self.dialect.commands, machine, line, now_s)
             machine.heard_s = now_s
-            return  # its ok was said when it was read
+            if not self.dialect.acknowledges_read_moves:
+                self._end_move(self._number)
+            return
         if code is not None and 0 <= int(code) <= 3:
             self._ok()
             return
         m_code = None if code is not None else value(line, b"M")
         if m_code == 105:  # does not feed the dead-man
-            self._say(temperatures(machine, now_s))
+            self._say(self.dialect.report(machine, now_s))
             return
         if m_code == 999:
             machine.stopped = False
             self._last_n = self._stopped_n
             self._request_resend()
-        self._running = execute(machine, line, now_s)
+        self._running = execute(self.dialect.commands, machine, line, now_s)
+        if self.phase is not Phase.RUNNING:
+            self._running = None
+            return
         if self._running is None:
             self._ok()
         else:
@@ -266,17 +285,21 @@ class EmulatedFirmware(Listener):
 
     def _start(self, now_s: float) -> None:
         self.phase = Phase.BOOTING
-        self._say(
-            wording.START + wording.banner(self.board.profile, self.machine.limits, self._faults.levelled)
-        )
+        limits, levelled = self.machine.limits, self._faults.levelled
+        self._say(wording.START + self.dialect.banner(self.board.profile, limits, levelled))
 
     def _run(self, now_s: float) -> None:
         self.phase = Phase.RUNNING
         self._time_s = self.machine.heard_s = now_s
 
     def stop(self, words: bytes, now_s: float) -> None:
-        """``Stop()``: heaters off; moves are refused until ``M999``, and nothing else is."""
+        """``Stop()``: heaters off; moves are refused until ``M999``, and nothing else is; or all is over."""
         machine = self.machine
+        if self.dialect.halts:
+            if words:
+                self._error(words)
+            self.kill(now_s)
+            return
         machine.trip_s = math.inf
         self.board.heaters_off(now_s)
         if words:
@@ -287,11 +310,12 @@ class EmulatedFirmware(Listener):
             self._error(b"Error:" + wording.STOPPED)
 
     def kill(self, now_s: float) -> None:
-        """``kill()``: everything off, and dead until the watchdog resets the board."""
+        """``kill()``: everything off, and dead until the watchdog, or somebody else, resets the board."""
         self.machine.power_down(now_s)
         self._error(wording.KILLED)
         self.phase = Phase.HALTED
-        self._schedule = deque(((now_s + WATCHDOG_S, self._bite),))
+        self._running = None
+        self._schedule = deque(() if self.dialect.halts else ((now_s + WATCHDOG_S, self._bite),))
 
     def _bite(self, now_s: float) -> None:
         self.reset(now_s, boot_s=0.0)
@@ -325,11 +349,11 @@ class EmulatedFirmware(Listener):
                 board.bed.temperature_c(now_s)
                 board.bed.dead, board.bed.burns = "dies" in name, "burns" in name
             case "stop_after":
-                self.stop(wording.NOZZLE_MAXTEMP, now_s)
+                self.stop(self.dialect.words.nozzle_maxtemp, now_s)
             case "nozzle_short_after":
-                self.stop(wording.NOZZLE_MINTEMP, now_s)
+                self.stop(self.dialect.words.nozzle_mintemp, now_s)
             case "bed_open_after":
-                self.stop(wording.BED_MAXTEMP, now_s)
+                self.stop(self.dialect.words.bed_maxtemp, now_s)
             case "bed_short_after":
                 board.bed_shorted = True
                 board.set_bed(board.bed.target_c, now_s)

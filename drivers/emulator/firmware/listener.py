@@ -1,11 +1,12 @@
 """The firmware's ``get_command``: lines out of the ring, checked, acknowledged, refused. Pure.
 
-Numbered moves are acknowledged as they are read, all else when it was carried out. What is refused empties
-the ring, and its number is asked for (docs/explanation/ultimaker2-serial.md, section 1.4).
+What is refused empties the ring, and its number is asked for. The Ultimaker 2 acknowledges moves as they are
+read, all else when it was carried out (docs/explanation/ultimaker2-serial.md, section 1.4).
 """
 
 from __future__ import annotations
 
+import math
 import random
 import re
 from abc import ABC, abstractmethod
@@ -14,12 +15,14 @@ from enum import StrEnum
 
 from drivers.emulator.faults import Dice, Faults
 from drivers.emulator.firmware import wording
+from drivers.emulator.firmware.dialect import Dialect
 from drivers.emulator.firmware.machine import Machine, value
+from drivers.emulator.firmware.planner import CAPACITY
 from drivers.emulator.firmware.receiver import Receiver
 from drivers.emulator.hardware.noise import Noise
 from drivers.gcode import checksum
 
-LINES = 8
+KEEP_ALIVE_S = 2.0
 
 _COMMAND = re.compile(rb"[GMT]")
 _WHOLE = re.compile(rb"[ \t]*([-+]?\d+)")
@@ -42,13 +45,16 @@ class Listener(ABC):
     ----------
     lines, errors
         Accepted, and refused or worse, since power on.
+    dialect
+        Rules of this firmware.
     noise
         The damage on the wire, where there is any.
     """
 
     machine: Machine
 
-    def __init__(self, faults: Faults, rng: random.Random) -> None:
+    def __init__(self, dialect: Dialect, faults: Faults, rng: random.Random) -> None:
+        self.dialect = dialect
         self.lines = 0
         self.errors = 0
         self.noise = Noise(faults, rng) if faults.on_bytes else None
@@ -61,12 +67,19 @@ class Listener(ABC):
 
     def _deafen(self) -> None:
         """Forget all that was heard: a reset."""
-        self._receiver = Receiver()
+        self._receiver = Receiver(self.dialect.line_ends, self.dialect.comment_goes_on)
+        self._number = 0  # of the line that is carried out
+        self._owes_ok = False  # to a move that waits for room
+        self._at_work_s = math.inf  # when it says next that it is at work
         self._buffer: deque[bytes] = deque()
         self._last_n = 0
         self._stuck_n = -1  # the line that is asked for for ever
         if self.noise is not None:
             self.noise.forget()
+
+    @abstractmethod
+    def _busy(self) -> bool:
+        """Whether a command is carried out."""
 
     @abstractmethod
     def _break_down(self) -> None:
@@ -93,7 +106,8 @@ class Listener(ABC):
         self.lines += 1
         if self.noise is not None:
             self.noise.accepted(self._last_n, found[0])
-        self._out.append(wording.OK)
+        if self.dialect.acknowledges_read_moves:
+            self._out.append(wording.OK)
         machine.planner.advance(self._time_s)
         machine.linear(
             None if f is None else float(f),
@@ -104,11 +118,23 @@ class Listener(ABC):
             self._time_s,
         )
         machine.heard_s = self._time_s
+        if not self.dialect.acknowledges_read_moves:
+            self._end_move(self._last_n)
         return True
+
+    def _end_move(self, number: int) -> None:
+        """A move was carried out; say so as soon as it is in the planner."""
+        self._number = number
+        self._at_work_s = self._time_s + KEEP_ALIVE_S
+        if self.machine.waiting:
+            self._owes_ok = True
+        else:
+            self._acknowledge()
 
     def _get_command(self) -> None:
         """Fill the line buffer from the ring."""
-        while len(self._buffer) < LINES and self.phase is Phase.RUNNING:
+        most = self.dialect.buffer_lines - (self.dialect.reads_while_busy and self._busy())
+        while len(self._buffer) < most and self.phase is Phase.RUNNING:
             line = self._receiver.line()
             if line is None:
                 return
@@ -140,14 +166,18 @@ class Listener(ABC):
             self._last_n = n
             if self.noise is not None:
                 self.noise.accepted(n, line)
-        elif star >= 0:
+        elif star >= 0 and self.dialect.checksum_needs_number:
             said = wording.line_error(wording.NO_LINE_NUMBER, self._last_n)
             (self._error if _COMMAND.search(line) else self._say)(said)  # without a command: only asked
             return
+        elif (urgent := self.dialect.urgent.get(int(value(line, b"M") or 0))) is not None:
+            urgent(self.machine, self._time_s)
+            if self.phase is not Phase.RUNNING:
+                return
         if _is_move(line):
             if self.machine.stopped:
                 self._say(wording.STOPPED)
-            else:
+            elif self.dialect.acknowledges_read_moves:
                 self._acknowledge()
         self._buffer.append(line)
         self.lines += 1
@@ -162,7 +192,8 @@ class Listener(ABC):
         self._receiver.flush()
         self._say(b"Resend: %d\n" % (self._last_n + 1))
         if not self._faults.mute_resend:
-            self._ok()
+            self.machine.heard_s = max(self.machine.heard_s, self._time_s)
+            self._say(self._dice.ok(wording.OK))
 
     # --- words ---
 
@@ -175,7 +206,11 @@ class Listener(ABC):
         self._acknowledge()
 
     def _acknowledge(self) -> None:
-        self._say(self._dice.ok(wording.OK))
+        text = wording.OK
+        if self._faults.advanced_ok and self.dialect.advanced_ok:
+            free = (CAPACITY - 1 - len(self.machine.planner), self.dialect.buffer_lines - len(self._buffer))
+            text = b"ok N%d P%d B%d\n" % (self._number, *free)
+        self._say(self._dice.ok(text))
 
     def _error(self, text: bytes) -> None:
         self.errors += 1

@@ -12,10 +12,9 @@ from collections.abc import Callable
 
 from drivers.emulator.firmware import wording
 from drivers.emulator.firmware.planner import CAPACITY, Limits, Planner, Point
+from drivers.emulator.firmware.wording import Words
 from drivers.emulator.hardware.board import EmulatedBoard
 
-ROOM_MM = (230.0, 224.5, 10.0)  # soft limits of X and Y; of Z this much above its home
-EXTRUDE_MIN_C = 170.0
 EXTRUDE_MOST_MM = 1000.0
 NOZZLE_MAX_C = 275.0
 DEAD_HEATER_S = 30.0
@@ -51,6 +50,8 @@ class Machine:
         Called with what is sent to the host.
     stop
         Called with words and the time where the firmware stops itself (``Stop()``).
+    words
+        What it says when something is broken.
     now_s
         When this life began; all times are on that clock.
     """
@@ -60,9 +61,11 @@ class Machine:
         board: EmulatedBoard,
         say: Callable[[bytes], None],
         stop: Callable[[bytes, float], None],
+        words: Words,
         now_s: float,
     ) -> None:
         self.board = board
+        self.words = words
         self.limits = Limits.of(board.profile)
         x, y, z = board.head_mm
         self.planner = Planner(self.limits, (x, y, z, board.filament_mm), board.fed, board.faults.slowdown)
@@ -74,6 +77,7 @@ class Machine:
         self.trip_s = math.inf  # when a heater will make the firmware stop, and in which words
         self.trip_words = b""
         self.dead_man_s = math.inf  # M85: longest silence of the host
+        self.armed_s = now_s  # when that was set
         self.heard_s = now_s  # when the last command was done
         self.say = say
         self.stop = stop
@@ -87,10 +91,10 @@ class Machine:
         self.feedrate_mm_s = 25.0
         self.feed_factor = 1.0
         self.flow_factor = 1.0
-        self.extrude_min_c = EXTRUDE_MIN_C
+        self.extrude_min_c = board.profile.min_extrusion_c
         self.retracted_mm = 0.0
         self.streaming = False  # a print is under way: a queue that runs dry is the host's fault
-        self.top_mm = (ROOM_MM[0], ROOM_MM[1], board.profile.home_mm[2] + ROOM_MM[2])
+        self.top_mm = board.profile.travel_mm  # soft limits
 
     # --- moves ---
 
@@ -191,12 +195,10 @@ class Machine:
     def power_down(self, now_s: float) -> None:
         """Motors and heaters off at once: the end of this life of the firmware."""
         x, y, z, _ = self.planner.stop(now_s)
-        home = self.board.profile.home_mm
-        self.board.head_mm = (
-            min(max(x, 0.0), ROOM_MM[0]),
-            min(max(y, 0.0), home[1]),
-            min(max(z, 0.0), home[2]),
-        )
+        home, top = self.board.profile.home_mm, self.top_mm
+        ends = [home[axis] or top[axis] for axis in range(3)]  # a switch that is up there is the end
+        x, y, z = (min(max(at, 0.0), end) for at, end in zip((x, y, z), ends, strict=True))
+        self.board.head_mm = (x, y, z)
         self.board.heaters_off(now_s)
 
     # --- heaters ---
@@ -213,10 +215,10 @@ class Machine:
         nozzle = self.board.nozzle
         self.trip_s = math.inf
         if nozzle.dead and nozzle.target_c >= nozzle.temperature_c(now_s):
-            self.trip_s, self.trip_words = now_s + DEAD_HEATER_S, b""
+            self.trip_s, self.trip_words = now_s + DEAD_HEATER_S, self.words.dead_heater
         elif nozzle.burns or nozzle.target_c > NOZZLE_MAX_C:
             self.trip_s = now_s + nozzle.seconds_to(NOZZLE_MAX_C, now_s)
-            self.trip_words = wording.NOZZLE_MAXTEMP
+            self.trip_words = self.words.nozzle_maxtemp
 
     def heat_bed(self, target_c: float, now_s: float) -> None:
         self.board.set_bed(target_c, now_s)

@@ -50,7 +50,7 @@ class Limits:
             xy,
             z,
             e,
-            [80.0, 80.0, 200.0, 369.0],
+            list(profile.steps_per_mm),
         )
 
 

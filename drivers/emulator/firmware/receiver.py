@@ -1,7 +1,7 @@
 """Bytes into lines, as ``get_command`` reads them out of a ring that loses what does not fit. Pure.
 
-A line ends at a line feed, a carriage return or a ``:``, and after 95 characters. A line with a ``;`` is
-dropped, and its comment goes on: it swallows the next one too
+A line ends after 95 characters, too. In the Ultimaker 2, a line also ends at a ``:``, and a line with a ``;``
+is dropped, and its comment goes on: it swallows the next one too
 (docs/explanation/ultimaker2-serial.md, section 1.5).
 """
 
@@ -22,12 +22,14 @@ _SPECIAL = re.compile(rb"[\r:;]")
 
 
 class Receiver:
-    """The ring, and the line that is being put together."""
+    """The ring, and the line that is being put together; see `Dialect` for the parameters."""
 
-    __slots__ = ("_comment", "_partial", "ring")
+    __slots__ = ("_comment", "_goes_on", "_line_ends", "_partial", "ring")
 
-    def __init__(self) -> None:
+    def __init__(self, line_ends: bytes, comment_goes_on: bool) -> None:
         self.ring = b""
+        self._line_ends = line_ends
+        self._goes_on = comment_goes_on
         self._partial = b""
         self._comment = False
 
@@ -57,13 +59,16 @@ class Receiver:
                     line, self.ring = self.ring[:end], self.ring[end + 1 :]
                     return line
             char, self.ring = self.ring[:1], self.ring[1:]
-            ends = char in b"\n\r" or (char == b":" and not self._comment)
+            ends = char in b"\n\r" or (char in self._line_ends and not self._comment)
             if ends or len(self._partial) >= LINE_BYTES:
                 if not self._partial:
                     self._comment = False
                     continue
                 line, self._partial = self._partial, b""
                 if not self._comment:
+                    return line
+                if not self._goes_on:
+                    self._comment = False
                     return line
             elif char == b";":
                 self._comment = True

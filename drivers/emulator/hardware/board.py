@@ -9,7 +9,6 @@ from drivers.emulator.hardware.thermal import AMBIENT_C, Heater
 from drivers.printers import Profile
 
 SHORTED_C = -14.0  # [assumed] what a shorted bed sensor reads: colder than MINTEMP, which has no check here
-PARKED_MM = -20.0  # where the end code and the printer's own menu leave the filament's end
 BED_PERIOD_S = 5.0
 CHANGE_HEIGHT_MM = 5.0
 OOZE_MM = 0.5
@@ -19,7 +18,7 @@ class EmulatedBoard:
     """The printer without its firmware's memory.
 
     The bed is not clear as soon as more than `OOZE_MM` of filament has left the nozzle with the head lower
-    than `CHANGE_HEIGHT_MM` under its home. Filament leaves the nozzle only when its end is pushed past the
+    than `CHANGE_HEIGHT_MM` under its top. Filament leaves the nozzle only when its end is pushed past the
     tip, so bringing parked filament back to the nozzle dirties nothing, and purging with the bed all the
     way down (where a person changes material) does not count. Only `clear_bed` makes it clear again.
 
@@ -48,7 +47,7 @@ class EmulatedBoard:
         self.bed_shorted = False  # its sensor reads `SHORTED_C`
         self.head_mm = profile.home_mm
         self.filament_mm = 0.0
-        self.filament_end_mm = PARKED_MM
+        self.filament_end_mm = -profile.parked_mm  # as the end code and the printer's own menu leave it
         self.bed_clear = True
         self.changes = 0
         self._on_bed_mm = 0.0
@@ -58,7 +57,7 @@ class EmulatedBoard:
         self.filament_mm += e_mm
         end_mm = self.filament_end_mm + e_mm
         if end_mm > 0.0:
-            if self.bed_clear and z_mm < self.profile.home_mm[2] - CHANGE_HEIGHT_MM:
+            if self.bed_clear and z_mm < self.profile.top_mm - CHANGE_HEIGHT_MM:
                 self._on_bed_mm += end_mm
                 if self._on_bed_mm > OOZE_MM:
                     self.bed_clear = False

@@ -35,7 +35,7 @@ def test_faults_may_be_named_in_two_ways() -> None:
             "sim://prusa_mk4",
             "no printer model 'prusa_mk4'; use one of ultimaker2, ultimaker2_extended, ",
         ),
-        ("sim://ultimaker2_plus?fire=1", "no fault 'fire'; use one of bed_burns_after"),
+        ("sim://ultimaker2_plus?fire=1", "no fault 'fire'; use one of advanced_ok"),
         ("sim://ultimaker2_plus?checksum=often", "checksum needs a number, not 'often'"),
         ("sim://ultimaker2_plus?checksum=2", "checksum needs a probability from 0 to 1, not '2'"),
         ("sim://ultimaker2_plus?reset_after=1.5", "reset_after needs a whole number from 0, not '1.5'"),

@@ -1,0 +1,162 @@
+"""The Ultimaker 2's own words and rules, byte for byte (docs/explanation/ultimaker2-serial.md). Pure."""
+
+from __future__ import annotations
+
+from drivers.emulator.firmware.commands import (
+    Commands,
+    absolute,
+    allow_cold,
+    beep,
+    dead_man,
+    dwell,
+    extruder_mode,
+    finish,
+    hang,
+    home,
+    init_card,
+    list_card,
+    motors_off,
+    move_arc,
+    park,
+    report_card,
+    report_endstops,
+    report_position,
+    retract,
+    set_bed,
+    set_feed_factor,
+    set_flow_factor,
+    set_limits,
+    set_nozzle,
+    set_position,
+    stop_moves,
+    temperatures,
+    wait_bed,
+    wait_nozzle,
+)
+from drivers.emulator.firmware.dialect import Dialect
+from drivers.emulator.firmware.machine import Machine
+from drivers.emulator.firmware.planner import Limits
+from drivers.emulator.firmware.wording import Words
+from drivers.printers import Profile
+
+IDENTITY = (
+    b"FIRMWARE_NAME:Marlin Ultimaker2; Sprinter/grbl mashup for gen6 "
+    b"FIRMWARE_URL:http://github.com/Ultimaker PROTOCOL_VERSION:1.0 MACHINE_TYPE:Ultimaker EXTRUDER_COUNT:1\n"
+)
+
+
+def banner(profile: Profile, limits: Limits, levelled: int = 0) -> bytes:
+    """Format what follows ``start`` at every boot; `levelled` as in `Faults`."""
+    head = (
+        "echo:Marlin 1.0.0\n"
+        "echo: Last Updated: Mar 15 2018 13:04:08 | Author: Vers:_3.3.0"
+        f"{profile.banner_suffix}\n"
+        "Compiled: Mar 15 2018\n"
+        "echo: Free Memory: 2055  PlannerBufferBytes: 1232\n"
+        "echo:Stored settings retrieved\n"
+    )
+    return head.encode() + settings(limits, levelled)
+
+
+def settings(limits: Limits, levelled: int = 0) -> bytes:
+    """``M503``, and the end of the banner."""
+    steps, feed, top = limits.steps_per_mm, limits.feedrate_mm_s, limits.acceleration_mm_s2
+    return (
+        "echo:Steps per unit:\n"
+        f"echo:  M92 X{steps[0]:.2f} Y{steps[1]:.2f} Z{steps[2]:.2f} E{steps[3]:.2f}\n"
+        "echo:Maximum feedrates (mm/s):\n"
+        f"echo:  M203 X{feed[0]:.2f} Y{feed[1]:.2f} Z{feed[2]:.2f} E{feed[3]:.2f}\n"
+        "echo:Maximum Acceleration (mm/s2):\n"
+        f"echo:  M201 X{top[0]:.0f} Y{top[1]:.0f} Z{top[2]:.0f} E{top[3]:.0f}\n"
+        "echo:Acceleration: S=acceleration, T=retract acceleration\n"
+        f"echo:  M204 S{limits.print_mm_s2:.2f} T{limits.retract_mm_s2:.2f}\n"
+        "echo:Advanced variables: S=Min feedrate (mm/s), T=Min travel feedrate (mm/s), "
+        "B=minimum segment time (ms), X=maximum XY jerk (mm/s),  Z=maximum Z jerk (mm/s),  "
+        "E=maximum E jerk (mm/s)\n"
+        f"echo:  M205 S0.00 T0.00 B20000 X{limits.jerk_xy_mm_s:.2f} Z{limits.jerk_z_mm_s:.2f} "
+        f"E{limits.jerk_e_mm_s:.2f}\n"
+        "echo:Home offset (mm):\n"
+        f"echo:  M206 X0.00 Y0.00 Z{-10 - levelled / 100:.2f}\n"
+        "echo:PID settings:\n"
+        "echo:   M301 P10.03 I1.50 D70.00\n"
+    ).encode()
+
+
+def identify(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(IDENTITY)
+
+
+def report_settings(machine: Machine, line: bytes, now_s: float) -> None:
+    machine.say(settings(machine.limits, machine.board.faults.levelled))
+
+
+ULTIMAKER2 = Dialect(
+    # Codes that change nothing here (fan, light, SD card, text) and those that it does not know: plain ok.
+    commands=Commands(
+        g={
+            2: move_arc,
+            3: move_arc,
+            4: dwell,
+            10: retract,
+            11: retract,
+            28: home,
+            90: absolute,
+            91: absolute,
+            92: set_position,
+        },
+        m={
+            0: hang,
+            1: hang,
+            18: motors_off,
+            20: list_card,
+            21: init_card,
+            27: report_card,
+            82: extruder_mode,
+            83: extruder_mode,
+            84: motors_off,
+            85: dead_man,
+            92: set_limits,
+            104: set_nozzle,
+            109: wait_nozzle,
+            114: report_position,
+            115: identify,
+            119: report_endstops,
+            140: set_bed,
+            190: wait_bed,
+            201: set_limits,
+            203: set_limits,
+            204: set_limits,
+            205: set_limits,
+            220: set_feed_factor,
+            221: set_flow_factor,
+            300: beep,
+            302: allow_cold,
+            400: finish,
+            401: stop_moves,
+            503: report_settings,
+            601: park,
+        },
+    ),
+    words=Words(
+        nozzle_maxtemp=b"Error:0\n: Extruder switched off. MAXTEMP triggered !\n",
+        nozzle_mintemp=b"Error:0\n: Extruder switched off. MINTEMP triggered !\n",
+        bed_maxtemp=b"Error:Temperature heated bed switched off. MAXTEMP triggered !!\n",
+        dead_heater=b"",
+        no_endstop=b"Error:Endstop not pressed after homing down. Endstop broken?\n",
+        stuck_endstop=b"Error:Endstop still pressed after backing off. Endstop stuck?\n",
+    ),
+    urgent={},
+    banner=banner,
+    late_banner=b"echo:SD init fail\n",
+    report=temperatures,
+    buffer_lines=8,
+    line_ends=b"\n\r:",
+    comment_goes_on=True,
+    checksum_needs_number=True,
+    reads_while_busy=False,
+    acknowledges_read_moves=True,
+    advanced_ok=False,
+    keep_alive=b"",
+    inactive_since_s=lambda machine: machine.heard_s,
+    halts=False,
+)
