@@ -108,6 +108,8 @@ class PrinterModel:
         Id of Cura's definition, like ``ultimaker2_plus``.
     title
         Name in messages, like ``Ultimaker 2+``.
+    slicer_names
+        Pattern of the names that slicers have for it, in lower case.
     limits, code, head
         See there.
     retraction_mm, retraction_mm_s
@@ -116,6 +118,7 @@ class PrinterModel:
 
     name: str
     title: str
+    slicer_names: str
     limits: MachineLimits
     code: PrintCode
     head: HeadShape

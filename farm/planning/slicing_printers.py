@@ -11,6 +11,7 @@ def slicing_printer(profile: Profile) -> PrinterModel:
     return PrinterModel(
         name=profile.model,
         title=profile.title,
+        slicer_names=profile.slicer_names,
         limits=MachineLimits(profile.max_nozzle_c, profile.max_bed_c, profile.min_extrusion_c),
         code=PrintCode(
             flavor=profile.gcode_flavor,

@@ -12,7 +12,6 @@ from slicing.own_gcode.target import PrintTarget
 
 _NAMES = ("target_machine.name", "printer_model", "printer_name", "machine_name", "printer_settings_id")
 """Cura; PrusaSlicer and its kin; KISSlicer; and, where no model is named, the name of a person's settings."""
-_OURS = re.compile(r"\b(um|ultimaker)[\s_-]*2[\s_-]*(e|extended)?[\s_-]*(\+|plus)\s*\Z")
 _NO_NAME = ("", '""', "unknown", "default", "- default fff printer -")
 _USUAL = (0.5, 1.7)
 """Section of the lines, as a multiple of a line's as wide as the nozzle: 0.75 to 1.4 in slices of CuraEngine
@@ -39,7 +38,7 @@ class Machine:
     Attributes
     ----------
     name
-        Of a machine that is no Ultimaker 2+; None where there is none, or it is one.
+        As the slicer calls it; None where there is none.
     filament_mm
         The filament's diameter; None where the file does not say.
     filament_type
@@ -63,8 +62,6 @@ def find_machine(
     """Read the machine from a file's facts: key in lower case -> value as written."""
     names = (_text(facts, key) for key in _NAMES)
     name = next((name for name in names if name is not None and name.lower() not in _NO_NAME), None)
-    if name is not None and _OURS.search(name.lower()):
-        name = None
     return Machine(
         name=name,
         filament_mm=filament_mm,
@@ -94,6 +91,8 @@ def check_machine(
         Where it does not fit, or nothing shows that it does.
     """
     name, why, title = machine.name, None, target.printer.title
+    if name is not None and re.search(target.printer.slicer_names, name.lower()):
+        name = None
     usual = _USUAL[0] < section_ratio < _USUAL[1]
     if name is None and (usual or nozzle_mm is not None):
         return ()

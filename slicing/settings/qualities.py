@@ -33,7 +33,7 @@ class Quality:
 FARM_QUALITIES: Mapping[str, Quality] = {
     # The settings of the Parallelobox paper's own prints, so that times can be compared with it.
     "paper": Quality(
-        ("fast",),
+        ("fast", "standard"),
         {
             **SUPPORTED,
             **_BRIMMED,
@@ -46,7 +46,7 @@ FARM_QUALITIES: Mapping[str, Quality] = {
     ),
     # For parts that are glued: closed tops over a light infill, and a brim that holds tall thin blocks.
     "glue": Quality(
-        ("fast", "draft", "normal", "high"),
+        ("fast", "draft", "normal", "high", "standard", "super"),
         {
             **SUPPORTED,
             **_BRIMMED,

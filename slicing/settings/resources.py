@@ -155,10 +155,12 @@ def _machine(root: Path, model: str) -> Machine:
 
 @lru_cache(maxsize=32)
 def _profiles(root: Path, kind: str, definition: str) -> tuple[Profile, ...]:
-    # Qualities have a folder for each machine, variants share one.
+    # Qualities have a folder for each machine, or maker and machine; variants share one.
     folder, pattern = root / kind, f"{definition}_*.inst.cfg"
-    if (folder / definition).is_dir():
-        folder, pattern = folder / definition, "*.inst.cfg"
+    for own in (folder / definition, folder / definition.replace("_", "/", 1)):
+        if own.is_dir():
+            folder, pattern = own, "*.inst.cfg"
+            break
     found = []
     for path in sorted(folder.glob(pattern)):
         parser = configparser.ConfigParser(interpolation=None)

@@ -13,6 +13,7 @@ from slicing.settings.qualities import FARM_QUALITIES
 from slicing.settings.resolver import Layer, Place, Scope
 from slicing.settings.resources import Machine, Profile, Resources
 
+_GENERIC = ("generic_pla", "generic_pla_175")
 _MOST_APART_MM = 0.5
 """Cura takes a material for a printer where both diameters round to the same millimetre."""
 
@@ -48,8 +49,7 @@ def find_stacks(
         Where the model, nozzle, material or quality does not exist or does not fit the others.
     """
     machine = resources.machine(printer_model)
-    hotend = f"{nozzle_mm:g} mm"
-    variant = _variant(machine, hotend, resources)
+    hotend, variant = _variant(machine, nozzle_mm, resources)
     chosen = _material(machine, hotend, material, resources)
     shared, own = _qualities(machine, hotend, material, chosen.kind, quality, resources)
 
@@ -81,23 +81,26 @@ def _written(machine: Machine, key: str, text: str) -> object:
         return parse_literal(text)
 
 
-def _variant(machine: Machine, hotend: str, resources: Resources) -> Mapping[str, str]:
-    """Find the nozzle's values; a printer without profiles for nozzles has the one of its definition."""
+def _variant(machine: Machine, nozzle_mm: float, resources: Resources) -> tuple[str, Mapping[str, str]]:
+    """Find the nozzle's name and values; without profiles for nozzles there is the one of the definition."""
     if machine.has_variants:
         profiles = resources.profiles("variants", machine.model)
         have = {p.metadata["name"]: p.values for p in profiles if p.metadata.get("hardware_type") == "nozzle"}
     else:
         have = {f"{machine.nozzle_mm:g} mm": {}}
-    if hotend not in have:
+    size = f"{nozzle_mm:g}"
+    hotend = next((name for name in have if name in (f"{size} mm", f"{size}mm Nozzle")), None)
+    if hotend is None:
         known = ", ".join(sorted(have)) or "none"
-        raise BadSetting(f"nozzle {hotend}: the {machine.name} has no such nozzle; it has {known}")
-    return have[hotend]
+        raise BadSetting(f"nozzle {size} mm: the {machine.name} has no such nozzle; it has {known}")
+    return hotend, have[hotend]
 
 
 def _material(machine: Machine, hotend: str, name: str, resources: Resources) -> Material:
     root = resources.material(name)
     if name in machine.excluded_materials:
-        raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like generic_pla")
+        like = next(pla for pla in _GENERIC if pla not in machine.excluded_materials)
+        raise BadSetting(f"material {name} is not for the {machine.name}; take another one, like {like}")
     material = read_material(root, name, machine.name, hotend)
     diameter_mm = float(material.values.get("material_diameter", machine.diameter_mm))
     if abs(diameter_mm - machine.diameter_mm) > _MOST_APART_MM:
