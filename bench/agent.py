@@ -139,7 +139,7 @@ class Peers(threading.Thread):
                         heapq.heappush(due, (at_s, fd, by_master[fd]))
 
 
-def cost(pid: int) -> tuple[float, float]:
+def measure_cost(pid: int) -> tuple[float, float]:
     """Measure CPU seconds and resident MB of a process."""
     process = Path("/proc") / str(pid)
     fields = (process / "stat").read_text().rpartition(")")[2].split()
@@ -147,7 +147,7 @@ def cost(pid: int) -> tuple[float, float]:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK"), int(rss.split()[1]) / 1024
 
 
-def _waits(process: subprocess.Popen[bytes]) -> bool:
+def _still_runs(process: subprocess.Popen[bytes]) -> bool:
     """Tell whether a process is still there after a while."""
     try:
         process.wait(60.0)
@@ -156,7 +156,7 @@ def _waits(process: subprocess.Popen[bytes]) -> bool:
     return False
 
 
-async def one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | None) -> dict[str, float]:
+async def print_one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | None) -> dict[str, float]:
     """Print on one printer, to the end or for `most` lines; measure CPU share and memory of its agent."""
     process = spawn_agent(folder.name, MODEL, str(port), folder, Clock())
     client = AgentClient(folder)
@@ -185,7 +185,7 @@ async def one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | No
                     raise RuntimeError(reply.error)
             elif said.print is not None:
                 if said.print.phase is m.PrintPhase.PRINTING:
-                    cpu_s, mb = cost(process.pid)
+                    cpu_s, mb = measure_cost(process.pid)
                     memory_mb = max(memory_mb, mb)
                     began = began or (time.monotonic(), cpu_s)
                     if time.monotonic() > began[0]:
@@ -200,12 +200,12 @@ async def one(folder: Path, port: Path, gcode: Path, sha256: str, most: int | No
         with suppress(DriverError):
             await client.request(m.Shutdown(id=0, now=True))
         await client.close()
-        if await asyncio.to_thread(_waits, process):
+        if await asyncio.to_thread(_still_runs, process):
             process.kill()
     return {"cpu_share": share, "memory_mb": memory_mb}
 
 
-def file(lines: int, megabytes: int) -> bytes:
+def write_file(lines: int, megabytes: int) -> bytes:
     """Write a G-code file with at least so many moves in layers and features, up to a size."""
     text = [HEAD, "G0 F9000 X100 Y100 Z0.3\n"]
     size = i = 0
@@ -223,7 +223,7 @@ def file(lines: int, megabytes: int) -> bytes:
 
 async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> dict[str, float]:
     """Run the prints at the same time; of a large file only the first `lines` moves are printed."""
-    text = file(lines, megabytes)
+    text = write_file(lines, megabytes)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         gcode = folder / "bench.gcode"
@@ -234,7 +234,7 @@ async def measure(agents: int, lines: int, rate: float, megabytes: int = 0) -> d
         sha256 = hashlib.sha256(text).hexdigest()
         ended = await asyncio.gather(
             *(
-                one(
+                print_one(
                     folder / f"p{number}",
                     folder / f"tty{number}",
                     gcode,

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.print_time_parts import recipe_of
+from bench.print_time_parts import make_recipe
 from decompose.bound import makespan_bound
 from decompose.engines.guillotine import Partitioner, makespan_curve
 from decompose.geometry import load_model
@@ -43,7 +43,7 @@ def main() -> None:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
-    recipe = recipe_of("paper")
+    recipe = make_recipe("paper")
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
     printers = tuple(PrinterRoom(str(i), room) for i in range(asked.printers))
     model = load_model(asked.model, longest_side_mm=asked.side)

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from bench.print_time_parts import ANYWHERE, recipe_of
+from bench.print_time_parts import ANYWHERE, make_recipe
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
 from decompose.export import write_decomposition
@@ -82,7 +82,7 @@ class Run:
 
 def cut(run: Run, folder: Path) -> dict[str, Any]:
     """Decompose a model in a process of its own; return the report, with wall time and peak memory."""
-    recipe = recipe_of(run.quality)
+    recipe = make_recipe(run.quality)
     cost = CostModel.from_recipe(recipe)
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
     printers = [PrinterRoom(str(i), room) for i in range(run.printers)]
@@ -101,7 +101,7 @@ def cut(run: Run, folder: Path) -> dict[str, Any]:
         wall_s = perf_counter() - start
     except DecomposeError as error:
         return {"refused": f"{type(error).__name__}: {error}"}
-    return _written(result, folder, wall_s)
+    return _write_parts(result, folder, wall_s)
 
 
 def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | None:
@@ -109,17 +109,17 @@ def relevel(run: Run, folder: Path, took_s: list[float]) -> dict[str, Any] | Non
     was = pickle.loads((folder / CUTTING).read_bytes())
     start = perf_counter()
     model = load_model(run.path, longest_side_mm=run.side_mm)
-    cost = CostModel.from_recipe(recipe_of(run.quality))
+    cost = CostModel.from_recipe(make_recipe(run.quality))
     try:
         with ThreadPoolExecutor(os.cpu_count()) as executor:
             result = relevel_planes(model, was, took_s, cost, executor)
     except DecomposeError as error:
         print(f"{run.name}, levelled again: {error}", file=sys.stderr)
         return None
-    return None if result is None else _written(result, folder / "levelled", perf_counter() - start)
+    return None if result is None else _write_parts(result, folder / "levelled", perf_counter() - start)
 
 
-def _written(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
+def _write_parts(result: Decomposition, folder: Path, wall_s: float) -> dict[str, Any]:
     """Write the parts into a folder, with what `relevel` needs; return the report."""
     report = write_decomposition(result, folder).as_dict()
     (folder / CUTTING).write_bytes(pickle.dumps(result.without_parts()))
@@ -191,7 +191,7 @@ def slice_whole(run: Run, results: Path, cache: Path) -> float | None:
     return seconds
 
 
-def figures(run: Run, report: dict[str, Any], sliced: list[float | None] | None) -> dict[str, Any]:
+def compute_row(run: Run, report: dict[str, Any], sliced: list[float | None] | None) -> dict[str, Any]:
     """Compute one row of the table. Times are CuraEngine's where every part was sliced, else the cost's."""
     row: dict[str, Any] = {"model": run.path.stem, "printers": run.printers, "engine": run.engine}
     if "refused" in report:
@@ -225,7 +225,7 @@ def figures(run: Run, report: dict[str, Any], sliced: list[float | None] | None)
     return row
 
 
-def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
+def load_or_run(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     """Return the row of one run, from its file where there is one."""
     kept = args.results / f"{run.name}.json"
     if kept.is_file():
@@ -233,18 +233,18 @@ def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
         if row.get("sliced") or args.no_slices or "refused" in row:
             return row
     folder, cache = args.results / run.name, args.results / "slices"
-    report = _apart(cut, run, folder)
+    report = _call_apart(cut, run, folder)
     sliced = None
     if not args.no_slices and "refused" not in report:
         sliced = slice_parts(report, run, folder, cache, args.jobs)
-    row = figures(run, report, sliced)
+    row = compute_row(run, report, sliced)
     while row.get("sliced") and row.get("levelled", 0) < LEVELLED and (folder / CUTTING).is_file():
-        report = _apart(relevel, run, folder, sliced)
+        report = _call_apart(relevel, run, folder, sliced)
         if report is None:
             break
         folder = folder / "levelled"
         sliced = slice_parts(report, run, folder, cache, args.jobs)
-        again = figures(run, report, sliced)
+        again = compute_row(run, report, sliced)
         if not again["sliced"] or again["parallel_s"] >= row["parallel_s"]:
             break
         count = {"levelled": row.get("levelled", 0) + 1, "levelled_wall_s": again["wall_s"]}
@@ -254,24 +254,24 @@ def measured(run: Run, args: argparse.Namespace) -> dict[str, Any]:
     return row
 
 
-def _apart(work: Callable[..., Any], *args: Any) -> Any:
+def _call_apart(work: Callable[..., Any], *args: Any) -> Any:
     """Call a function in a process of its own, to measure its peak memory."""
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as process:
         return process.submit(work, *args).result()
 
 
-def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
+def make_rows(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     """Return all rows of one model."""
     found = []
 
     def one(printers: int, engine: str) -> dict[str, Any]:
         run = Run(path, args.side, printers, engine, args.quality, args.granularity, args.budget)
-        row = measured(run, args)
+        row = load_or_run(run, args)
         if "refused" not in row and args.whole:
             row["whole_s"] = slice_whole(run, args.results, args.results / "slices")
             if row["whole_s"] is not None:
                 row["efficiency_sliced"] = row["whole_s"] / (printers * row["parallel_s"])
-        print(line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
+        print(format_row(row), file=sys.stderr if args.json else sys.stdout, flush=True)
         found.append(row)
         return row
 
@@ -283,7 +283,7 @@ def rows_of(path: Path, args: argparse.Namespace) -> list[dict[str, Any]]:
     return found
 
 
-def line(row: dict[str, Any]) -> str:
+def format_row(row: dict[str, Any]) -> str:
     """Format one row."""
     head = f"{row['model']:20} N {row['printers']:3} {row['engine']:22}"
     if "refused" in row:
@@ -299,7 +299,7 @@ def line(row: dict[str, Any]) -> str:
     )
 
 
-def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
+def summarise(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Compute means over the measured models."""
     best = {(r["model"], r["printers"]): r for r in rows if r["engine"] == "best" and "refused" not in r}
 
@@ -351,9 +351,9 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     args.results.mkdir(parents=True, exist_ok=True)
-    rows = [row for name in args.only for row in rows_of(args.models / name, args)]
-    result = {"schema": 1, "runs": rows, **summary(rows)}
-    print(json.dumps(result, indent=1) if args.json else json.dumps(summary(rows), indent=1))
+    rows = [row for name in args.only for row in make_rows(args.models / name, args)]
+    result = {"schema": 1, "runs": rows, **summarise(rows)}
+    print(json.dumps(result, indent=1) if args.json else json.dumps(summarise(rows), indent=1))
     return 0
 
 

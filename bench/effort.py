@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import nnls
 
-from bench.print_time_parts import recipe_of
+from bench.print_time_parts import make_recipe
 from decompose.decompose import ENGINES
 from decompose.errors import NoFit
 from decompose.geometry import Model, Solid, load_model
@@ -34,7 +34,7 @@ from drivers.printers import PROFILES, part_room
 PRINTER = "ultimaker2_plus"
 
 
-def measured(problem: Problem) -> tuple[Effort, dict[str, float]]:
+def measure_search(problem: Problem) -> tuple[Effort, dict[str, float]]:
     """Measure the effort that a search counts, and the CPU seconds at which each of its stages ends."""
     effort, ends_s, began_s = Effort(), {}, process_time()
 
@@ -49,7 +49,7 @@ def measured(problem: Problem) -> tuple[Effort, dict[str, float]]:
     return effort, ends_s
 
 
-def fitted(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
+def fit_prices(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
     """Fit the nanoseconds of a unit of each kind."""
     kinds = [str(work) for work in Work]
     rows = np.array([[run["done"].get(kind, 0) / run["cpu_s"] for kind in kinds] for run in runs])
@@ -72,20 +72,20 @@ def main() -> None:
     parser.add_argument("--side", type=float, default=450.0)
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
-    recipe = recipe_of("paper")
+    recipe = make_recipe("paper")
     cost = CostModel.from_recipe(recipe)
     room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe.brim_mm))
     small = Model(Solid.box((0.0, 0.0, 0.0), (300.0, 60.0, 60.0)), (), 1.0)
     for engine in asked.engines:  # compiles, or loads what was compiled
         rooms = tuple(PrinterRoom(str(i), room) for i in range(4))
-        measured(Problem(small, rooms, cost, Options(engine, 5)))
+        measure_search(Problem(small, rooms, cost, Options(engine, 5)))
     runs: list[dict[str, Any]] = []
     for path in asked.models:
         model = load_model(path, longest_side_mm=asked.side)
         for printers in asked.printers:
             for engine in asked.engines:
                 rooms = tuple(PrinterRoom(str(i), room) for i in range(printers))
-                effort, ends_s = measured(Problem(model, rooms, cost, Options(engine)))
+                effort, ends_s = measure_search(Problem(model, rooms, cost, Options(engine)))
                 cpu_s = ends_s["all"]
                 done = {str(work): units for work, units in effort.done.items()}
                 run = {"model": path.stem, "printers": printers, "engine": str(engine), "cpu_s": cpu_s}
@@ -93,7 +93,7 @@ def main() -> None:
                 if not asked.json:
                     off = f"{effort.spent_s:6.1f} s counted, {cpu_s:6.1f} s of the processor"
                     print(f"{path.stem:20} N {printers:3} {engine:13} {off}", flush=True)
-    report = {"schema": 1, "runs": runs, "fit_ns": fitted(runs)}
+    report = {"schema": 1, "runs": runs, "fit_ns": fit_prices(runs)}
     print(json.dumps(report, indent=1) if asked.json else json.dumps(report["fit_ns"], indent=1))
 
 

@@ -31,7 +31,7 @@ SEGMENT_MM = 0.8
 PREPARE = (b"M110", b"M302 S0", b"G28", b"G92 E0", b"G1 F3000 X112 Y112 Z0.3")
 
 
-def spiral(lines: int) -> list[bytes]:
+def list_moves(lines: int) -> list[bytes]:
     """List numbered, checksummed moves as a slicer writes them, about 40 bytes each."""
     bodies = list(PREPARE)
     angle, e_mm = 0.0, 0.0
@@ -45,7 +45,7 @@ def spiral(lines: int) -> list[bytes]:
     return [b"%b*%d\n" % (line, reduce(xor, line)) for line in numbered]
 
 
-def firmware_us(lines: list[bytes]) -> float:
+def measure_firmware_us(lines: list[bytes]) -> float:
     """Measure the CPU microseconds of a move in the firmware, with its wake-ups."""
     firmware = EmulatedFirmware(PROFILES[MODEL], Faults(), random.Random(0), 0.0)
     now_s = 10.0
@@ -61,7 +61,7 @@ def firmware_us(lines: list[bytes]) -> float:
     return (time.process_time() - began) / (len(lines) - len(PREPARE)) * 1e6
 
 
-def port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
+def measure_port_us(lines: list[bytes], scale: float) -> tuple[float, float]:
     """Measure wall microseconds of a round trip through the port, and the emulator's CPU microseconds."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -102,10 +102,10 @@ def main() -> None:
     parser.add_argument("--lines", type=int, default=20_000)
     parser.add_argument("--scale", type=float, default=60.0, help="of the run at a limited clock")
     chosen = parser.parse_args()
-    lines = spiral(chosen.lines)
-    feed_us = firmware_us(lines)
-    round_trip_us, free_cpu_us = port_us(lines, scale=1e6)
-    paced_us, paced_cpu_us = port_us(lines, chosen.scale)
+    lines = list_moves(chosen.lines)
+    feed_us = measure_firmware_us(lines)
+    round_trip_us, free_cpu_us = measure_port_us(lines, scale=1e6)
+    paced_us, paced_cpu_us = measure_port_us(lines, chosen.scale)
     figures = {
         "schema": 1,
         "lines": chosen.lines,

@@ -51,7 +51,7 @@ async def heat(folder: Path, gcode: Path) -> None:
     await client.close()
 
 
-def hot(folder: Path) -> bool:
+def is_hot(folder: Path) -> bool:
     """Tell whether the emulator of an agent's folder has a target."""
     status = read_status(folder / "emulator")
     return bool(status.nozzle_target_c or status.bed_target_c)
@@ -81,10 +81,10 @@ def measure(printers: int) -> dict[str, float]:
             for pid in (daemon, *(agent_pid(folder) for folder in folders)):
                 assert pid is not None
                 os.kill(pid, signal.SIGSTOP)
-            assert all(map(hot, folders))
+            assert all(map(is_hot, folders))
             began_s = time.monotonic()
             command = subprocess.Popen([FARM, "estop", "--json", *places], stdout=subprocess.PIPE)
-            while any(map(hot, folders)) and time.monotonic() < began_s + PATIENCE_S:
+            while any(map(is_hot, folders)) and time.monotonic() < began_s + PATIENCE_S:
                 time.sleep(0.002)
             off_s = time.monotonic() - began_s
             said = json.loads(command.communicate()[0])

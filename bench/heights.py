@@ -21,7 +21,7 @@ PRINTERS = {"ultimaker2_plus": (0.25, 0.4, 0.6, 0.8), "ultimaker2": (0.4,)}
 CASES = ("first layer as it is", "first layer within 4 %", "first layer within 25 %", "missed")
 
 
-def shares(wanted: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
+def compute_shares(wanted: LayerHeights, nozzle_mm: float, hundredths: range) -> dict[str, float]:
     """Compute the share of heights for each of `CASES`."""
     counts = [0] * len(CASES)
     for hundredth in hundredths:
@@ -48,7 +48,7 @@ def main() -> int:
                 request = SettingsRequest(slicing_printer(BEDS[printer]), quality, nozzle_mm=nozzle_mm)
                 settings = resolve_settings(request, find_resources())
                 wanted = LayerHeights(settings.layer_height_0_mm, settings.layer_height_mm)
-                found = shares(wanted, nozzle_mm, hundredths)
+                found = compute_shares(wanted, nozzle_mm, hundredths)
                 rows.append({"quality": quality, "printer": printer, "nozzle_mm": nozzle_mm, **found})
                 if not args.json:
                     text = ", ".join(f"{name} {share:.2%}" for name, share in found.items())

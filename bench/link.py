@@ -53,7 +53,7 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-async def one(
+async def print_one(
     folder: Path, clock: Clock, gcode: Path, url: str = f"sim://{MODEL}", keep: bool = False
 ) -> tuple[float, float, float]:
     """Print on one printer; measure the wall times of first and last line, and the agent's CPU between."""
@@ -108,7 +108,7 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
         gcode.write_bytes(text)
         clock = Clock(scale, time.time())
         runs = await asyncio.gather(
-            *(one(Path(folder) / f"p{number}", clock, gcode) for number in range(agents))
+            *(print_one(Path(folder) / f"p{number}", clock, gcode) for number in range(agents))
         )
     span_s = max(run[1] for run in runs) - min(run[0] for run in runs)
     return {
@@ -120,7 +120,7 @@ async def measure(agents: int, lines: int, scale: float) -> dict[str, float]:
     }
 
 
-def beside(lines: int, python: Path) -> dict[str, float]:
+def compare_with_printcore(lines: int, python: Path) -> dict[str, float]:
     """Print with an agent and with printcore in turn, the same moves on the same emulator; return medians."""
     moves = "".join(
         f"G1 F18000 X{10 + abs(i % 1200 - 600) * 0.3:.3f} Y{10 + i // 600 * 0.5:.3f} E{i * 0.01:.5f}\n"
@@ -136,7 +136,7 @@ def beside(lines: int, python: Path) -> dict[str, float]:
         try:
             for _ in range(BESIDE_ROUNDS):  # in turn: what else the machine does then hits both
                 url = f"sim://{MODEL}?wire=1"
-                began_s, ended_s, _ = asyncio.run(one(printer, Clock(), whole, url, keep=True))
+                began_s, ended_s, _ = asyncio.run(print_one(printer, Clock(), whole, url, keep=True))
                 ours.append(lines / (ended_s - began_s))
                 control(printer / "emulator", "clear_bed")
                 run = [str(python), PEER, printer / "emulator" / "tty", path, head]
@@ -165,7 +165,7 @@ def main() -> None:
     given = parser.parse_args()
     works: dict[str, Callable[[], dict[str, float]]] = {
         "throughput": lambda: asyncio.run(measure(given.agents, given.lines, given.scale)),
-        "printcore": lambda: beside(given.lines, given.beside),
+        "printcore": lambda: compare_with_printcore(given.lines, given.beside),
         "agent": lambda: asyncio.run(agent.measure(given.agents, 1000, 50.0)),
         "peers": lambda: asyncio.run(agent.measure(50, 1000, 50.0)),
         "memory": lambda: asyncio.run(agent.measure(1, 1000, 50.0, megabytes=50)),

@@ -40,7 +40,7 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
         for event in (
             ev.JobSubmitted(at_s=float(number), job=job),
             ev.PlanningStarted(at_s=float(number), job=number),
-            plan(number, count, printers, rng),
+            make_plan(number, count, printers, rng),
         ):
             after, _ = apply(event, books)
             store.commit(event, books, after)
@@ -48,7 +48,7 @@ def fill_books(path: Path, printers: list[str], plates: int) -> None:
     store.close()
 
 
-def plan(number: int, count: int, printers: list[str], rng: random.Random) -> ev.JobPlanned:
+def make_plan(number: int, count: int, printers: list[str], rng: random.Random) -> ev.JobPlanned:
     """Make the plan of one job."""
     parts, plates = [], []
     for at in range(1, count + 1):

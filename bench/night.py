@@ -53,7 +53,7 @@ PATIENCE_S = 900.0  # wall seconds
 ANSWER_S = 120.0  # wall seconds for a daemon that was just started, on a busy machine
 
 
-def slow_gcode(moves: int, move_s: float) -> str:
+def write_slow_gcode(moves: int, move_s: float) -> str:
     """Write the G-code of a square tower with slow moves."""
     lines = [";FLAVOR:Marlin", "M140 S60", "M104 S205", "M190 S60", "M109 S205", "G28"]
     lines += ["G1 X5 Y5 Z0.3 F3000", "G1 X5 Y100 E15 F1000", "M82", "G92 E0"]
@@ -117,7 +117,7 @@ class Night:
     def _book_job(self) -> float:
         """Put a planned job of many equal plates into the books; return the expected time of one."""
         path = self.state.work / "slow.gcode"
-        path.write_text(slow_gcode(self.args.moves, self.args.move_s))
+        path.write_text(write_slow_gcode(self.args.moves, self.args.move_s))
         options = JobOptions()
         model = inspect_gcode(path, path.name, options, self.fleet.printers, self.state.files)
         scratch = self.state.work / "plan"
@@ -308,7 +308,7 @@ class Night:
                     print(error, file=sys.stderr)
 
 
-def parse(words: list[str] | None = None) -> argparse.Namespace:
+def parse_options(words: list[str] | None = None) -> argparse.Namespace:
     """Parse the options."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -333,7 +333,7 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
 
 
 def main() -> None:
-    args = parse()
+    args = parse_options()
     with tempfile.TemporaryDirectory(prefix="night-") as folder:
         if args.keep is not None:
             args.keep.mkdir(parents=True)

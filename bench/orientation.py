@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from bench.other_shapes import OTHER_SHAPES
-from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, models
+from bench.print_time_parts import ANYWHERE, COUNTS, PRINTER, list_models
 from bench.shapes import SHAPES
 from decompose.decompose import decompose_model
 from decompose.errors import DecomposeError
@@ -86,14 +86,14 @@ class Row:
         return min((t for t, stands in times if t is not None and (stands or not standing)), default=None)
 
 
-def parts(
+def list_parts(
     folder: Path | None, shapes: Shapes, cost: CostModel, room: PrinterRoom, count: int
 ) -> Iterator[tuple[str, Part]]:
     """Yield `count` parts: one of each decomposed model, then another of each, and so on."""
     draw = np.random.default_rng(2)
 
     def of_each() -> Iterator[list[tuple[str, Part]]]:
-        for name, model in models(folder, shapes):
+        for name, model in list_models(folder, shapes):
             for printers in COUNTS:
                 try:
                     found = decompose_model(model, [room] * printers, Options(prove=False), cost).parts
@@ -106,7 +106,9 @@ def parts(
     yield from islice((named for turn in turns for named in turn if named is not None), count)
 
 
-def sliced_s(folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: PartSettings) -> float | None:
+def slice_part(
+    folder: Path, cache: Path | None, part: Part, pose: Pose, chosen: PartSettings
+) -> float | None:
     """Slice a part in a pose; return CuraEngine's time in seconds, None where the slice is refused."""
     settings = resolve_settings(REQUEST, find_resources(), chosen)
     posed = Part(part.id, part.solid, pose.to_model, pose.price_s, part.printer)
@@ -137,7 +139,7 @@ def compare(
         raise SystemExit(f"{name} fits in no pose")
     axes = [measure_pose(vertices, faces, cut, rotation, cost) for rotation in POSE_ROTATIONS]
     fitting = [pose for pose in axes if room.fits(*pose.size_mm)]
-    time_of = partial(sliced_s, folder, cache, part)
+    time_of = partial(slice_part, folder, cache, part)
     chosen = PartSettings(None, ours.brim_width_mm, ours.layer_0_expansion_mm)
     return Row(
         part=name,
@@ -156,7 +158,7 @@ def compare(
     )
 
 
-def summary(rows: list[Row]) -> dict[str, Any]:
+def summarise(rows: list[Row]) -> dict[str, Any]:
     """Compute ratios over all parts: mean and worst."""
 
     def ratios(pairs: list[tuple[float | None, float | None]]) -> dict[str, float]:
@@ -195,10 +197,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(args.workers) as pool:
         one = partial(compare, room=room, cost=cost, folder=Path(scratch), cache=args.cache)
         rows = []
-        for row in pool.map(one, parts(args.models, shapes, cost, room, args.parts)):
+        for row in pool.map(one, list_parts(args.models, shapes, cost, room, args.parts)):
             rows.append(row)
             print(_line(row), file=sys.stderr if args.json else sys.stdout, flush=True)
-    result = summary(rows)
+    result = summarise(rows)
     if args.json:
         print(json.dumps(result, indent=1))
         return 0

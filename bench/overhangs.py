@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from bench.print_time_parts import ANYWHERE, PRINTER, kind_seconds
+from bench.print_time_parts import ANYWHERE, PRINTER, measure_kinds_s
 from drivers.printers import BEDS
 from farm.planning.parts.print_recipe import recipe
 from farm.planning.slicing_printers import slicing_printer
@@ -32,7 +32,7 @@ HEIGHT_MM, SIDE_MM = 20.0, 30.0
 BELOW_DEG, STEPS = 3.0, 6  # where the search begins, and how often it halves
 
 
-def leaning(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
+def make_leaning_block(angle_deg: float, yaw_deg: float) -> trimesh.Trimesh:
     """Make a block with one side that leans out from the vertical, turned on the bed."""
     out_mm = HEIGHT_MM * math.tan(math.radians(angle_deg))
     outline = [(0, 0), (SIDE_MM, 0), (SIDE_MM + out_mm, HEIGHT_MM), (0, HEIGHT_MM)]
@@ -47,10 +47,10 @@ def is_supported(block: trimesh.Trimesh, settings: EngineSettings, folder: Path)
     stl, out = folder / "block.stl", folder / "block.gcode"
     block.export(stl)
     slice_plate(PlateRequest(stl=stl, settings=settings, out=out, engine=find_engine(), bed=ANYWHERE))
-    return kind_seconds(out.read_text(encoding="utf-8"))["support_s"] > 0.0
+    return measure_kinds_s(out.read_text(encoding="utf-8"))["support_s"] > 0.0
 
 
-def row(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict[str, Any]:
+def find_angles(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict[str, Any]:
     """Find the largest angle without support and the smallest with support."""
     overrides = {"layer_height": layer_mm, "support_angle": angle_deg}
     settings = resolve_settings(
@@ -59,7 +59,7 @@ def row(layer_mm: float, angle_deg: float, yaw_deg: float, folder: Path) -> dict
     bare_deg, supported_deg = angle_deg - BELOW_DEG, angle_deg
     for _ in range(STEPS):
         middle_deg = (bare_deg + supported_deg) / 2.0
-        if is_supported(leaning(middle_deg, yaw_deg), settings, folder):
+        if is_supported(make_leaning_block(middle_deg, yaw_deg), settings, folder):
             supported_deg = middle_deg
         else:
             bare_deg = middle_deg
@@ -78,7 +78,7 @@ def main() -> int:
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        rows = [row(*case, yaw_deg, Path(folder)) for case in CASES for yaw_deg in YAWS_DEG]
+        rows = [find_angles(*case, yaw_deg, Path(folder)) for case in CASES for yaw_deg in YAWS_DEG]
     if args.json:
         print(json.dumps({"schema": 1, "rows": rows}, indent=1))
         return 0

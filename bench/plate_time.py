@@ -31,7 +31,7 @@ MODEL = "ultimaker2_plus"
 SIDES_MM = (10.0, 20.0, 40.0)
 
 
-def sliced(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResult:
+def slice_cube(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResult:
     """Slice a cube in the middle of the bed."""
     stl = folder / f"cube-{side_mm:g}.stl"
     cube = trimesh.creation.box((side_mm, side_mm, side_mm))
@@ -41,7 +41,7 @@ def sliced(side_mm: float, settings: EngineSettings, folder: Path) -> PlateResul
     return slice_plate(PlateRequest(stl, settings, stl.with_suffix(".gcode"), find_engine(), bed))
 
 
-async def printed(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnapshot:
+async def print_once(plate: PlateResult, folder: Path, clock: Clock) -> m.PrintSnapshot:
     """Print on a new emulator, cold and with parked filament; return the end of the print."""
     process = spawn_agent("bench", MODEL, f"sim://{MODEL}", folder, clock)
     client = AgentClient(folder)
@@ -81,9 +81,9 @@ def main() -> None:
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as name:
         for side_mm in SIDES_MM:
-            plate = sliced(side_mm, settings, Path(name))
+            plate = slice_cube(side_mm, settings, Path(name))
             folder = Path(name) / f"agent-{side_mm:g}"
-            end = asyncio.run(printed(plate, folder, Clock(options.scale, time.time())))
+            end = asyncio.run(print_once(plate, folder, Clock(options.scale, time.time())))
             if end.phase is not m.PrintPhase.DONE or end.ended_s is None or end.started_s is None:
                 raise SystemExit(f"the print ended {end.phase}: {end.reason}")
             reached_s = end.ended_s - end.started_s

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
-from bench.print_time_parts import ALWAYS, SETTINGS, Row, make, read, recipe_of, write
+from bench.print_time_parts import ALWAYS, SETTINGS, Row, make_recipe, make_table, read, write
 from decompose.print_time import ADDITIVE, FACTORS, SUPPORT, CostModel, time_terms
 
 Floats = npt.NDArray[np.float64]
@@ -51,7 +51,7 @@ class Table:
         self.printed = np.array([row.printed for row in rows])
         self.sliced_s = np.array([row.sliced_s for row in rows])
         self.kinds = {kind: np.array([getattr(row, kind) for row in rows]) for kind in KINDS}
-        recipes = {name: recipe_of(name) for name in SETTINGS}
+        recipes = {name: make_recipe(name) for name in SETTINGS}
         features = [_features(row, recipes[row.settings].brim_mm) for row in rows]
         each = {name: time_terms(recipe) for name, recipe in recipes.items()}
         seconds = [
@@ -114,7 +114,7 @@ def _features(row: Row, brim_mm: float) -> Floats:
     return np.array([*additive, row.height_mm, rim, ring, *supports])
 
 
-def summary(errors: Floats) -> dict[str, float]:
+def summarise(errors: Floats) -> dict[str, float]:
     size = np.abs(errors)
     return {
         "rows": len(errors),
@@ -125,7 +125,7 @@ def summary(errors: Floats) -> dict[str, float]:
     }
 
 
-def report(rows: Sequence[Row]) -> dict[str, Any]:
+def compute_report(rows: Sequence[Row]) -> dict[str, Any]:
     """Compute all figures: of parts as a plan prices them, and of the tables of the search."""
     table = Table(rows)
     every = np.ones(len(rows), dtype=np.bool_)
@@ -136,7 +136,7 @@ def report(rows: Sequence[Row]) -> dict[str, Any]:
     by_model = {str(model): table.printed & (table.models == model) for model in np.unique(table.models)}
 
     def figures(errors: Floats, masks: dict[str, npt.NDArray[np.bool_]]) -> dict[str, dict[str, float]]:
-        return {name: summary(errors[mask]) for name, mask in masks.items() if mask.any()}
+        return {name: summarise(errors[mask]) for name, mask in masks.items() if mask.any()}
 
     return {
         "schema": 1,
@@ -164,10 +164,10 @@ def main() -> int:
     if args.dataset and args.dataset.exists():
         rows = read(args.dataset)
     else:
-        rows = make(args.models, args.parts, args.workers, args.cache)
+        rows = make_table(args.models, args.parts, args.workers, args.cache)
         if args.dataset:
             write(args.dataset, rows)
-    figures = report(rows)
+    figures = compute_report(rows)
     if args.json:
         print(json.dumps(figures, indent=1))
         return 0

@@ -103,7 +103,7 @@ class Row:
     brim_s: float
 
 
-def settings_of(name: str) -> EngineSettings:
+def resolve_named_settings(name: str) -> EngineSettings:
     """Resolve one of SETTINGS."""
     quality, nozzle_mm, overrides = SETTINGS[name]
     request = SettingsRequest(
@@ -112,9 +112,9 @@ def settings_of(name: str) -> EngineSettings:
     return resolve_settings(request, find_resources())
 
 
-def recipe_of(name: str) -> Recipe:
+def make_recipe(name: str) -> Recipe:
     """Make the recipe of the cost for one of SETTINGS."""
-    return recipe(settings_of(name), prelude_s=0.0)
+    return recipe(resolve_named_settings(name), prelude_s=0.0)
 
 
 def write(path: Path, rows: Sequence[Row]) -> None:
@@ -141,7 +141,7 @@ def read(path: Path) -> list[Row]:
         ]
 
 
-def models(
+def list_models(
     folder: Path | None, shapes: Mapping[str, Callable[[], Solid]] = SHAPES
 ) -> Iterator[tuple[str, Model]]:
     """Return the models made here, and those of a folder that can be read and repaired."""
@@ -170,11 +170,11 @@ class Posed:
         return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-def parts(folder: Path | None, each: int) -> Iterator[Posed]:
+def list_parts(folder: Path | None, each: int) -> Iterator[Posed]:
     """Yield at most `each` parts of every model and number of printers, some also in another axis pose."""
-    cost = CostModel.from_recipe(recipe_of("glue"))
-    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], recipe_of("glue").brim_mm))
-    for name, model in models(folder):
+    cost = CostModel.from_recipe(make_recipe("glue"))
+    room = tuple(box.size_mm for box in part_room(PROFILES[PRINTER], make_recipe("glue").brim_mm))
+    for name, model in list_models(folder):
         for count in COUNTS:
             printers = [PrinterRoom(str(i), room) for i in range(count)]
             try:
@@ -198,7 +198,7 @@ def parts(folder: Path | None, each: int) -> Iterator[Posed]:
 
 def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row | None:
     """Slice one part at one setting; None where the slice is refused."""
-    settings = settings_of(setting)
+    settings = resolve_named_settings(setting)
     name = f"{posed.model}-{posed.part}-{setting}"
     stl, out = folder / f"{name}.stl", folder / f"{name}.gcode"
     write_stl(stl, posed.corners)
@@ -210,7 +210,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     except SlicingError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return None
-    kinds = kind_seconds(out.read_text(encoding="utf-8"))
+    kinds = measure_kinds_s(out.read_text(encoding="utf-8"))
     stl.unlink()
     out.unlink()
     cost = CostModel.from_recipe(recipe(settings, prelude_s=0.0))
@@ -222,7 +222,7 @@ def measure(posed: Posed, setting: str, folder: Path, cache: Path | None) -> Row
     return Row(posed.model, posed.part, posed.printed, setting, *figures, sliced_s, **kinds)
 
 
-def kind_seconds(gcode: str) -> dict[str, float]:
+def measure_kinds_s(gcode: str) -> dict[str, float]:
     """Compute the seconds of extrusion of each kind of line: length over speed, without acceleration."""
     seconds = dict.fromkeys(KINDS.values(), 0.0)
     kind, at, feed = "", dict.fromkeys("XYZEF", 0.0), 1.0
@@ -239,11 +239,11 @@ def kind_seconds(gcode: str) -> dict[str, float]:
     return seconds
 
 
-def make(folder: Path | None, each: int, workers: int, cache: Path | None) -> list[Row]:
+def make_table(folder: Path | None, each: int, workers: int, cache: Path | None) -> list[Row]:
     """Make the whole table."""
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(workers) as pool:
         work = []
-        for number, posed in enumerate(parts(folder, each)):
+        for number, posed in enumerate(list_parts(folder, each)):
             chosen = SETTINGS if number % 2 == 0 else ALWAYS
             work += [pool.submit(measure, posed, name, Path(scratch), cache) for name in chosen]
         return [row for future in work if (row := future.result()) is not None]

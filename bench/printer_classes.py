@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.print_time_parts import recipe_of
+from bench.print_time_parts import make_recipe
 from decompose.engines.guillotine import cut_by_guillotine
 from decompose.engines.guillotine.exact_search import cut_for_uniform_printers
 from decompose.errors import NoFit
@@ -40,7 +40,7 @@ from drivers.printers import PROFILES, part_room
 WIDE = 0.45
 
 
-def fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) -> tuple[PrinterRoom, ...]:
+def make_fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) -> tuple[PrinterRoom, ...]:
     """Make a fleet, in which the first 2+ have a wide nozzle."""
     factors = 1.0 + spread * np.linspace(-1.0, 1.0, plus + extended)
     np.random.default_rng(0).shuffle(factors)
@@ -53,7 +53,7 @@ def fleet(plus: int, extended: int, wide: int, spread: float, brim_mm: float) ->
     )
 
 
-def makespan_s(problem: Problem, found: Partition) -> float:
+def compute_makespan_s(problem: Problem, found: Partition) -> float:
     """Compute the end of the last part on the printers of a problem."""
     poses = [pose for pose in problem.find_poses(list(found.pieces)) if pose is not None]
     takers = assign_printers(poses, problem.printers)
@@ -62,7 +62,7 @@ def makespan_s(problem: Problem, found: Partition) -> float:
     return max(pose.price_s * taker.time_factor for pose, taker in zip(poses, takers, strict=True))
 
 
-def shared(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
+def make_equal(printers: Sequence[PrinterRoom]) -> tuple[PrinterRoom, ...]:
     """Make the same printers with the height of the lowest, and equally fast."""
     least = min((printer.boxes for printer in printers), key=lambda boxes: max(box[2] for box in boxes))
     return tuple(replace(printer, boxes=least, time_factor=1.0) for printer in printers)
@@ -72,14 +72,14 @@ def compare(path: Path, side_mm: float, problem: Problem) -> dict[str, Any]:
     """Compare both makespans for one model, None where it does not fit, with CPU seconds."""
     row: dict[str, Any] = {"model": path.stem, "side_mm": side_mm, "printers": len(problem.printers)}
     for name, printers, search in (
-        ("shared", shared(problem.printers), cut_for_uniform_printers),
+        ("shared", make_equal(problem.printers), cut_for_uniform_printers),
         ("unequal", problem.printers, cut_by_guillotine),
     ):
         began = process_time()
         row |= {f"{name}_s": None, f"{name}_parts": 0}
         with suppress(NoFit):
             found = search(replace(problem, printers=printers))
-            row |= {f"{name}_s": makespan_s(problem, found), f"{name}_parts": len(found.pieces)}
+            row |= {f"{name}_s": compute_makespan_s(problem, found), f"{name}_parts": len(found.pieces)}
         row[f"{name}_cpu_s"] = process_time() - began
     return row
 
@@ -98,9 +98,9 @@ def main() -> None:
     parser.add_argument("--cells", default="auto", help="as farm decompose --granularity")
     parser.add_argument("--json", action="store_true")
     asked = parser.parse_args()
-    recipe = recipe_of("paper")
+    recipe = make_recipe("paper")
     cost = CostModel.from_recipe(recipe)
-    printers = fleet(asked.plus, asked.extended, asked.wide, asked.spread, recipe.brim_mm)
+    printers = make_fleet(asked.plus, asked.extended, asked.wide, asked.spread, recipe.brim_mm)
     options = Options(Engine.GUILLOTINE, granularity=asked.cells, prove=False)
     rows = []
     with ThreadPoolExecutor(os.cpu_count()) as executor:

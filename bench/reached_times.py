@@ -37,7 +37,7 @@ class Row:
     error_with: float
 
 
-def rows(books: Books) -> Iterator[Row]:
+def list_rows(books: Books) -> Iterator[Row]:
     """Return a row for each printer with prints that count."""
     for name in sorted(books.printers):
         ended = sorted(
@@ -77,7 +77,7 @@ def main() -> None:
     if not path.is_file():
         sys.exit(f"{path}: there are no books; name a farm's state folder")
     with Store(path) as store:
-        found = list(rows(store.load()))
+        found = list(list_rows(store.load()))
     if arguments.json:
         print(json.dumps({"printers": [asdict(row) for row in found]}, indent=2))
         return

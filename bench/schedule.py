@@ -31,7 +31,7 @@ LOW = Capabilities(((-111.0, -104.0, 111.0, 102.0, 205.0),), "generic_pla", None
 TALL = Capabilities(((-111.0, -104.0, 111.0, 102.0, 305.0),), "generic_pla", None, 0.4)
 
 
-def fleet(count: int, busy: bool) -> list[FleetPrinter]:
+def make_fleet(count: int, busy: bool) -> list[FleetPrinter]:
     """Make a fleet, every third printer tall; where `busy`, every other one prints for some hours more."""
     return [
         FleetPrinter(
@@ -49,7 +49,7 @@ def fleet(count: int, busy: bool) -> list[FleetPrinter]:
     ]
 
 
-def queue(count: int, rng: random.Random) -> list[WaitingPlate]:
+def make_queue(count: int, rng: random.Random) -> list[WaitingPlate]:
     """Make the plates of ten jobs."""
     plates = []
     for number in range(count):
@@ -69,7 +69,7 @@ def queue(count: int, rng: random.Random) -> list[WaitingPlate]:
     return plates
 
 
-def best_ms(work: Callable[[], object]) -> float:
+def measure_best_ms(work: Callable[[], object]) -> float:
     """Return the best of three times, in ms."""
     times = []
     for _ in range(3):
@@ -89,8 +89,8 @@ def main() -> None:
     hours = Hours((parse_window("mon-fri 08:00-18:00"),), zone)
     house = StartRules(hours, Hours((), zone), first_layers_attended=False, max_heating=20)
     free = StartRules(Hours((), zone), Hours((), zone))
-    plates = queue(given.plates, random.Random(1))
-    busy, idle = fleet(given.printers, busy=True), fleet(given.printers, busy=False)
+    plates = make_queue(given.plates, random.Random(1))
+    busy, idle = make_fleet(given.printers, busy=True), make_fleet(given.printers, busy=False)
     unlimited = [replace(printer, grams=None) for printer in idle]
     seen = forecast(
         Situation(tuple(replace(plate, job=1) for plate in plates), tuple(unlimited), free, NOW_S)
@@ -99,8 +99,10 @@ def main() -> None:
         "schema": 1,
         "printers": given.printers,
         "plates": given.plates,
-        "assign_ms": best_ms(lambda: assign(Situation(tuple(plates), tuple(busy), house, NOW_S))),
-        "forecast_ms": best_ms(lambda: forecast(Situation(tuple(plates), tuple(unlimited), free, NOW_S))),
+        "assign_ms": measure_best_ms(lambda: assign(Situation(tuple(plates), tuple(busy), house, NOW_S))),
+        "forecast_ms": measure_best_ms(
+            lambda: forecast(Situation(tuple(plates), tuple(unlimited), free, NOW_S))
+        ),
         "over_bound": (seen.ends_s - NOW_S) / (seen.lower_bound_s - NOW_S) - 1,
     }
     if given.json:

@@ -30,7 +30,7 @@ MOVE = trimesh.transformations.translation_matrix
 ROOM = ((-1000.0, -1000.0, 1000.0, 1000.0, 1000.0),)
 
 
-def made() -> dict[str, trimesh.Trimesh]:
+def make_models() -> dict[str, trimesh.Trimesh]:
     """Make models that are difficult to slice: slopes, flats, holes, islands, hollows, thin walls."""
     create, difference = trimesh.creation, trimesh.boolean.difference
     pins = [create.cylinder(4, 25, transform=MOVE((x, 0, 13))) for x in (-18, -6, 6, 18)]
@@ -66,7 +66,7 @@ class Clock:
         return cls(time.process_time(), children.ru_utime + children.ru_stime)
 
 
-def one(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> dict[str, Any]:
+def check_model(name: str, mesh: trimesh.Trimesh, settings: EngineSettings, folder: Path) -> dict[str, Any]:
     """Slice and check a model in the middle of the bed."""
     mesh = mesh.copy()
     low, high = mesh.bounds
@@ -104,15 +104,15 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], help="KEY=VALUE of a Cura setting")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    models = {str(path): trimesh.load_mesh(path) for path in options.stl} or made()
+    models = {str(path): trimesh.load_mesh(path) for path in options.stl} or make_models()
     overrides = dict(pair.split("=", 1) for pair in options.set)
     wanted = SettingsRequest(
         slicing_printer(BEDS["ultimaker2_plus"]), options.quality, "generic_pla", options.nozzle, overrides
     )
     settings = resolve_settings(wanted, find_resources())
     with tempfile.TemporaryDirectory() as name:
-        one("first", trimesh.creation.box((5, 5, 5)), settings, Path(name))  # imports and caches
-        rows = [one(model, mesh, settings, Path(name)) for model, mesh in models.items()]
+        check_model("first", trimesh.creation.box((5, 5, 5)), settings, Path(name))  # imports and caches
+        rows = [check_model(model, mesh, settings, Path(name)) for model, mesh in models.items()]
     share = sum(row["check_cpu_s"] for row in rows) / sum(row["engine_cpu_s"] for row in rows)
     if options.json:
         print(json.dumps({"schema": 1, "share": round(share, 3), "models": rows}, indent=1))

@@ -50,7 +50,7 @@ class Outcome:
     cpu_s: float
 
 
-def move(at: int) -> bytes:
+def make_move(at: int) -> bytes:
     """Make the `at`-th line: a move of half a millimetre, different from its neighbours."""
     return b"G1 X%.2f Y%.1f E%.4f" % (100 + at % 2 * 0.5 + at % 7 * 0.01, 100 + at % 50 * 0.5, at * 0.02)
 
@@ -78,12 +78,12 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
         if not up and link.phase is Phase.LIVE:
             up = True
             link.send(now_s, *HEAD)
-            link.stream(now_s, lambda a, b: file_lines(a, b, lines), 0, lines + len(BARRIERS))
+            link.stream(now_s, lambda a, b: list_lines(a, b, lines), 0, lines + len(BARRIERS))
         elif up and link.drained:
             break
     machine = firmware.machine
     moves = machine.planner.moves - 1  # without that of the head
-    last = move(lines - 1)
+    last = make_move(lines - 1)
     ends = b"E%.4f" % machine.at[3] == last.split()[-1] and b"X%.2f" % machine.at[0] == last.split()[1]
     fed = abs(firmware.board.filament_mm - (lines - 1) * 0.02) < 1e-3
     return Outcome(
@@ -98,9 +98,9 @@ def soak(lines: int, damage: float, seed: int = 0) -> Outcome:
     )
 
 
-def file_lines(start: int, stop: int, lines: int) -> list[bytes]:
+def list_lines(start: int, stop: int, lines: int) -> list[bytes]:
     """Yield the lines of the file, and the barriers after it."""
-    return [move(at) for at in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
+    return [make_move(at) for at in range(start, min(stop, lines))] + [BARRIERS[0]] * max(
         0, stop - max(start, lines)
     )
 

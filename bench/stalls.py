@@ -188,7 +188,7 @@ class Outcome:
         return max(self.stalls_s, default=math.inf)
 
 
-def move(at: int) -> bytes:
+def make_move(at: int) -> bytes:
     """Make the `at`-th line: half a millimetre in 10 ms, different from its neighbours."""
     special = SPECIAL.get(at % EVERY_LINES)
     if special is not None:
@@ -274,7 +274,7 @@ def run(kind: Kind, faults: int, seed: int) -> Outcome:
     """Print with a number of faults of one kind."""
     rng = random.Random(seed)
     lines = (faults + 2) * EVERY_LINES
-    program = [*(move(at) for at in range(lines)), *TAIL]
+    program = [*(make_move(at) for at in range(lines)), *TAIL]
     firmware, link, tamperer = Recorder(rng), Link(ULTIMAKER2), Tamperer(kind, rng)
     link.poll_every_s = 0.2
     link.opened(0.0)

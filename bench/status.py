@@ -50,7 +50,7 @@ HOUR_S = 3600.0
 BOX = ((-40.0, -40.0, 0.2), (40.0, 40.0, 100.0))
 
 
-def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
+def make_job(number: int, jobs: int, printers: list[str], now_s: float) -> list[Entity]:
     """Make a job with parts, plates and prints: an old one, one without verdicts, or an open one."""
     waits = number > jobs - WAITING
     going = not waits and number > jobs - WAITING - GOING
@@ -87,7 +87,7 @@ def job_of(number: int, jobs: int, printers: list[str], now_s: float) -> list[En
     return [job, *entities]
 
 
-def snapshot(printer: str, books: Books) -> AgentSnapshot:
+def make_snapshot(printer: str, books: Books) -> AgentSnapshot:
     """Make the snapshot of an agent."""
     attempt = books.open_print_on(printer)
     said = None
@@ -114,11 +114,11 @@ async def measure(printers: int, jobs: int, times: int, folder: Path) -> dict[st
     controller = Controller(fleet, Store(folder / "farm.db"), clock, bed_boxes)
     controller.stopping = True  # nothing is scheduled: only the answer is measured
     now_s = clock.now()
-    entities = [entity for number in range(1, jobs + 1) for entity in job_of(number, jobs, names, now_s)]
+    entities = [entity for number in range(1, jobs + 1) for entity in make_job(number, jobs, names, now_s)]
     beds = [Printer(name=name, bed=Bed.NOT_CLEAR, filament=FilamentState.PARKED) for name in names]
     controller.books = Books.of([*entities, *beds])
     for name in names:
-        controller.telemetry.snapshots[name] = snapshot(name, controller.books)
+        controller.telemetry.snapshots[name] = make_snapshot(name, controller.books)
 
     async def down(now: bool) -> None:
         pass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.night import Night, parse
+from bench.night import Night, parse_options
 
 pytestmark = pytest.mark.system
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.system
 def test_a_night_loses_no_plate_and_prints_none_twice(tmp_path):
     """One print fails, one printer is unplugged, the daemon is killed, and for a while nobody is there."""
     night = "--printers 5 --plates 10 --moves 100 --away-h 0.5 --kills 1 --seed 1"
-    figures = Night(tmp_path, parse(night.split())).run()
+    figures = Night(tmp_path, parse_options(night.split())).run()
     assert (figures["done"], figures["lost"], figures["doubled"]) == (10, 0, 0), figures
     assert figures["failed"] >= 2, figures
     assert figures["daemon_killed"] == 1
