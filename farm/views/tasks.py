@@ -115,9 +115,9 @@ def _list_printer_tasks(context: ViewContext, section: PrinterSection, lost: boo
         ask = _ask_whole(context, name)
         since = ""
         if attention is not None and entry.attention_since_s is not None:
-            since = f" {datetime.fromtimestamp(entry.attention_since_s, context.fleet.zone):%H:%M}"
+            since = f" ({datetime.fromtimestamp(entry.attention_since_s, context.fleet.zone):%H:%M})"
         text = f"inspect {name}: {reason}; then `farm cleared {name}`{ask}"
-        yield api.Todo(code="look", printers=[name], text=text, brief=f"{name} {reason}{since}{ask}")
+        yield api.Todo(code="look", printers=[name], text=text, brief=f"{name}: {reason}{since}{ask}")
     elif attempt is not None:
         left_s, zone = context.remaining_s(attempt), context.fleet.zone
         yield from list_deadlines(attempt, context.reported_print(attempt), left_s, context.now_s, zone)

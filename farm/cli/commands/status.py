@@ -91,6 +91,9 @@ def history(
     if json:
         print_json(past)
         return
+    if not past.prints:
+        print("no print has ended")
+        return
     rows = make_table("ENDED", "PRINTER", "PART", "MODEL", "DURATION", "VS PLAN", "USED", "BY", "OUTCOME")
     for row in past.prints:
         done = row.state == "done" and row.expected_s

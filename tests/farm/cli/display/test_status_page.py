@@ -24,7 +24,7 @@ def shown(view, width=120):
 
 def test_it_begins_with_what_a_person_has_to_do_now():
     lines = shown(status_of(night_books()))
-    assert lines[1] == "DO NOW   clear 3 beds: um2-01..03     inspect: um2-04 it does not get warm 00:00"
+    assert lines[1] == "DO NOW   clear 3 beds: um2-01..03     inspect: um2-04: it does not get warm (00:00)"
     assert lines[2].startswith("NIGHT    3 of 5 plates printed, 1 failed, 1 still printing; 9 g + 1 g wasted")
     assert lines[3].startswith("JOB 1    bracket.stl: printed 3/5, good 0/3; expected 100 s, now ")
     table = [line.split() for line in lines if line.startswith("um2-")]
@@ -37,7 +37,7 @@ def test_a_printer_that_somebody_used_has_to_be_looked_at_and_says_since_when():
     books, _ = run(night_books(), doubt)
     lines = shown(status_of(books))
     assert lines[1].startswith(
-        "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03 used at its LCD 06:30, um2-04"
+        "DO NOW   clear 2 beds: um2-01..02     inspect: um2-03: used at its LCD (06:30), um2-04:"
     )
 
 
@@ -106,7 +106,7 @@ def test_things_to_do_share_a_line_only_where_it_is_long_enough():
     narrow = shown(status_of(night_books()), width=60)
     assert narrow[1:3] == [
         "DO NOW   clear 3 beds: um2-01..03",
-        "         inspect: um2-04 it does not get warm 00:00",
+        "         inspect: um2-04: it does not get warm (00:00)",
     ]
     books, _ = run(Books(), *(ev.PrinterAdded(at_s=0.0, printer=name, bed=Bed.CLEAR) for name in PRINTERS))
     assert shown(status_of(books))[1] == "DO NOW   nothing"
