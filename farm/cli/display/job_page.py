@@ -106,7 +106,7 @@ def _figures(view: api.JobView) -> list[tuple[str, str]]:
         amount = format_filament(view.grams, view.filament_mm, view.price, view.currency)
         rows.append(("filament", amount))
     if view.starved_share is not None and view.starved_share > _LEAST_STARVED_SHARE:
-        waited = f"simulated printers waited {view.starved_share:.1%} of the time for this computer"
+        waited = f"simulated printers waited {100 * view.starved_share:.1f} % of the time for this computer"
         rows.append(("times not valid", waited))
     return rows
 
@@ -121,7 +121,7 @@ def _times(view: api.JobView) -> list[tuple[str, str]]:
         ended = "parallel printing time, actual" if reached else "printed for"
         deviation = ""
         if reached and view.estimated_s:
-            deviation = f"  ({format_deviation(view.elapsed_s / view.estimated_s - 1)} of expected)"
+            deviation = f"  ({format_deviation(view.elapsed_s / view.estimated_s - 1)} vs expected)"
         rows.append(
             (ended if view.state.ended else "printing for", format_duration(view.elapsed_s) + deviation)
         )

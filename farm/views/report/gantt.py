@@ -9,7 +9,13 @@ from datetime import datetime, timedelta
 from farm import api
 from farm.model import PrintState, Verdict
 
-_WIDTH, _ROW, _LEFT, _TOP = 1000, 22, 110, 24  # px
+_WIDTH, _ROW, _LEFT, _RIGHT, _TOP = (
+    1000,
+    22,
+    110,
+    36,
+    24,
+)  # px; a mark of time needs half its width at the right
 _TICKS = 8  # marks of time, about
 _STEPS_S = (600, 1800, 3600, 7200, 14400, 28800, 86400, 172800, 604800)
 _OTHER_JOB = "another job"
@@ -27,14 +33,14 @@ COLOURS = {
 
 @dataclass(frozen=True, slots=True)
 class Bar:
-    """A print in the Gantt.
+    """Print in the Gantt.
 
     Attributes
     ----------
     kind
         A key of `COLOURS`.
     text
-        Shown when a mouse is over it.
+        Tooltip.
     """
 
     printer: str
@@ -47,7 +53,7 @@ class Bar:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """A mark of time, at x px."""
+    """Mark of time, at x px."""
 
     x: float
     text: str
@@ -55,7 +61,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A bar as it is drawn; lengths in px."""
+    """Bar with its place in the picture; lengths in px."""
 
     bar: Bar
     x: float
@@ -66,7 +72,7 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A printer's row, at y px."""
+    """Row of a printer, at y px."""
 
     printer: str
     y: int
@@ -93,7 +99,7 @@ class Gantt:
 
 
 def outcome_of(state: PrintState, verdict: Verdict | None) -> str:
-    """Name what became of a print, as a key of `COLOURS`."""
+    """Name the outcome of a print, as a key of `COLOURS`."""
     if state is PrintState.DONE:
         return str(verdict) if verdict else "printed"
     return str(state) if state.ended else "printing"
@@ -134,7 +140,7 @@ def lay_out_gantt(bars: Sequence[Bar]) -> Gantt | None:
 
     def x(at: datetime) -> float:
         share = (at - first).total_seconds() / span_s
-        return _LEFT + (_WIDTH - _LEFT - 10) * min(1.0, max(0.0, share))
+        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(1.0, max(0.0, share))
 
     def lay_out_bar(bar: Bar) -> Box:
         ink = "#333" if bar.kind in ("printing", _OTHER_JOB) else "#fff"

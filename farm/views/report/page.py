@@ -1,4 +1,4 @@
-"""Report of a job as one HTML page: figures, the Gantt of the fleet, failures and their reasons, parts.
+"""Report of a job as one HTML page: figures, Gantt of the fleet, failures with reasons, parts.
 
 The page is one file: its pictures are in it, and it loads nothing. The templates escape all text.
 """
@@ -21,7 +21,7 @@ from farm.views.report.gantt import Bar, lay_out_gantt, list_bars, outcome_of
 
 @dataclass(frozen=True, slots=True)
 class _Figure:
-    """A part on the page; `picture` as a data URL."""
+    """Part on the page; `picture` as a data URL."""
 
     part: api.PartView
     plate: api.PlateStatus
@@ -55,11 +55,11 @@ def render_page(
     job, others
         The job, and the prints of all jobs.
     now
-        The farm's time: prints that have not ended are drawn up to it.
+        The farm's time, up to which open prints are drawn.
     facts
-        Figures of the job, each with a name, as a person reads them.
+        Figures of the job, each with a name, as text.
     pictures
-        PNG of each part, by its id; a part without one is only named.
+        PNG of each part, by its id; a part without one has no picture.
     assembly
         PNG of all parts, pulled apart.
     """
@@ -77,7 +77,7 @@ def render_page(
 
 
 def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
-    """List part, printer, end, outcome and reason of every print that is of no use, by their ends."""
+    """List part, printer, end, outcome and reason of every failed, bad or cancelled print, by their ends."""
     failures = [
         (attempt.ended or "", attempt, outcome)
         for attempt in job.prints
@@ -109,7 +109,7 @@ def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) 
 
 
 def _compare_times(last: api.PrintView | None, expected_s: float) -> str:
-    """Write how long a part printed, and how long it was expected to."""
+    """Format the actual and expected printing time of a part."""
     if last is None or last.state is not PrintState.DONE or not (last.started and last.ended):
         return f"expected {format_duration(expected_s)}"
     reached = datetime.fromisoformat(last.ended) - datetime.fromisoformat(last.started)
