@@ -46,7 +46,7 @@ class MissingWords(Exception):
     """A name of the program that words.yaml does not explain, or the other way round."""
 
 
-def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+def make_table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Lay out a Markdown table."""
     lines = [list(headings)]
     lines.append(["---"] * len(lines[0]))
@@ -54,7 +54,7 @@ def table(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def explained(names: Iterable[str], section: str, words: dict[str, str]) -> list[tuple[str, str]]:
+def pair_with_words(names: Iterable[str], section: str, words: dict[str, str]) -> list[tuple[str, str]]:
     """Pair each name with its words.
 
     Raises
@@ -71,26 +71,26 @@ def explained(names: Iterable[str], section: str, words: dict[str, str]) -> list
     return [(f"`{name}`", words[name]) for name in known]
 
 
-def names_table(kind: type[Enum], section: str, words: dict[str, Any]) -> str:
+def make_names_table(kind: type[Enum], section: str, words: dict[str, Any]) -> str:
     """Lay out the members of an enumeration and what they mean."""
-    rows = explained((str(member.value) for member in kind), section, words[section])
-    return table(("name", "meaning"), rows)
+    rows = pair_with_words((str(member.value) for member in kind), section, words[section])
+    return make_table(("name", "meaning"), rows)
 
 
-def value_words(schema: dict[str, Any]) -> str:
+def describe_value(schema: dict[str, Any]) -> str:
     """Say in a few words which values a JSON schema allows."""
     if "$ref" in schema:
         name = str(schema["$ref"]).rpartition("/")[2]
         return "hours of the week" if name == "Window" else f"[{name}](#{name.lower()})"
     if "anyOf" in schema:
-        return " or ".join(value_words(one) for one in schema["anyOf"])
+        return " or ".join(describe_value(one) for one in schema["anyOf"])
     kind = str(schema.get("type", "anything"))
     if kind == "array":
         if "prefixItems" in schema:
             return f"{len(schema['prefixItems'])} numbers"
-        return f"list of {value_words(schema['items'])}"
+        return f"list of {describe_value(schema['items'])}"
     if kind == "object" and "additionalProperties" in schema:
-        return f"object of {value_words(schema['additionalProperties'])}"
+        return f"object of {describe_value(schema['additionalProperties'])}"
     plain = {"boolean": "true or false", "integer": "whole number", "string": "text"}.get(kind, kind)
     low = schema.get("minimum")
     limits = [f"from {low:g}"] if low is not None else []
@@ -99,7 +99,7 @@ def value_words(schema: dict[str, Any]) -> str:
     return " ".join([plain, *limits])
 
 
-def commands_page(_: dict[str, Any]) -> str:
+def write_commands_page(_: dict[str, Any]) -> str:
     """Describe every command and its options, as `farm COMMAND --help` does."""
     root: Any = typer.main.get_command(app)
     parts = [
@@ -114,7 +114,7 @@ def commands_page(_: dict[str, Any]) -> str:
         parts.append(f"## farm {name}\n{command.help}")
         rows = list(_options(command))
         if rows:
-            parts.append(table(("option", "default", "meaning"), rows))
+            parts.append(make_table(("option", "default", "meaning"), rows))
     return "\n\n".join(parts)
 
 
@@ -129,7 +129,7 @@ def _options(command: Any) -> Iterator[tuple[str, str, str]]:
         yield f"`{name}`", shown, getattr(param, "help", None) or ""
 
 
-def fleet_page(words: dict[str, Any]) -> str:
+def write_fleet_page(words: dict[str, Any]) -> str:
     """Describe every key of fleet.yaml."""
     models = ", ".join(f"`{model}`" for model in sorted(PROFILES))
     parts = [(FOLDER / "fleet-yaml.intro.md").read_text(encoding="utf-8").strip()]
@@ -141,13 +141,13 @@ def fleet_page(words: dict[str, Any]) -> str:
     )
     for title, section, model in sections:
         schema = model.model_json_schema()
-        keys = explained(schema["properties"], section, words["fleet_yaml"][section])
+        keys = pair_with_words(schema["properties"], section, words["fleet_yaml"][section])
         rows = []
         for (shown, meaning), name in zip(keys, schema["properties"], strict=True):
             field = schema["properties"][name]
-            value = "keys" if "$ref" in field else value_words(field).replace(" or null", "")
+            value = "keys" if "$ref" in field else describe_value(field).replace(" or null", "")
             rows.append((shown, value, _default(name, schema), meaning.format(models=models)))
-        parts.append(f"## {title}\n" + table(("key", "value", "default", "meaning"), rows))
+        parts.append(f"## {title}\n" + make_table(("key", "value", "default", "meaning"), rows))
     return "\n\n".join(parts)
 
 
@@ -160,7 +160,7 @@ def _default(name: str, schema: dict[str, Any]) -> str:
     return f"`{str(default).lower() if isinstance(default, bool) else default}`"
 
 
-def json_page(words: dict[str, Any]) -> str:
+def write_json_page(words: dict[str, Any]) -> str:
     """Describe the objects that `--json` prints."""
     fields = words["json_fields"]
     parts = [(FOLDER / "json.intro.md").read_text(encoding="utf-8").strip()]
@@ -184,13 +184,13 @@ def _fields(name: str, schema: dict[str, Any], words: dict[str, dict[str, str]])
     if left := sorted(set(own) - set(schema["properties"])):
         raise MissingWords(f"{WORDS}: {name} has no field {left[0]!r}: remove it from 'json_fields'")
     rows = [
-        (f"`{field}`", value_words(values), own.get(field) or words["any"].get(field, ""))
+        (f"`{field}`", describe_value(values), own.get(field) or words["any"].get(field, ""))
         for field, values in schema["properties"].items()
     ]
-    return table(("field", "value", "meaning"), rows)
+    return make_table(("field", "value", "meaning"), rows)
 
 
-def states_page(words: dict[str, Any]) -> str:
+def write_states_page(words: dict[str, Any]) -> str:
     """Explain the states of jobs, prints and printers."""
     parts = ["# States", "As `farm status` and `--json` name them."]
     for title, kind, section in (
@@ -200,18 +200,18 @@ def states_page(words: dict[str, Any]) -> str:
         ("The filament of a printer", FilamentState, "filaments"),
         ("The connection to a printer", Link, "links"),
     ):
-        parts.append(f"## {title}\n{names_table(kind, section, words)}")
+        parts.append(f"## {title}\n{make_names_table(kind, section, words)}")
     return "\n\n".join(parts)
 
 
-def lifecycles_page(words: dict[str, Any]) -> str:
+def write_lifecycles_page(words: dict[str, Any]) -> str:
     """Draw which event leads from which state to which, from the program's own tables."""
     parts = [(FOLDER / "lifecycles.intro.md").read_text(encoding="utf-8").strip()]
     parts += [f"## A {one.entity}\n```text\n{draw_lifecycle(one)}\n```" for one in LIFECYCLES]
     rows_of_all = (row for one in LIFECYCLES for row in (*one.transitions, *one.consequences))
     kinds = sorted({row.event for row in rows_of_all} | FARM_WIDE, key=lambda kind: kind.__name__)
-    rows = explained((kind.__name__ for kind in kinds), "events", words["events"])
-    parts.append("## Events\n" + table(("event", "what has happened"), rows))
+    rows = pair_with_words((kind.__name__ for kind in kinds), "events", words["events"])
+    parts.append("## Events\n" + make_table(("event", "what has happened"), rows))
     return "\n\n".join(parts)
 
 
@@ -231,32 +231,32 @@ def draw_lifecycle(lifecycle: Lifecycle) -> str:
     return "\n".join(lines)
 
 
-def holds_page(words: dict[str, Any]) -> str:
+def write_holds_page(words: dict[str, Any]) -> str:
     """Explain why a plate or a job waits."""
     intro = (
         "Why a plate or a job waits: `hold.code` in `--json`. `hold.text` says it of this case in a sentence."
     )
-    return f"# Hold codes\n\n{intro}\n\n{names_table(HoldCode, 'hold_codes', words)}"
+    return f"# Hold codes\n\n{intro}\n\n{make_names_table(HoldCode, 'hold_codes', words)}"
 
 
-def faults_page(words: dict[str, Any]) -> str:
+def write_faults_page(words: dict[str, Any]) -> str:
     """Explain why a print failed, and why a slice was refused."""
     parts = [
         "# Faults",
         "Why a print failed: `fault` in `--json`. `reason` says it of this case in a sentence.",
     ]
-    parts.append(f"## Seen at the printer\n{names_table(Fault, 'faults', words)}")
-    parts.append(f"## Said by the farm itself\n{names_table(OwnFault, 'own_faults', words)}")
+    parts.append(f"## Seen at the printer\n{make_names_table(Fault, 'faults', words)}")
+    parts.append(f"## Said by the farm itself\n{make_names_table(OwnFault, 'own_faults', words)}")
     parts.append(
         "## Rules that a slice must keep\nA slice that breaks one of them is refused by its name.\n\n"
-        + names_table(Rule, "slice_rules", words)
+        + make_names_table(Rule, "slice_rules", words)
     )
     return "\n\n".join(parts)
 
 
-def exit_codes_page(words: dict[str, Any]) -> str:
+def write_exit_codes_page(words: dict[str, Any]) -> str:
     """Explain what each exit code means, and which errors end with it."""
-    meanings = explained((code.name.lower() for code in ExitCode), "exit_codes", words["exit_codes"])
+    meanings = pair_with_words((code.name.lower() for code in ExitCode), "exit_codes", words["exit_codes"])
     rows = []
     for code, (_, meaning) in zip(ExitCode, meanings, strict=True):
         errors = ", ".join(f"`{error}`" for error in ErrorCode if EXIT_CODES[error] is code)
@@ -265,18 +265,18 @@ def exit_codes_page(words: dict[str, Any]) -> str:
         "Every mistake gets one line on stderr: `farm: what, where, what to do`. "
         "A job that failed names its error in `error` of `--json`."
     )
-    return f"# Exit codes\n\n{intro}\n\n" + table(("code", "meaning", "errors that end with it"), rows)
+    return f"# Exit codes\n\n{intro}\n\n" + make_table(("code", "meaning", "errors that end with it"), rows)
 
 
 PAGES = {
-    "commands.md": commands_page,
-    "fleet-yaml.md": fleet_page,
-    "json.md": json_page,
-    "states.md": states_page,
-    "lifecycles.md": lifecycles_page,
-    "hold-codes.md": holds_page,
-    "faults.md": faults_page,
-    "exit-codes.md": exit_codes_page,
+    "commands.md": write_commands_page,
+    "fleet-yaml.md": write_fleet_page,
+    "json.md": write_json_page,
+    "states.md": write_states_page,
+    "lifecycles.md": write_lifecycles_page,
+    "hold-codes.md": write_holds_page,
+    "faults.md": write_faults_page,
+    "exit-codes.md": write_exit_codes_page,
 }
 
 

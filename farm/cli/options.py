@@ -31,7 +31,7 @@ Printer = Annotated[str, typer.Argument(help="The printer.", autocompletion=comp
 Job = Annotated[int, typer.Argument(help="The job.", autocompletion=completion.jobs)]
 
 
-def placed(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
+def with_places(command: Callable[Concatenate[Places, P], None]) -> Callable[P, None]:
     """Give a command the options `--state`, `--socket` and `--fleet`.
 
     Parameters

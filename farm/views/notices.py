@@ -39,12 +39,12 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
         Keys of the notices that were sent.
     """
     found = [
-        *_alarms(books),
-        *_jobs(books),
-        *_parts(books),
-        *_losses(books),
-        *_restored(books),
-        *_nothing_left(books),
+        *_list_alarms(books),
+        *_list_jobs(books),
+        *_list_parts(books),
+        *_list_losses(books),
+        *_list_restored(books),
+        *_list_all_ended(books),
     ]
     wait_s = books.outage_window_s  # in both directions: the clock may have been set back
     due = (n for n in found if n.urgent or abs(now_s - n.at_s) >= wait_s)
@@ -52,14 +52,14 @@ def list_due_notices(books: Books, now_s: float, since_s: float, sent: Collectio
     return sorted(new, key=lambda one: (one.at_s, one.key))
 
 
-def _alarms(books: Books) -> Iterator[Notice]:
+def _list_alarms(books: Books) -> Iterator[Notice]:
     for printer in books.printers.values():
         if printer.alarm is not None and printer.alarm_s is not None:
             text = f"go to {printer.name} now: {printer.alarm}"
             yield Notice(f"alarm {printer.name} {printer.alarm_s:.3f}", printer.alarm_s, text, urgent=True)
 
 
-def _jobs(books: Books) -> Iterator[Notice]:
+def _list_jobs(books: Books) -> Iterator[Notice]:
     for job in books.jobs.values():
         if job.ended_s is None or job.options.dry_run:
             continue
@@ -76,17 +76,17 @@ def _jobs(books: Books) -> Iterator[Notice]:
             )
 
 
-def _parts(books: Books) -> Iterator[Notice]:
+def _list_parts(books: Books) -> Iterator[Notice]:
     for attempt in books.prints.values():
         failed = attempt.state is PrintState.FAILED and attempt.fault not in BY_PEOPLE
-        if not failed or attempt.ended_s is None or _in_outage(books, attempt.printer, attempt.ended_s):
+        if not failed or attempt.ended_s is None or _is_in_outage(books, attempt.printer, attempt.ended_s):
             continue
         part = books.plates[attempt.plate].parts[0]
         why = attempt.reason or attempt.fault
         yield Notice(f"print {attempt.id}", attempt.ended_s, f"{part} failed on {attempt.printer}: {why}")
 
 
-def _losses(books: Books) -> Iterator[Notice]:
+def _list_losses(books: Books) -> Iterator[Notice]:
     for outage in books.outages.values():
         text = f"{' '.join(outage.printers)} were lost at the same time; nothing starts before `farm resume`"
         yield Notice(f"outage {outage.id}", outage.at_s, text)
@@ -96,7 +96,7 @@ def _losses(books: Books) -> Iterator[Notice]:
         if (
             disconnected_at_s is None
             or (name, disconnected_at_s) in with_a_print
-            or _in_outage(books, name, disconnected_at_s)
+            or _is_in_outage(books, name, disconnected_at_s)
         ):
             continue
         yield Notice(
@@ -106,21 +106,21 @@ def _losses(books: Books) -> Iterator[Notice]:
         )
 
 
-def _restored(books: Books) -> Iterator[Notice]:
+def _list_restored(books: Books) -> Iterator[Notice]:
     moments = [p.restored_s for p in books.printers.values() if p.restored_s is not None]
     if moments:
         text = "the database was damaged and restored from a backup: clear every bed, then approve every job"
         yield Notice(f"restored {max(moments):.0f}", max(moments), text)
 
 
-def _nothing_left(books: Books) -> Iterator[Notice]:
+def _list_all_ended(books: Books) -> Iterator[Notice]:
     jobs = [job for job in books.jobs.values() if not job.options.dry_run]
     ended_s = max((job.ended_s for job in jobs if job.ended_s is not None), default=None)
     if ended_s is not None and not any(job.state in _LEFT_TO_DO for job in jobs):
         yield Notice(f"nothing left {ended_s:.0f}", ended_s, "all jobs have ended")
 
 
-def _in_outage(books: Books, printer: str, at_s: float) -> bool:
+def _is_in_outage(books: Books, printer: str, at_s: float) -> bool:
     """Tell whether a loss is part of an outage, which is one notice for all of its printers."""
     return any(
         printer in outage.printers

@@ -21,12 +21,12 @@ generate = load("generate")
 
 def test_a_name_without_words_is_refused_with_the_section():
     with pytest.raises(generate.MissingWords, match=r"'outage' under 'hold_codes'"):
-        generate.explained(["paused", "outage"], "hold_codes", {"paused": "It waits."})
+        generate.pair_with_words(["paused", "outage"], "hold_codes", {"paused": "It waits."})
 
 
 def test_words_without_a_name_are_refused():
     with pytest.raises(generate.MissingWords, match="no 'gone' any more"):
-        generate.explained(["paused"], "hold_codes", {"paused": "It waits.", "gone": "It is not."})
+        generate.pair_with_words(["paused"], "hold_codes", {"paused": "It waits.", "gone": "It is not."})
 
 
 def test_a_cell_cannot_break_its_table():
@@ -44,7 +44,7 @@ def test_a_cell_cannot_break_its_table():
     ],
 )
 def test_a_schema_is_said_in_words(schema: dict, words: str):
-    assert generate.value_words(schema) == words
+    assert generate.describe_value(schema) == words
 
 
 def test_a_terminal_picture_shows_the_output_and_loads_nothing():

@@ -15,7 +15,7 @@ from drivers.printers import PROFILES
 from farm.cli import completion
 from farm.cli.client import Client
 from farm.cli.display import print_notice
-from farm.cli.options import placed
+from farm.cli.options import with_places
 from farm.config import Fleet
 from farm.errors import DaemonUnreachable, FarmError
 from farm.fleet_file import load_fleet
@@ -27,7 +27,7 @@ _STOP_TIMEOUT_S = 180.0
 _READABLE_BY_ALL = 0o004
 
 
-@placed
+@with_places
 def up(
     places: Places,
     replace: Annotated[
@@ -112,7 +112,7 @@ def _start_daemon(places: Places, client: Client) -> None:
     raise FarmError(f"the daemon did not start: {last}; its log is {places.state.log}")
 
 
-@placed
+@with_places
 def daemon(places: Places) -> None:
     """Run the daemon in the foreground; `farm up` runs it in the background."""
     from farm.daemon import run
@@ -121,7 +121,7 @@ def daemon(places: Places) -> None:
     run(_load_fleet(places), places)
 
 
-@placed
+@with_places
 def down(
     places: Places,
     wait: Annotated[

@@ -17,7 +17,7 @@ from drivers.records import StartFile
 from farm.cli import completion
 from farm.cli.client import Report, StopReport, find_estop_socket, request_stop, serve_request
 from farm.cli.display.console import print_json
-from farm.cli.options import Json, placed
+from farm.cli.options import Json, with_places
 from farm.errors import FarmError, FleetFileError, NoSuchThing
 from farm.fleet_file import load_fleet
 from farm.paths import Places
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Stop = Callable[[Notify], StopResult]
 
 
-@placed
+@with_places
 def estop(
     places: Places,
     printers: Annotated[

@@ -13,7 +13,7 @@ from drivers.ports import NET
 from drivers.printers import PROFILES, firmware_of
 from farm.cli.client import Client
 from farm.cli.display import print_json
-from farm.cli.options import Json, placed
+from farm.cli.options import Json, with_places
 from farm.config import PrinterSection
 from farm.errors import ErrorCode, ExitCode, FarmError, NoSuchThing, Refused
 from farm.fleet_file import load_fleet
@@ -23,7 +23,7 @@ _MODEL = "ultimaker2_plus"
 _SCHEMA = 1  # of --json
 
 
-@placed
+@with_places
 def discover(
     places: Places,
     commission: Annotated[
@@ -130,7 +130,7 @@ def _commission(places: Places, sections: tuple[PrinterSection, ...], wanted: st
         )
 
 
-@placed
+@with_places
 def doctor(places: Places, json: Json = False) -> None:
     """Check database, files, agents, ports, CuraEngine, clock and disks, and say what to do.
 

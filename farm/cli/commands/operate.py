@@ -11,7 +11,7 @@ import typer
 from farm.api import Cleared, ClearedRequest, LoadRequest, PrinterView
 from farm.cli import completion
 from farm.cli.client import Client
-from farm.cli.options import Job, Printer, Why, placed
+from farm.cli.options import Job, Printer, Why, with_places
 from farm.errors import NoSuchThing
 from farm.model import FilamentState, HoldCode, Link
 from farm.paths import Places
@@ -53,7 +53,7 @@ def select_beds_to_clear(printers: Iterable[PrinterView]) -> list[str]:
     return [p.name for p in printers if p.print is None and p.hold is not None and p.state not in others]
 
 
-@placed
+@with_places
 def cleared(
     places: Places,
     printers: Annotated[
@@ -111,7 +111,7 @@ def _describe_part(request: ClearedRequest, answer: Cleared) -> list[str]:
     return [f"part {answer.good} is good" + ("" if reprints else " and will not be printed again"), *reprints]
 
 
-@placed
+@with_places
 def fail(places: Places, printer: Printer, why: Why = "") -> None:
     """End a failing print safely, and print its part again."""
     Client(places.socket).send_command(f"/printers/{printer}/fail", why)
@@ -120,7 +120,7 @@ def fail(places: Places, printer: Printer, why: Why = "") -> None:
     )
 
 
-@placed
+@with_places
 def reprint(
     places: Places,
     job: Job,
@@ -135,7 +135,7 @@ def reprint(
     print(f"part {name} will be printed again")
 
 
-@placed
+@with_places
 def cancel(
     places: Places,
     target: Target,
@@ -160,7 +160,7 @@ def _describe_ending(printing: list[str]) -> str:
     return f"; {' '.join(printing)}: the {prints} safely; remove the parts, then `farm cleared PRINTER`"
 
 
-@placed
+@with_places
 def pause(places: Places, targets: Targets) -> None:
     """Pause prints, or all of a job: the head moves aside, the nozzle cools, the bed stays warm.
 
@@ -176,7 +176,7 @@ def pause(places: Places, targets: Targets) -> None:
         print(f"{_format_target(target)}: {effect}; continue with `farm resume {target}`")
 
 
-@placed
+@with_places
 def resume(places: Places, targets: Resumed = None) -> None:
     """Resume what was paused; without a name, the whole farm after an outage."""
     client = Client(places.socket)
@@ -195,7 +195,7 @@ def _format_target(target: str) -> str:
     return f"job {target}" if target.isdigit() else target
 
 
-@placed
+@with_places
 def load(
     places: Places,
     printer: Printer,
@@ -214,7 +214,7 @@ def load(
     print(f"{printer}: {reel.material}{colours}{amount}, nozzle {reel.nozzle_mm:g} mm")
 
 
-@placed
+@with_places
 def maintenance(
     places: Places,
     printer: Printer,

@@ -29,7 +29,7 @@ from farm.cli.display import (
     retry_over_restart,
     show_job,
 )
-from farm.cli.options import Job, Json, placed
+from farm.cli.options import Job, Json, with_places
 from farm.errors import FarmError
 from farm.paths import Places
 from farm.text import format_count, format_duration, format_mass
@@ -39,7 +39,7 @@ _ALL = 100_000
 _PICTURE_PX = 220
 
 
-@placed
+@with_places
 def status(
     places: Places,
     job: Annotated[int | None, typer.Argument(help="Only this job.", autocompletion=completion.jobs)] = None,
@@ -74,7 +74,7 @@ def _watch(client: Client, number: int | None) -> None:
             live.update(retry_over_restart(draw), refresh=True)
 
 
-@placed
+@with_places
 def history(
     places: Places,
     job: Annotated[
@@ -115,7 +115,7 @@ def history(
     )
 
 
-@placed
+@with_places
 def report(
     places: Places,
     job: Job,

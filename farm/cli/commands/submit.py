@@ -22,7 +22,7 @@ from farm.cli.display import (
     show_submitted,
     show_timeline,
 )
-from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, placed
+from farm.cli.options import Job, Json, LongestSide, Quality, Scale, parse_printer_count, with_places
 from farm.errors import ErrorCode, FarmError, Refused
 from farm.model import Engine, JobOptions, JobState
 from farm.paths import Places
@@ -30,7 +30,7 @@ from farm.paths import Places
 _POLL_S = 0.5
 
 
-@placed
+@with_places
 def submit(
     places: Places,
     model: Annotated[Path, typer.Argument(help="STL, OBJ, PLY or OFF; or G-code, printed as one part.")],
@@ -156,7 +156,7 @@ def _show_dry_run(client: Client, number: int, json: bool) -> None:
     print_json(timeline) if json else show_timeline(timeline)
 
 
-@placed
+@with_places
 def approve(
     places: Places,
     job: Job,

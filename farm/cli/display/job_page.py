@@ -32,8 +32,8 @@ def show_submitted(view: api.JobView, wait: bool) -> None:
     """Print the changes to a submitted model and, unless the command waits, how to follow the job."""
     screen = open_console()
     screen.print(f"job {view.id}: {view.name} submitted")
-    for line in _changes(view):
-        screen.print(_change(line))
+    for line in _list_changes(view):
+        screen.print(_format_change(line))
     if not wait:
         if view.hold is not None:
             screen.print(f"  waits: {view.hold.text}")
@@ -54,18 +54,18 @@ def render_job(view: api.JobView) -> RenderableType:
     rows: list[RenderableType] = [Text(f"Job {view.id}: {view.name}, {view.state}", style=HEADING)]
     if view.reason:
         rows.append(Text(f"  {view.reason}", style=ERROR))
-    rows += [_change(line) for line in _changes(view)]
+    rows += [_format_change(line) for line in _list_changes(view)]
     rows += [
         Text(f"  plate {plate.id}: {line}", style=WARNING) for plate in view.plates for line in plate.warnings
     ]
     figures = Table.grid(padding=(0, 2, 0, 0))
     figures.add_column(no_wrap=True)
     figures.add_column(overflow="fold")
-    for name, figure in _figures(view):
+    for name, figure in _list_figures(view):
         figures.add_row(name, figure)
     rows.append(figures)
     if view.parts:
-        rows.append(_parts_table(view))
+        rows.append(_make_parts_table(view))
     if view.folder:
         rows.append(Text(f"files (STL and G-code of each part, a picture, a GLB): {view.folder}"))
     for one in view.prints:
@@ -74,21 +74,21 @@ def render_job(view: api.JobView) -> RenderableType:
             rows.append(
                 Text(f"part {one.part} on {one.printer}, {format_time(one.ended)}: {why}", style=ERROR)
             )
-    rows += _waiting_lines(view)
+    rows += _list_holds(view)
     return Group(*rows)
 
 
-def _changes(view: api.JobView) -> list[str]:
+def _list_changes(view: api.JobView) -> list[str]:
     """List the changes that the farm made to the model."""
     scaled = [f"Scaled by {view.scale:g}."] if view.scale is not None and view.scale != 1 else []
     return [*view.repairs, *scaled]
 
 
-def _change(line: str) -> Text:
+def _format_change(line: str) -> Text:
     return Text(f"  {line}", style=WARNING if line.startswith("Warning: ") else "")
 
 
-def _figures(view: api.JobView) -> list[tuple[str, str]]:
+def _list_figures(view: api.JobView) -> list[tuple[str, str]]:
     """List the figures of a job, each with its name."""
     rows: list[tuple[str, str]] = []
     if view.submitted_by is not None:
@@ -99,7 +99,7 @@ def _figures(view: api.JobView) -> list[tuple[str, str]]:
         rows.append(("plan", view.plan))
     if cached := sum(plate.cached for plate in view.plates):
         rows.append(("slices", format_cached(cached)))
-    rows += _times(view)
+    rows += _list_times(view)
     if view.wasted_s > 0:
         rows.append(("wasted", f"{format_duration(view.wasted_s)}, {format_mass(view.wasted_grams)}"))
     if view.grams is not None and view.filament_mm is not None:
@@ -111,7 +111,7 @@ def _figures(view: api.JobView) -> list[tuple[str, str]]:
     return rows
 
 
-def _times(view: api.JobView) -> list[tuple[str, str]]:
+def _list_times(view: api.JobView) -> list[tuple[str, str]]:
     """List how long a job takes, and how well it uses its printers."""
     rows: list[tuple[str, str]] = []
     if view.estimated_s is not None:
@@ -136,7 +136,7 @@ def _times(view: api.JobView) -> list[tuple[str, str]]:
     return rows
 
 
-def _parts_table(view: api.JobView) -> Table:
+def _make_parts_table(view: api.JobView) -> Table:
     rows = make_table("PART", "PRINTER", "STATE", "EXPECTED", "STARTED", "ENDED", "FILAMENT")
     plates = {plate.id: plate for plate in view.plates}
     for part in view.parts:
@@ -145,7 +145,7 @@ def _parts_table(view: api.JobView) -> Table:
         rows.add_row(
             part.id,
             plate.printer,
-            _part_state(part),
+            _format_part_state(part),
             format_duration(plate.estimated_s),
             format_time(last.started if last else None),
             format_time(last.ended if last else None),
@@ -154,7 +154,7 @@ def _parts_table(view: api.JobView) -> Table:
     return rows
 
 
-def _part_state(part: api.PartView) -> str:
+def _format_part_state(part: api.PartView) -> str:
     """Name the state of a part's last print, or the verdict on it."""
     prints = part.own_prints
     if not prints:
@@ -165,7 +165,7 @@ def _part_state(part: api.PartView) -> str:
     return state + attempt
 
 
-def _waiting_lines(view: api.JobView) -> list[RenderableType]:
+def _list_holds(view: api.JobView) -> list[RenderableType]:
     lines = []
     if view.hold is not None:
         lines.append(Text(f"job {view.id} waits: {view.hold.text}", style=WARNING))

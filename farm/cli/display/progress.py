@@ -54,7 +54,7 @@ def follow_job(client: Client, number: int, quiet: bool = False) -> api.JobStatu
             answer = retry_over_restart(lambda: client.job(number))
             view = answer.job
             lines.update(view)
-            share, text = _progress(view)
+            share, text = _format_progress(view)
             bar.update(task, completed=share, text=text)
             if JobState(view.state).ended:
                 return answer
@@ -102,7 +102,7 @@ class ProgressLines:
             self._screen.print(f"  {line}")
 
 
-def _progress(view: api.JobView) -> tuple[float, str]:
+def _format_progress(view: api.JobView) -> tuple[float, str]:
     if view.progress is not None:
         return view.progress.done / (view.progress.of or 1), format_planning(view.progress)
     if view.state != JobState.PRINTING or not view.estimated_s:

@@ -51,19 +51,19 @@ def render_status(view: api.Status, width: int) -> RenderableType:
     now = Text(f"{view.fleet.name}: {format_time(view.fleet.now)}", style=HEADING)
     if view.fleet.time_scale != 1:
         now.append(f"  (simulated, {view.fleet.time_scale:g} times faster)", style=NOTE)
-    rows: list[RenderableType] = [now, *_task_lines(view.todo, width)]
+    rows: list[RenderableType] = [now, *_list_task_lines(view.todo, width)]
     if view.night is not None:
-        rows.append(_line("NIGHT", format_night(view.night)))
+        rows.append(_format_line("NIGHT", format_night(view.night)))
     for job in view.jobs:
-        rows += _job_lines(job, width)
-    return Group(*rows, _printers_table(view.printers, datetime.fromisoformat(view.fleet.now)))
+        rows += _list_job_lines(job, width)
+    return Group(*rows, _make_printers_table(view.printers, datetime.fromisoformat(view.fleet.now)))
 
 
-def _line(head: str, text: str, style: str = HEADING) -> Text:
+def _format_line(head: str, text: str, style: str = HEADING) -> Text:
     return Text.assemble((head.ljust(_INDENT), style), text)
 
 
-def _task_lines(todo: list[api.Todo], width: int) -> list[Text]:
+def _list_task_lines(todo: list[api.Todo], width: int) -> list[Text]:
     """List all tasks of people, on as few lines as possible."""
     others = [item for item in todo if item.code not in _TASK_LABELS]
     tasks = [
@@ -76,10 +76,10 @@ def _task_lines(todo: list[api.Todo], width: int) -> list[Text]:
         briefs = [item.brief or item.text for item in todo if item.code == code]
         if briefs:
             tasks.append(f"{label}: {', '.join(briefs)}")
-    return _fold("DO NOW", tasks or ["nothing"], _TASK_GAP, width, URGENT)
+    return _fold_texts("DO NOW", tasks or ["nothing"], _TASK_GAP, width, URGENT)
 
 
-def _fold(head: str, texts: list[str], gap: str, width: int, style: str = HEADING) -> list[Text]:
+def _fold_texts(head: str, texts: list[str], gap: str, width: int, style: str = HEADING) -> list[Text]:
     """Put texts side by side on as few lines as possible."""
     lines: list[str] = []
     for text in texts:
@@ -88,7 +88,7 @@ def _fold(head: str, texts: list[str], gap: str, width: int, style: str = HEADIN
         else:
             lines.append(text)
     heads = [head, *[""] * len(lines)]
-    return [_line(one, text.rstrip(), style) for one, text in zip(heads, lines, strict=False)]
+    return [_format_line(one, text.rstrip(), style) for one, text in zip(heads, lines, strict=False)]
 
 
 def format_night(view: api.NightView) -> str:
@@ -104,23 +104,25 @@ def format_night(view: api.NightView) -> str:
     return f"{plates}{counts}; {format_mass(view.grams)}{waste}"
 
 
-def _job_lines(job: api.JobView, width: int) -> list[Text]:
-    first, *more = _job_facts(job)
+def _list_job_lines(job: api.JobView, width: int) -> list[Text]:
+    first, *more = _list_job_facts(job)
     facts = [f"{job.name[:_NAME_WIDTH]}: {first}", *more]
     texts = [f"{fact};" for fact in facts[:-1]] + facts[-1:]
-    lines = _fold(f"JOB {job.id}", texts, " ", width)
+    lines = _fold_texts(f"JOB {job.id}", texts, " ", width)
     if job.reason and job.state in (JobState.FAILED, JobState.PRINTING):
-        lines.append(_line("", job.reason, ERROR))
+        lines.append(_format_line("", job.reason, ERROR))
     waiting: dict[str, list[str]] = {}
     for plate in job.plates:
         if plate.hold is not None:
             waiting.setdefault(plate.hold.text, []).append(plate.id)
     for text, plates in waiting.items():
-        lines.append(_line("", f"{shorten_names(plates)} {'waits' if len(plates) == 1 else 'wait'}: {text}"))
+        lines.append(
+            _format_line("", f"{shorten_names(plates)} {'waits' if len(plates) == 1 else 'wait'}: {text}")
+        )
     return lines
 
 
-def _job_facts(job: api.JobView) -> list[str]:
+def _list_job_facts(job: api.JobView) -> list[str]:
     """List the progress and the figures of a job."""
     if job.progress is not None:
         return [format_planning(job.progress)]
@@ -149,7 +151,7 @@ def _job_facts(job: api.JobView) -> list[str]:
     return parts
 
 
-def _printers_table(printers: list[api.PrinterView], now: datetime) -> Table:
+def _make_printers_table(printers: list[api.PrinterView], now: datetime) -> Table:
     rows = make_table(*_HEADINGS)
     for printer in printers:
         part, ends, deviation = "", "", ""
@@ -169,10 +171,10 @@ def _printers_table(printers: list[api.PrinterView], now: datetime) -> Table:
             ends,
             deviation,
             f"{printer.time_factor:.2f}",
-            _reel(printer.reel),
-            _nozzle(printer),
-            _degrees(printer.bed_c, printer.targets.bed_c),
-            _action(printer),
+            _format_reel(printer.reel),
+            _format_nozzle(printer),
+            _format_degrees(printer.bed_c, printer.targets.bed_c),
+            _format_action(printer),
         )
     return rows
 
@@ -184,14 +186,14 @@ def _format_end(iso: str | None, now: datetime) -> str:
     return datetime.fromisoformat(iso).strftime("%H:%M")
 
 
-def _reel(reel: api.Reel) -> str:
+def _format_reel(reel: api.Reel) -> str:
     words = [reel.material.removeprefix("generic_").upper(), reel.colour or ""]
     if reel.grams is not None:
         words.append(f"{reel.grams:.0f}g")
     return " ".join(filter(None, words))
 
 
-def _action(printer: api.PrinterView) -> str:
+def _format_action(printer: api.PrinterView) -> str:
     """Say what a person has to do before the printer prints again."""
     if printer.state == PrintState.PAUSED:
         return "resume"
@@ -210,13 +212,13 @@ def _action(printer: api.PrinterView) -> str:
     return words.get(printer.hold.code, "")
 
 
-def _nozzle(printer: api.PrinterView) -> str:
+def _format_nozzle(printer: api.PrinterView) -> str:
     """Show the nozzle's size in mm, and its temperature while it is heated."""
-    heat = _degrees(printer.nozzle_c, printer.targets.nozzle_c) if printer.targets.nozzle_c else ""
+    heat = _format_degrees(printer.nozzle_c, printer.targets.nozzle_c) if printer.targets.nozzle_c else ""
     return f"{printer.reel.nozzle_mm:g} {heat}".rstrip()
 
 
-def _degrees(now_c: float | None, target_c: float | None) -> str:
+def _format_degrees(now_c: float | None, target_c: float | None) -> str:
     if now_c is None:
         return "-"
     return f"{now_c:.0f}" + (f"/{target_c:.0f}" if target_c else "") + "C"

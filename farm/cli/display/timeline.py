@@ -24,7 +24,7 @@ def render_timeline(view: api.Timeline) -> RenderableType:
     """Lay out the times, grams and prices of the plates, and the bar chart."""
     times = make_table("PARTS", "PRINTER", "STARTS", "ENDS", "DURATION", "GRAMS", "PRICE")
     for slot in view.slots:
-        duration_s = (_at(slot.ends) - _at(slot.starts)).total_seconds()
+        duration_s = (_parse_time(slot.ends) - _parse_time(slot.starts)).total_seconds()
         times.add_row(
             " ".join(slot.parts),
             slot.printer,
@@ -32,9 +32,9 @@ def render_timeline(view: api.Timeline) -> RenderableType:
             format_time(slot.ends),
             format_duration(duration_s),
             f"{slot.grams:.0f}",
-            _money(slot.price, view.currency),
+            _format_price(slot.price, view.currency),
         )
-    price = f", {_money(view.price, view.currency)}" if view.price is not None else ""
+    price = f", {_format_price(view.price, view.currency)}" if view.price is not None else ""
     rows: list[RenderableType] = [*map(Text, view.notices), times, Text()]
     rows += [Text(line) for line in draw_gantt(view.slots)]
     rows.append(Text())
@@ -53,15 +53,15 @@ def draw_gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
     """Draw a row for each printer with a bar for each plate, and a time axis below."""
     if not slots:
         return []
-    begin = min(_at(slot.starts) for slot in slots)
-    whole_s = max((_at(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
+    begin = min(_parse_time(slot.starts) for slot in slots)
+    whole_s = max((_parse_time(slot.ends) - begin).total_seconds() for slot in slots) or 1.0
     name_width = max(len(slot.printer) for slot in slots)
     lines = []
     for printer in sorted({slot.printer for slot in slots}):
         cells = [" "] * width
         for slot in (one for one in slots if one.printer == printer):
             first, last = (
-                round((_at(iso) - begin).total_seconds() / whole_s * width)
+                round((_parse_time(iso) - begin).total_seconds() / whole_s * width)
                 for iso in (slot.starts, slot.ends)
             )
             first = min(first, width - 1)
@@ -70,15 +70,15 @@ def draw_gantt(slots: list[api.SlotView], width: int = _WIDTH) -> list[str]:
                 bar = f"[{bar[1:-1]}]"
             cells[first : first + len(bar)] = bar[: max(1, last - first)]
         lines.append(f"{printer:<{name_width}}  {''.join(cells).rstrip()}")
-    ends = format_time(max(slots, key=lambda slot: _at(slot.ends)).ends)
+    ends = format_time(max(slots, key=lambda slot: _parse_time(slot.ends)).ends)
     starts = format_time(begin.isoformat())
     lines.append(f"{'':<{name_width}}  {starts}{ends:>{width - len(starts)}}")
     return lines
 
 
-def _at(iso: str) -> datetime:
+def _parse_time(iso: str) -> datetime:
     return datetime.fromisoformat(iso)
 
 
-def _money(price: float | None, currency: str | None) -> str:
+def _format_price(price: float | None, currency: str | None) -> str:
     return "-" if price is None else f"{price:.2f} {currency or ''}".strip()

@@ -98,7 +98,7 @@ class Gantt:
     bar_height: int = _ROW - 5
 
 
-def outcome_of(state: PrintState, verdict: Verdict | None) -> str:
+def name_outcome(state: PrintState, verdict: Verdict | None) -> str:
     """Name the outcome of a print, as a key of `COLOURS`."""
     if state is PrintState.DONE:
         return str(verdict) if verdict else "printed"
@@ -112,7 +112,7 @@ def list_bars(job: api.JobView, others: Sequence[api.HistoryRow], now: datetime)
         if attempt.started is None:
             continue
         end = datetime.fromisoformat(attempt.ended) if attempt.ended else now
-        kind = outcome_of(attempt.state, attempt.verdict)
+        kind = name_outcome(attempt.state, attempt.verdict)
         why = attempt.reason or attempt.why
         text = f"{attempt.part} on {attempt.printer}: {kind}" + (f", {why}" if why else "")
         number = attempt.part.rpartition("/")[2].removeprefix("p")

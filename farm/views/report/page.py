@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from farm import api
 from farm.model import PrintState
 from farm.text import format_duration
-from farm.views.report.gantt import Bar, lay_out_gantt, list_bars, outcome_of
+from farm.views.report.gantt import Bar, lay_out_gantt, list_bars, name_outcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
     failures = [
         (attempt.ended or "", attempt, outcome)
         for attempt in job.prints
-        if (outcome := outcome_of(attempt.state, attempt.verdict)) in ("failed", "bad", "cancelled")
+        if (outcome := name_outcome(attempt.state, attempt.verdict)) in ("failed", "bad", "cancelled")
     ]
     return [
         (
@@ -98,7 +98,7 @@ def _list_failures(job: api.JobView) -> list[tuple[str, ...]]:
 def _describe_part(part: api.PartView, job: api.JobView, picture: bytes | None) -> _Figure:
     plate = next(plate for plate in job.plates if plate.id == part.plate)
     prints = part.own_prints
-    outcome = outcome_of(prints[-1].state, prints[-1].verdict) if prints else "waiting"
+    outcome = name_outcome(prints[-1].state, prints[-1].verdict) if prints else "waiting"
     return _Figure(
         part=part,
         plate=plate,
