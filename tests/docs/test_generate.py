@@ -30,7 +30,7 @@ def test_words_without_a_name_are_refused():
 
 
 def test_a_cell_cannot_break_its_table():
-    assert generate.table(("a", "b"), [("1|2", "3")]).splitlines()[-1] == "| 1\\|2 | 3 |"
+    assert generate.make_table(("a", "b"), [("1|2", "3")]).splitlines()[-1] == "| 1\\|2 | 3 |"
 
 
 @pytest.mark.parametrize(
