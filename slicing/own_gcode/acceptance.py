@@ -10,7 +10,7 @@ from slicing.own_gcode.clearance import Clearance
 from slicing.own_gcode.extent import Extent
 from slicing.own_gcode.interpreter import Interpreter
 from slicing.own_gcode.machine import check_machine
-from slicing.own_gcode.survey import survey_lines
+from slicing.own_gcode.survey import INCOMPLETE, survey_lines
 from slicing.own_gcode.target import PrintTarget
 from slicing.own_gcode.writer import Stopwatch, Writer
 
@@ -97,6 +97,11 @@ def accept_gcode(lines: Iterable[bytes], target: PrintTarget, *, stopwatch: Stop
         interpreter.run_line(raw, number)
     interpreter.finish()
     extent = interpreter.head.extent
+    if found.filament is not None:
+        printed_mm = extent.filament_mm - extent.stray_mm
+        lost = found.filament.find_lost(printed_mm, target.filament_mm2, extent.lines)
+        if lost is not None:
+            raise GcodeRefused(f"{lost}: lines are missing; {INCOMPLETE}")
     ratio = _section_ratio(extent, writer.layers, target, line_mm)
     missing = (found.warning,) if found.warning is not None else ()
     warnings = missing + check_machine(found.machine, found.nozzle_mm, ratio, target)

@@ -7,6 +7,9 @@ from collections import defaultdict
 
 CLIPS_MM = 10.0
 """[assumed] Below it the head must keep off the bed's clips where it only travels, too."""
+MOST_PRIMED_MM = 1.0
+"""Filament that slicers push forth at one place, beyond what was drawn back, is less."""
+_NOTHING_MM = 0.001
 
 Corner = list[float]
 
@@ -22,8 +25,8 @@ class Extent:
         Of all moves up to the last one that printed.
     filament_mm
         Fed beyond what had been drawn back.
-    path_mm
-        Length of all printed lines.
+    path_mm, lines
+        Length and number of all printed lines.
     """
 
     def __init__(self) -> None:
@@ -31,6 +34,9 @@ class Extent:
         self.reach_low, self.reach_high = [math.inf] * 3, [-math.inf] * 3
         self.filament_mm = 0.0
         self.path_mm = 0.0
+        self.lines = 0
+        self._pushes = self._primes = 0  # of them, those where more comes than was drawn back
+        self._primed_mm = self._jumped_mm = 0.0
         self._went: list[Corner] = []  # since the last line that was printed
         self._fed_mm = 0.0
         self._flat_z = self._step_mm = 0.0
@@ -40,6 +46,23 @@ class Extent:
         """Record a move, which counts once something is printed after it."""
         self._went.append(target)
         self._fed_mm += max(0.0, fed_mm)
+
+    def push(self, fed_mm: float) -> None:
+        """Record that drawn back filament is pushed forth where the head stands, and so much more."""
+        self._pushes += 1
+        if fed_mm > MOST_PRIMED_MM:
+            self._jumped_mm += fed_mm
+        elif fed_mm > _NOTHING_MM:
+            self._primes += 1
+            self._primed_mm += fed_mm
+
+    @property
+    def stray_mm(self) -> float:
+        """Filament that comes where the head stands, and belongs to lines that are missing.
+
+        A slicer that primes does so at each push, or most.
+        """
+        return self._jumped_mm + (self._primed_mm if 2 * self._primes < self._pushes else 0.0)
 
     def rises(self, old: Corner, target: Corner) -> bool:
         """Tell whether a printed line lies higher than all before it, but is not the first."""
@@ -53,6 +76,7 @@ class Extent:
             self._flat_z = z
         self._path_on_step_mm[self._step_mm] += path_mm
         self.path_mm += path_mm
+        self.lines += 1
         self.filament_mm += self._fed_mm
         self._fed_mm = 0.0
         for point in self._went:

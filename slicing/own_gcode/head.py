@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from slicing.own_gcode.clearance import Clearance
-from slicing.own_gcode.extent import Extent
+from slicing.own_gcode.extent import MOST_PRIMED_MM, Extent
 from slicing.own_gcode.objections import Objections
 from slicing.own_gcode.writer import Writer
 from slicing.printer import PrintCode
@@ -19,8 +19,8 @@ MOST_SWALLOWED_MM = 0.3
 """Furthest that filament may be drawn back when a line begins: slicers push it forth before."""
 MOST_SECTION = 4.0
 """Of a line, as a multiple of the nozzle's diameter squared: more than any slicer's."""
-MOST_JUMP_MM = 1.0
-"""Filament that a move may feed beyond what was drawn back and what its line takes. Slicers prime by less;
+MOST_JUMP_MM = MOST_PRIMED_MM
+"""Filament that a move may feed beyond what was drawn back and what its line takes:
 where lines are missing from a file whose E counts on, all of their filament comes in one move."""
 MOST_DROP_MM = 10.0
 """Height by which the head is raised before it parks in a pause, or homes when cancelled."""
@@ -116,6 +116,8 @@ class Head:
         self._writer.move((x, y, z, pushed_mm, speed_mm_s * factor))
         fed_mm = pushed_mm - retracted_mm
         self._check_jump(old, target, fed_mm)
+        if pushed_mm > 0 and old == target:
+            self.extent.push(fed_mm)
         self.extent.go(target, fed_mm)
         prints = fed_mm > 0 and target != old
         if prints:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from slicing.errors import GcodeRefused
 from slicing.gcode_lines import parse_plain_move, split_line
 from slicing.own_gcode import command_rules
-from slicing.own_gcode.completeness import Completeness
+from slicing.own_gcode.completeness import Completeness, StatedFilament
 from slicing.own_gcode.machine import FOREIGN_START, Machine, find_machine
 
 FILAMENT_SLACK_MM = (-0.1, 0.2)
@@ -49,6 +49,8 @@ class Survey:
         The machine that it was sliced for.
     warning
         Layers that are missing in a file that is whole by its closing mark; None where there are none.
+    filament
+        What the slicer says that the layers take; None where it does not say.
     """
 
     ulticode: bool
@@ -58,6 +60,7 @@ class Survey:
     closed: bool
     machine: Machine
     warning: str | None
+    filament: StatedFilament | None
 
 
 def is_layer(comment: bytes) -> bool:
@@ -102,6 +105,7 @@ def survey_lines(lines: Iterable[bytes], filament_mm: float) -> Survey:
         marks_layers=bool(scan.layer),
         closed=bool(scan.completeness.closed(scan.prints)),
         warning=scan.completeness.warning(),
+        filament=scan.completeness.stated,
         machine=find_machine(scan.facts, _number(scan.facts, *_FILAMENT), scan.start),
     )
 
@@ -150,6 +154,8 @@ class _Scan:
         if code in ("G0", "G1", "G2", "G3"):
             if "E" in rest and ("X" in rest or "Y" in rest):
                 self.prints = number
+        elif code == "M221" and rest.split()[:1] != ["S100"]:
+            self.completeness.change_flow()
         elif not self.prints:
             self._read_start(code)
 

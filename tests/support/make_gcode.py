@@ -68,8 +68,8 @@ def marlin(layers=None, *, start=None, comments=True, relative=False, tail=None,
 
 def ultigcode(layers=None, nozzle="0.4", body=()):
     """As Cura writes for these printers: E in mm3, retractions by G10, nothing heated."""
-    lines = [";FLAVOR:UltiGCode", ";TIME:60", ";MATERIAL:99", ";MATERIAL2:0", f";NOZZLE_DIAMETER:{nozzle}"]
-    lines += [";Generated with Cura_SteamEngine 4.13.0", "M82", "G92 E0", "G10"]
+    lines = [";FLAVOR:UltiGCode", ";TIME:6666", ";MATERIAL:6666", ";MATERIAL2:0"]
+    lines += [f";NOZZLE_DIAMETER:{nozzle}", ";Generated with Cura_SteamEngine 4.13.0", "M82", "G92 E0", "G10"]
     layers = square() if layers is None else layers
     lines.append(f";LAYER_COUNT:{len(layers)}")
     e = 0.0

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from make_gcode import END, marlin, square, ultigcode
+from make_gcode import END, FILAMENT_MM2, marlin, square, ultigcode
 from own_gcode import body, fed, followed, refused, safe, take
 from slicing.errors import GcodeRefused
+from slicing.own_gcode.survey import survey_lines
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 COUNTED = [";LAYER_COUNT:100", *marlin(square(layers=100))]
@@ -137,6 +138,53 @@ def test_a_file_that_lost_layers_is_refused_though_its_end_is_whole(data):
         assert "layers, and" in take(hole).notices[-1]
     except GcodeRefused as refusal:
         assert re.search("lines are missing|names .* layers", str(refusal))
+
+
+def with_figures(slicer):
+    """A file with the figures that its slicer knows at the end, which Cura writes into its head."""
+    if slicer == "cura 5":
+        record = json.loads(gzip.decompress((FIXTURES / "engine-5.0.json.gz").read_bytes()))
+        [head] = re.findall(
+            r"Gcode header after slicing:\n(.*?)\n+End of gcode header", record["log"], re.DOTALL
+        )
+        return head.encode() + whole(slicer)[whole(slicer).index(b"\n\n;Generated") :]
+    if slicer == "ultigcode":
+        return whole(slicer).replace(b":6666\n;MATERIAL:6666", b":105\n;MATERIAL:246")
+    return whole(slicer)
+
+
+@pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer", "slic3r"])
+def test_the_filament_that_a_slicer_names_is_in_its_file(slicer):
+    lines = with_figures(slicer).splitlines(keepends=True)
+    assert survey_lines(lines, 2.85).filament is not None
+    safe(take(lines))
+
+
+@pytest.mark.parametrize("slicer", ["cura 5", "ultigcode", "prusaslicer"])
+@given(data=st.data())
+@settings(max_examples=25, deadline=None)
+def test_a_file_that_lost_any_of_its_layers_is_refused_where_it_names_its_filament(slicer, data):
+    """The last ones, and those of relative E, too."""
+    lines = with_figures(slicer).splitlines(keepends=True)
+    starts = [at for at, line in enumerate(lines) if line.startswith((b";LAYER:", b";LAYER_CHANGE"))]
+    starts.append(max(at for at, line in enumerate(lines) if line.startswith(b"G1 X") and b"E" in line) + 1)
+    first = data.draw(st.integers(0, len(starts) - 2))
+    last = data.draw(st.integers(first + 1, len(starts) - 1))
+    with pytest.raises(GcodeRefused):
+        take(lines[: starts[first] + 1] + lines[starts[last] :])
+
+
+def test_empty_layers_are_no_matter_where_all_filament_is_there():
+    said = [line.replace("COUNT:20", "COUNT:40") for line in ultigcode(square(layers=20))]
+    refused(said, "names 40 layers")
+    volume = round(take(ultigcode(square(layers=20))).filament_mm * FILAMENT_MM2)
+    figures = [line.replace("TIME:6666", "TIME:60").replace(":6666", f":{volume}") for line in said]
+    assert not any("layers" in line for line in take(figures).notices)
+    more = [line.replace(f":{volume}", f":{volume + 2}") for line in figures]
+    refused(more, rf"line 3 says that it takes {volume + 2} mm3 of filament, and {volume}")
+    flow = [*more[:-6], "M221 S101", *more[-6:]]  # more than its E says: there is nothing to compare
+    refused(flow, "names 40 layers")
+    assert take([line.replace("COUNT:40", "COUNT:20") for line in flow]).layers == 20
 
 
 def test_filament_for_lines_that_are_missing_is_refused_with_the_line():
