@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs the README's commands in a new Debian 12, where nothing is but what the README asks for, as an ordinary user
-# who may use sudo, on a clone of what is committed. Ends with what failed and what was skipped.
+# Runs the README's commands in a new Debian 12 that has only what the README asks for, as an ordinary user who may use
+# sudo, on a clone of the last commit. At the end it lists what failed and what was skipped.
 # usage, as root: deploy/fresh.sh [--no-shm] [--keep FOLDER] [TARGET...]     TARGET: of make; demo and test by default
 #
 # --no-shm leaves the new root without /dev/shm. --keep builds the root in FOLDER and leaves it there with what was
@@ -106,7 +106,7 @@ if ! command -v mmdebstrap >/dev/null; then
     install=(env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends mmdebstrap)
     "${install[@]}" >/dev/null || { apt-get update -qq && "${install[@]}" >/dev/null; } || fail "apt has no mmdebstrap."
 fi
-[[ -z $(git status --porcelain) ]] || say "What is not committed is not there: $(git rev-parse --short HEAD) is run."
+[[ -z $(git status --porcelain) ]] || say "Changes that are not committed are ignored: it runs $(git rev-parse --short HEAD)."
 
 scratch=$(mktemp -d /var/tmp/farm-fresh.XXXXXX)
 trap 'rm -rf --one-file-system "$scratch"' EXIT

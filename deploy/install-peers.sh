@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# What some tests talk to, without root, a compiler or a server on anybody's computer: OctoPrint's virtual printer and
+# Installs the peers of some tests, without root, compiler or server: OctoPrint's virtual printer and
 # Printrun in a virtual environment of their own, and in its folders Debian's ssh, ser2net and tcc, unpacked and not
-# installed. What cannot be had is said, and the tests that need it are skipped.
+# installed. It names what is not available; the tests that need it are skipped.
 # usage: install-peers.sh ENVIRONMENT
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -59,7 +59,7 @@ if [[ ! -f $ENVIRONMENT/.installed || $REQUIREMENTS -nt $ENVIRONMENT/.installed 
         touch "$ENVIRONMENT/.installed"
     else
         rm -rf "$ENVIRONMENT"
-        say "They are not to be had here: the tests that need them are skipped."
+        say "They are not available here: the tests that need them are skipped."
     fi
 fi
 
@@ -74,4 +74,4 @@ say "Unpacking Debian's ${missing[*]} into $ENVIRONMENT, for the tests ..."
 { command -v apt-get >/dev/null && unpack_programs "${packages[@]}"; } || true
 lacking=()
 for name in "${missing[@]}"; do [[ -x $ENVIRONMENT/bin/$name ]] || lacking+=("$name"); done
-((${#lacking[@]} == 0)) || say "Not to be had from apt: ${lacking[*]}. The tests that need them are skipped."
+((${#lacking[@]} == 0)) || say "Not available from apt: ${lacking[*]}. The tests that need them are skipped."

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# A virtual environment with Python 3.11; Debian keeps the venv module in a package of its own.
+# Makes a virtual environment with Python 3.11; in Debian the venv module is a separate package.
 set -euo pipefail
 venv=$1
 python=${PYTHON:-python3.11}

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# The tests that start no farm of real processes, with the newest Python here that every locked dependency has a wheel
-# for. One line, and no error, where there is none newer than 3.11.
+# Runs the tests that start no farm of real processes, with the newest Python here for which all locked dependencies have
+# wheels. Where there is none newer than 3.11 it prints one line and ends without an error.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -40,4 +40,4 @@ for version in 3.13 3.12; do
     cat "$venv/decompose.log"
     exit "$failed"
 done
-say "There is no Python newer than 3.11 that has all dependencies: nothing is run with one."
+say "There is no Python newer than 3.11 that has all dependencies: no test is run."
