@@ -18,7 +18,6 @@ from farm.scheduling.admission import (
 from farm.scheduling.assign import Assignment, assign
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import job_requirements
-from farm.scheduling.spares import spare_printers
 from farm.state.books import Books
 
 
@@ -127,12 +126,11 @@ def kept_printers(situation: Situation, replans: Iterable[StartReplan]) -> dict[
     replans
         The plates that are being replanned, and for which printers.
     """
-    spares = spare_printers(situation.printers, situation.planned, situation.spares)
     soon: Iterable[Assignment] = ()
     if situation.rules.max_heating is not None:  # as soon as another printer has heated up
         soon = assign(replace(situation, rules=replace(situation.rules, max_heating=None)))
     return {
-        **dict.fromkeys(spares, "a failed part (--spares)"),
+        **dict.fromkeys(situation.kept, "a failed part (--spares)"),
         **{each.printer: each.plate for each in soon},
         **{name: replan.plate for replan in replans for name in replan.printers},
     }

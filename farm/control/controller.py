@@ -25,6 +25,7 @@ from farm.model import (
     AgentSnapshot,
     Bed,
     Hold,
+    HoldCode,
     Job,
     JobState,
     PlanProgress,
@@ -95,7 +96,7 @@ class Controller:
         self._effects: Effects | None = None
         self._admission = JobAdmission()
         self._replanning = ReplanCoordinator()
-        self._forecast_cache = ForecastCache(self.rules, clock.scale)
+        self._forecast_cache = ForecastCache(clock.scale)
         self._refusals: Counter[str] = Counter()
         self._backup_failure: str | None = None
         self._job_holds: dict[int, Hold] = {}
@@ -236,12 +237,15 @@ class Controller:
             spares=self._spares(),
         ).without(held_back)
 
-    def _spares(self) -> int:
-        """Return how many printers are kept for what fails while nobody is there, by the printing jobs."""
-        if self.rules.is_attended(self.clock.now()):
-            return 0
-        jobs = self.books.jobs.values()
-        return max((job.options.spares for job in jobs if job.state is JobState.PRINTING), default=0)
+    def _expected_situation(self) -> Situation:
+        """Describe this moment to the forecast: nobody is expected to resume what a person has paused."""
+        codes = (HoldCode.PAUSED, HoldCode.STOPPED)
+        return self._situation({n: hold for n, hold in self._held_back().items() if hold.code in codes})
+
+    def _spares(self) -> dict[int, int]:
+        """Return how many printers each printing job has kept for what fails."""
+        jobs = (job for job in self.books.jobs.values() if job.state is JobState.PRINTING)
+        return {job.id: job.options.spares for job in jobs if job.options.spares}
 
     def _remind(self, printer: str | None) -> Iterator[ev.AnyInstruction]:
         """Yield what agents of open prints have to be told (again): they were away, or hours changed."""
@@ -387,7 +391,7 @@ class Controller:
             self.telemetry.snapshots,
             state,
             now_s,
-            ends_s=self._forecast_cache.ends_s(self.books, self.fleet_printers, now_s),
+            ends_s=self._forecast_cache.ends_s(self.books, self._expected_situation, now_s),
             startup_over=not self.is_starting(),
             progress=self.progress,
             warning=failure or self._backup_failure,

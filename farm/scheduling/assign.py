@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from farm.model import Hold
 from farm.scheduling.hold_reasons import HoldReasons
 from farm.scheduling.matching import WaitingPlate
+from farm.scheduling.plate_matching import Moment, match_plates, queue_of
 from farm.scheduling.situation import Situation
-from farm.scheduling.spares import spare_printers, takes_spare
-from farm.scheduling.start_rules import short_of_filament
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +55,8 @@ def find_holds(situation: Situation, assignments: Iterable[Assignment]) -> dict[
     """
     given = {each.plate: each.printer for each in assignments}
     starts, limit = _allowed_starts(situation), situation.rules.max_heating
-    kept = spare_printers(situation.printers, situation.planned, situation.spares)
-    reasons = HoldReasons(situation, frozenset(given.values()), kept, limit if len(given) >= starts else None)
+    full = limit if len(given) >= starts else None
+    reasons = HoldReasons(situation, frozenset(given.values()), situation.kept, full)
     places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
     for plate in situation.by_priority:
         if plate.id in given and plate.job in places:
@@ -78,81 +77,17 @@ def _allowed_starts(situation: Situation) -> int:
 
 
 def _match(situation: Situation) -> dict[str, WaitingPlate]:
-    """Match free printers with waiting plates; return the plate of each printer."""
-    free = sorted((p.name for p in situation.free), key=lambda n: situation.fleet[n].capabilities.height_mm)
-    if not free or not situation.waiting:
+    """Match free printers with waiting plates; return the plate of each printer that gets one."""
+    if not situation.free or not situation.waiting:
         return {}
-    kept = spare_printers(situation.printers, situation.planned, situation.spares)
-    matching = _Matching(situation, free, kept)
-    most = min(_allowed_starts(situation), len(free))
-    places = {plate.job: plate.places for plate in situation.waiting if plate.places is not None}
-    left: list[WaitingPlate] = []
-    for failed_too in (False, True):
-        for plate in left if failed_too else situation.by_priority:
-            if len(matching.taken) >= most:
-                return matching.taken
-            if places.get(plate.job) == 0:
-                left += [] if failed_too else [plate]
-            elif matching.place(plate, failed_too):
-                if plate.job in places:
-                    places[plate.job] -= 1
-            elif not failed_too:
-                left.append(plate)
-    return matching.taken
-
-
-class _Matching:
-    """A bipartite matching of plates and free printers that grows by augmenting paths."""
-
-    def __init__(self, situation: Situation, free: list[str], kept: frozenset[str]) -> None:
-        self.taken: dict[str, WaitingPlate] = {}
-        self._situation, self._free, self._kept = situation, free, kept
-        self._known: dict[str, list[str]] = {}
-
-    def place(self, plate: WaitingPlate, failed_too: bool) -> bool:
-        """Find a printer for a plate; where `failed_too`, also one on which it failed."""
-        if failed_too:
-            back = next((n for n in self._free if n not in self.taken and self._can(plate, n)), None)
-            if back is not None:
-                self.taken[back] = plate
-            return back is not None
-        return self._augment(plate, set())
-
-    def _augment(self, plate: WaitingPlate, seen: set[str]) -> bool:
-        choices = [name for name in self._choices(plate) if name not in seen]
-        for name in choices:
-            if name not in self.taken:
-                self.taken[name] = plate
-                return True
-        for name in choices:
-            if name not in seen:
-                seen.add(name)
-                if self._augment(self.taken[name], seen):
-                    self.taken[name] = plate
-                    return True
-        return False
-
-    def _choices(self, plate: WaitingPlate) -> list[str]:
-        """Return the printers that can take a plate now, the best first."""
-        if plate.id not in self._known:
-            fresh = [n for n in self._free if n not in plate.failed_on] or self._only(plate)
-            names = [name for name in fresh if self._can(plate, name)]
-            names.sort(
-                key=lambda name: (name != plate.planned, name in self._situation.planned)
-            )  # stable: the lowest
-            self._known[plate.id] = names
-        return self._known[plate.id]
-
-    def _only(self, plate: WaitingPlate) -> list[str]:
-        """Return all free printers where a plate failed on every one that matches, else none."""
-        others = (p for p in self._situation.fleet.values() if p.name not in plate.failed_on)
-        return [] if any(plate.requirements.matches(p.capabilities) for p in others) else self._free
-
-    def _can(self, plate: WaitingPlate, name: str) -> bool:
-        printer = self._situation.fleet[name]
-        return (
-            plate.requirements.matches(printer.capabilities)
-            and (name not in self._kept or takes_spare(plate, self._situation.fleet))
-            and short_of_filament(plate, printer, printer.grams) is None
-            and self._situation.can_start(plate, printer)
-        )
+    moment = Moment(
+        fleet=situation.fleet,
+        free=[printer.name for printer in situation.free],
+        planned=situation.planned,
+        kept=situation.kept,
+        places={plate.job: plate.places for plate in situation.waiting if plate.places is not None},
+        starts=_allowed_starts(situation),
+        rules=situation.rules,
+        now_s=situation.now_s,
+    )
+    return match_plates(queue_of(situation.by_priority), moment)

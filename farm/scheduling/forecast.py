@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from farm.model import Bed, FilamentState, HoldCode, Link
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
+from farm.scheduling.plate_matching import Moment, match_plates, queue_of
 from farm.scheduling.situation import Situation
-from farm.scheduling.start_rules import Start, StartRules, short_of_filament
+from farm.scheduling.spares import spare_printers
+from farm.scheduling.start_rules import StartRules, short_of_filament
 
 CLEARING_S = 900.0
 """Time in which a person clears a bed, once somebody is there."""
@@ -20,6 +24,8 @@ _COMING = (
     HoldCode.FILAMENT_UNKNOWN,
     HoldCode.REEL_DOUBTED,
 )
+_FARTHEST_S = 15 * 86400.0  # in which no plate starts, and none will
+_END, _HEATED, _READY, _HOURS = range(4)  # what changes, at one moment in this order
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,13 +53,13 @@ class Forecast:
 
 
 def forecast(situation: Situation, bounded: bool = True) -> Forecast:
-    """Forecast the prints of all waiting plates by list scheduling.
+    """Forecast the prints of all waiting plates: the farm's own decisions, one after the other.
 
-    Longest first, each plate goes to the printer where it ends soonest. Between two plates on a printer its
-    bed is cleared, for which somebody has to be there. Printers that are away or broken are not counted on,
-    unless there is no other. At most `max_heating` printers heat at once. Where all printers are alike and
-    free, the end is at most 4/3 of the least (Graham 1969, LPT), and the longest plate's end where there are
-    no more plates than printers.
+    Whenever a printer becomes free, a job gets a place, another printer has heated up or hours change, plates
+    are matched with printers by the code of `farm.scheduling.assign`. Between two plates on a printer its bed
+    is cleared, for which somebody has to be there. Printers that are away or broken are not counted on,
+    unless there is no other. Where all printers are alike and free, the end of a job is at most 4/3 of the
+    least (Graham 1969, LPT), and the longest plate's end where there are no more plates than printers.
 
     Parameters
     ----------
@@ -62,43 +68,164 @@ def forecast(situation: Situation, bounded: bool = True) -> Forecast:
     bounded
         Compute a lower bound better than now.
     """
-    turns, rules, now_s = situation.by_priority, situation.rules, situation.now_s
+    rules, now_s = situation.rules, situation.now_s
     fleet = list(situation.fleet.values())
     coming = [p for p in fleet if ((hold := p.obstacle()) and hold.code) in _COMING] or fleet
-    ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
-    grams = {p.name: p.grams for p in coming}
-    classes: dict[Capabilities, list[FleetPrinter]] = {}
-    for printer in coming:
-        classes.setdefault(printer.capabilities, []).append(printer)
-    can = {plate.id: _fitting(plate, classes, grams) for plate in turns}
-    bound_s = _lower_bound_s(turns, can, dict(ready_s), rules, now_s) if bounded else now_s
-    heating: list[tuple[float, float]] = []
-    slots: list[Slot] = []
-    left: list[str] = []
-    for plate in turns:
-        best = (math.inf, True, "", 0.0)
-        earliest = sorted((ready_s[p.name] + seconds_on(plate, p), p.name, p) for p in can[plate.id])
-        for least_s, _, printer in earliest:
-            if least_s > best[0]:
-                break  # nor would any after it end sooner
-            if short_of_filament(plate, printer, grams[printer.name]) is not None:
-                continue
-            start_s = _start_s(plate, printer, ready_s[printer.name], rules, heating)
-            if start_s is not None:
-                end_s = start_s + seconds_on(plate, printer)
-                best = min(best, (end_s, printer.name != plate.planned, printer.name, start_s))
-        end_s, _, name, start_s = best
-        if not name:
-            left.append(plate.id)
-            continue
-        slots.append(Slot(plate.id, name, start_s, end_s))
-        heating.append((start_s, start_s + plate.heating_s))
-        ready_s[name] = rules.bed_clear_s(end_s, CLEARING_S)
-        on_reel = grams[name]
-        grams[name] = None if on_reel is None else on_reel - plate.grams
-    slots.sort(key=lambda slot: (slot.starts_s, slot.printer))
+    simulation = _Simulation(situation, coming)
+    simulation.run()
+    slots = sorted(simulation.slots, key=lambda slot: (slot.starts_s, slot.printer))
+    left = tuple(plate.id for plates in simulation.queue.values() for plate in plates.values())
     ends_s = max((slot.ends_s for slot in slots), default=now_s)
-    return Forecast(tuple(slots), tuple(left), ends_s, min(bound_s, ends_s))
+    bound_s = now_s
+    if bounded:
+        started = {slot.plate for slot in slots}
+        plates = [plate for plate in situation.by_priority if plate.id in started]
+        ready_s = {p.name: _ready_s(p, rules, now_s) for p in coming}
+        bound_s = _lower_bound_s(plates, _fitting(plates, coming), ready_s, rules, now_s)
+    return Forecast(tuple(slots), left, ends_s, min(bound_s, ends_s))
+
+
+class _Simulation:
+    """The farm from now on, from one change to the next, with nothing unforeseen.
+
+    Printers that get no plate though they are free are `stuck`: no plate that waits can start on them until
+    hours or a job's places change.
+    """
+
+    def __init__(self, situation: Situation, coming: Sequence[FleetPrinter]) -> None:
+        self.slots: list[Slot] = []
+        self.queue = {
+            turn: {p.id: p for p in plates} for turn, plates in queue_of(situation.by_priority).items()
+        }
+        self._rules, self._now_s, self._spares = situation.rules, situation.now_s, dict(situation.spares)
+        self._left = Counter(plate.job for plate in situation.waiting)  # prints by job, with those under way
+        self._fleet = {printer.name: idle(printer) for printer in coming}
+        self._planned = Counter(plate.planned for plate in situation.waiting)
+        self._places = {p.job: p.places for p in situation.waiting if p.places is not None}
+        self._heating = 0
+        self._idle: set[str] = set()
+        self._stuck: set[str] = set()
+        self._changes: list[tuple[float, int, str, object]] = []
+        for printer in coming:
+            self._add_printer(printer)
+        starts_s = {p.not_before_s for p in situation.waiting if p.not_before_s is not None}
+        for at_s in starts_s:
+            self._push(at_s, _HOURS, "")
+
+    def _add_printer(self, printer: FleetPrinter) -> None:
+        now_s = self._now_s
+        if printer.booked:
+            self._left.update([printer.job] if printer.job is not None else [])
+            self._push(max(now_s, printer.free_s or now_s), _END, printer.job)
+        if printer.heating:
+            self._heating += 1
+            self._push(max(now_s, printer.heats_until_s or now_s), _HEATED, printer.name)
+        ready_s = _ready_s(printer, self._rules, now_s)
+        if ready_s <= now_s:
+            self._idle.add(printer.name)
+        else:
+            self._push(ready_s, _READY, printer.name)
+
+    def _push(self, at_s: float, kind: int, about: object) -> None:
+        if at_s >= self._now_s:
+            heapq.heappush(self._changes, (at_s, kind, str(about), about))
+
+    def run(self) -> None:
+        """Simulate until nothing waits, or nothing that waits can ever start."""
+        self._match()
+        edge_s, give_up_s = self._next_edge_s(), self._now_s + _FARTHEST_S
+        while self.queue:
+            change_s = self._changes[0][0] if self._changes else math.inf
+            if edge_s <= change_s:
+                if edge_s > give_up_s:
+                    return
+                self._now_s = edge_s
+                self._stuck.clear()
+                edge_s = self._next_edge_s()
+            elif change_s == math.inf:
+                return
+            else:
+                self._now_s, kind, _, about = heapq.heappop(self._changes)
+                self._apply(kind, about)
+            if self._match():
+                give_up_s = self._now_s + _FARTHEST_S
+
+    def _next_edge_s(self) -> float:
+        edges = (self._rules.attended.edge_s(self._now_s), self._rules.quiet.edge_s(self._now_s))
+        return min((edge_s for edge_s in edges if edge_s is not None), default=math.inf)
+
+    def _apply(self, kind: int, about: object) -> None:
+        if kind == _READY:
+            self._idle.add(str(about))
+        elif kind == _HEATED:
+            self._heating -= 1
+        elif kind == _END and isinstance(about, int):
+            self._end_print(about)
+        elif kind == _HOURS:
+            self._stuck.clear()
+
+    def _end_print(self, job: int) -> None:
+        self._left[job] -= 1
+        if not self._left[job] and self._spares.pop(job, 0):
+            self._stuck.clear()
+        if job in self._places:
+            self._places[job] += 1
+            self._stuck.clear()
+
+    def _match(self) -> bool:
+        """Let plates start that can; tell whether one did."""
+        if self._spares:
+            self._stuck.clear()  # which printers are kept changes with what waits
+        free = self._idle - self._stuck
+        most = self._rules.max_heating
+        starts = len(free) if most is None else max(0, most - self._heating)
+        if not free or not starts:
+            return False
+        planned = self._planned.keys()
+        moment = Moment(
+            fleet=self._fleet,
+            free=sorted(free),
+            planned=planned,
+            kept=self._kept(planned),
+            places=self._places,
+            starts=starts,
+            rules=self._rules,
+            now_s=self._now_s,
+        )
+        queue = {turn: plates.values() for turn, plates in self.queue.items()}
+        taken = match_plates(queue, moment)
+        for name, plate in taken.items():
+            self._start(plate, name)
+        if len(taken) < starts:
+            self._stuck |= free - taken.keys()
+        return bool(taken)
+
+    def _kept(self, planned: Collection[str]) -> frozenset[str]:
+        if not self._spares or self._rules.is_attended(self._now_s):
+            return frozenset()
+        most = max(self._spares.values())
+        return spare_printers((self._fleet[name] for name in self._idle), planned, most)
+
+    def _start(self, plate: WaitingPlate, name: str) -> None:
+        printer = self._fleet[name]
+        end_s = self._now_s + seconds_on(plate, printer)
+        self.slots.append(Slot(plate.id, name, self._now_s, end_s))
+        self._idle.discard(name)
+        if printer.grams is not None:
+            self._fleet[name] = replace(printer, grams=printer.grams - plate.grams)
+        self._heating += 1
+        self._push(self._now_s + plate.heating_s, _HEATED, name)
+        self._push(end_s, _END, plate.job)
+        self._push(self._rules.bed_clear_s(end_s, CLEARING_S), _READY, name)
+        if plate.job in self._places:
+            self._places[plate.job] -= 1
+        self._planned[plate.planned] -= 1
+        if not self._planned[plate.planned]:
+            del self._planned[plate.planned]
+        plates = self.queue[plate.turn]
+        del plates[plate.id]
+        if not plates:
+            del self.queue[plate.turn]
 
 
 def idle(printer: FleetPrinter) -> FleetPrinter:
@@ -129,34 +256,22 @@ def _ready_s(printer: FleetPrinter, rules: StartRules, now_s: float) -> float:
 
 
 def _fitting(
-    plate: WaitingPlate,
-    classes: Mapping[Capabilities, Sequence[FleetPrinter]],
-    grams: Mapping[str, float | None],
-) -> list[FleetPrinter]:
-    """Return the printers that hold a plate and have enough on their reels."""
-    fitting = (
-        printer for each, own in classes.items() if plate.requirements.matches(each) for printer in own
-    )
-    return [printer for printer in fitting if short_of_filament(plate, printer, grams[printer.name]) is None]
-
-
-def _start_s(
-    plate: WaitingPlate,
-    printer: FleetPrinter,
-    from_s: float,
-    rules: StartRules,
-    heating: Sequence[tuple[float, float]],
-) -> float | None:
-    """Return the first moment when hours and the heating limit let a plate start on a printer."""
-    while True:
-        start: Start = rules.find_start(plate, printer, from_s)
-        if start.at_s is None or rules.max_heating is None:
-            return start.at_s
-        at_s = start.at_s
-        ends = sorted(end for begin, end in heating if begin < at_s + plate.heating_s and end > at_s)
-        if len(ends) < rules.max_heating:
-            return at_s
-        from_s = ends[len(ends) - rules.max_heating]
+    plates: Iterable[WaitingPlate], printers: Iterable[FleetPrinter]
+) -> dict[str, list[FleetPrinter]]:
+    """Return the printers that hold each plate and have enough on their reels."""
+    kinds: dict[Capabilities, list[FleetPrinter]] = {}
+    for printer in printers:
+        kinds.setdefault(printer.capabilities, []).append(printer)
+    return {
+        plate.id: [
+            printer
+            for kind, own in kinds.items()
+            if plate.requirements.matches(kind)
+            for printer in own
+            if short_of_filament(plate, printer, printer.grams) is None
+        ]
+        for plate in plates
+    }
 
 
 def _lower_bound_s(

@@ -61,7 +61,9 @@ class FleetPrinter:
     maintenance: str | None = None  # why a person has taken it out of use
     heating: bool = False
     free_s: float | None = None  # when its print should end, as expected when it began
-    grams: float | None = None  # on its reel; None: nobody said
+    job: int | None = None  # whose plate it prints
+    heats_until_s: float | None = None  # where it heats, as expected
+    grams: float | None = None  # on its reel, without what its print takes; None: nobody said
     reel_doubted: bool = False  # there may be less on it
     time_factor: float = 1.0  # as learned
     unattended: bool = True  # it may print while nobody is there
@@ -170,4 +172,9 @@ class WaitingPlate:
     @property
     def priority_key(self) -> tuple[int, int, float, str]:
         """Sort key: priority, order of submission, then the longest, which decides when its job ends."""
-        return -self.priority, self.job, -self.expected_s, self.id
+        return *self.turn, -self.expected_s, self.id
+
+    @property
+    def turn(self) -> tuple[int, int]:
+        """Sort key of its job."""
+        return -self.priority, self.job

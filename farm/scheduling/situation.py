@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from farm.scheduling.matching import FleetPrinter, WaitingPlate
+from farm.scheduling.spares import spare_printers
 from farm.scheduling.start_rules import StartRules
 
 
@@ -27,7 +28,8 @@ class Situation:
     time_scale
         Farm seconds in a wall second; work in the daemon's own processes takes wall seconds.
     spares
-        Free printers that are kept for plates that failed elsewhere (`--spares`).
+        By job that is printed, how many free printers it has kept for what fails while nobody is there
+        (`--spares`).
     """
 
     waiting: tuple[WaitingPlate, ...]
@@ -35,7 +37,7 @@ class Situation:
     rules: StartRules
     now_s: float
     time_scale: float = 1.0
-    spares: int = 0
+    spares: Mapping[int, int] = field(default_factory=dict)
 
     @cached_property
     def fleet(self) -> dict[str, FleetPrinter]:
@@ -56,6 +58,13 @@ class Situation:
     def free(self) -> tuple[FleetPrinter, ...]:
         """Return the printers that are idle and clear, by name."""
         return tuple(printer for printer in self.fleet.values() if printer.obstacle() is None)
+
+    @cached_property
+    def kept(self) -> frozenset[str]:
+        """Return the free printers that are kept for plates that failed elsewhere."""
+        if not self.spares or self.rules.is_attended(self.now_s):
+            return frozenset()
+        return spare_printers(self.printers, self.planned, max(self.spares.values()))
 
     def can_start(self, plate: WaitingPlate, printer: FleetPrinter) -> bool:
         """Tell whether hours and start times let a plate start on a printer now."""

@@ -13,7 +13,7 @@ from itertools import chain
 
 from drivers.printers import PROFILES
 from farm.config import PrinterSection
-from farm.model import AgentSnapshot, Job, JobState, Link, Plate, Print, PrintState
+from farm.model import AgentSnapshot, Job, JobState, Link, Plate, Print, Printer, PrintState
 from farm.scheduling.matching import Box, Capabilities, FleetPrinter, Requirements, WaitingPlate
 from farm.scheduling.plate_holds import may_hold_back
 from farm.scheduling.situation import Situation
@@ -48,7 +48,9 @@ def _describe_printer(
         maintenance=entry.maintenance,
         heating=attempt is not None and attempt.state in (PrintState.ASSIGNED, PrintState.HEATING),
         free_s=None if attempt is None else _expected_end_s(books, attempt, entry.time_factor),
-        grams=entry.reel.grams if entry.reel is not None else None,
+        job=None if attempt is None else attempt.job,
+        heats_until_s=None if attempt is None else _begun_s(attempt) + books.plates[attempt.plate].prelude_s,
+        grams=_free_grams(books, entry, attempt),
         reel_doubted=entry.reel is not None and entry.reel.doubted,
         time_factor=entry.time_factor,
         unattended=section.unattended and verified,
@@ -56,10 +58,20 @@ def _describe_printer(
     )
 
 
+def _free_grams(books: Books, entry: Printer, attempt: Print | None) -> float | None:
+    """Return the grams on a reel that its print, where there is one, leaves; None where nobody said."""
+    if entry.reel is None or entry.reel.grams is None or attempt is None:
+        return None if entry.reel is None else entry.reel.grams
+    return max(0.0, entry.reel.grams - books.plates[attempt.plate].grams)
+
+
+def _begun_s(attempt: Print) -> float:
+    return attempt.started_s if attempt.started_s is not None else attempt.assigned_s
+
+
 def _expected_end_s(books: Books, attempt: Print, factor: float) -> float:
     """Return when a print should end by its plate's time: in whole minutes, so that it changes seldom."""
-    begun_s = attempt.started_s if attempt.started_s is not None else attempt.assigned_s
-    return math.ceil((begun_s + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
+    return math.ceil((_begun_s(attempt) + books.plates[attempt.plate].expected_on(factor)) / 60) * 60.0
 
 
 class SituationBuilder:

@@ -181,9 +181,14 @@ class StartRules:
         return (then[0] if then is not None else ended_s) + clearing_s
 
 
+def needed_grams(plate: WaitingPlate) -> float:
+    """Return the grams that a reel must have for a plate, with the reserve."""
+    return max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
+
+
 def short_of_filament(plate: WaitingPlate, printer: FleetPrinter, grams: float | None) -> Hold | None:
     """Return a hold where a reel has too few grams for a plate; None where it has enough, or is unknown."""
-    needed = max(plate.grams * GRAMS_SHARE, plate.grams + GRAMS_LEAST)
+    needed = needed_grams(plate)
     if grams is None or grams >= needed:
         return None
     has, needs = f"{printer.name} has {grams:.0f} g", f"needs {needed:.0f} g"

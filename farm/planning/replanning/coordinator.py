@@ -15,7 +15,7 @@ from farm.scheduling.hold_reasons import join_names
 from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
 from farm.scheduling.situation import Situation
 from farm.scheduling.situation_builder import describe_plates
-from farm.scheduling.spares import spare_printers, takes_spare
+from farm.scheduling.spares import takes_spare
 from farm.state import events as ev
 from farm.state.books import Books
 
@@ -92,14 +92,13 @@ class ReplanCoordinator:
         reserved = {name for replan in self._running.values() for name in replan.printers}
         free = [printer for printer in situation.free if printer.name not in reserved]
         holds = find_holds(situation, ()) if free else {}
-        kept = spare_printers(situation.printers, situation.planned, situation.spares)
         for view in situation.by_priority:
             plate = books.plates[view.id]
             if not free or view.id in self._running or not _may_be_replanned(books, plate):
                 continue
             if view.id not in holds or not policy.waits_for_its_printer_kind(holds[view.id].code):
                 continue
-            candidates = [p for p in free if self._is_candidate(plate, view, p, situation, kept)]
+            candidates = [p for p in free if self._is_candidate(plate, view, p, situation)]
             reslice = policy.choose_reslice(view, situation, candidates)
             if reslice is not None:
                 yield self._start(plate, (reslice.printer,), cut=False)
@@ -111,10 +110,9 @@ class ReplanCoordinator:
         view: WaitingPlate,
         printer: FleetPrinter,
         situation: Situation,
-        kept: frozenset[str],
     ) -> bool:
         untried = _tried_key(plate, printer.capabilities) not in self._tried
-        return untried and (printer.name not in kept or takes_spare(view, situation.fleet))
+        return untried and (printer.name not in situation.kept or takes_spare(view, situation.fleet))
 
     def finish(
         self, name: str, result: ReplannedPlate | FarmError, books: Books, situation: Situation

@@ -119,7 +119,7 @@ def choose_recut(plate: WaitingPlate, situation: Situation) -> Recut | None:
         The moment.
     """
     others = tuple(other for other in situation.waiting if other.id != plate.id)
-    taken = {given.printer for given in assign(replace(situation, waiting=others, spares=0))}
+    taken = {given.printer for given in assign(replace(situation, waiting=others, spares={}))}
     layers_s = plate.expected_s - plate.heating_s
     piece = replace(plate, expected_s=plate.heating_s + layers_s * _MORE / 2, grams=0.0)
     free = [

@@ -1,0 +1,176 @@
+"""Matching of free printers and waiting plates at one moment: what is decided, and what is foreseen. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from farm.scheduling.matching import Capabilities, FleetPrinter, WaitingPlate
+from farm.scheduling.spares import takes_spare
+from farm.scheduling.start_rules import StartRules, needed_grams
+
+Turn = tuple[int, int]
+"""Negative priority and number of a job: the least chooses first."""
+Queue = Mapping[Turn, Iterable[WaitingPlate]]
+"""Waiting plates by job: the job that chooses first at the front, and its plates likewise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """All that decides which plates start.
+
+    Attributes
+    ----------
+    fleet
+        All printers by name, as they are at this moment.
+    free
+        Those to match: idle and clear.
+    planned
+        The printers that the waiting plates were planned for.
+    kept
+        Free printers that are kept for plates that failed elsewhere.
+    places
+        On how many more printers a job may print; jobs without a limit are not in it.
+    starts
+        How many printers may begin to heat up now.
+    rules, now_s
+        Hours, and seconds since the epoch.
+    """
+
+    fleet: Mapping[str, FleetPrinter]
+    free: Sequence[str]
+    planned: Collection[str]
+    kept: Collection[str]
+    places: Mapping[int, int]
+    starts: int
+    rules: StartRules
+    now_s: float
+
+
+def queue_of(plates: Iterable[WaitingPlate]) -> dict[Turn, list[WaitingPlate]]:
+    """Group plates, in the order in which they choose, by job."""
+    queue: dict[Turn, list[WaitingPlate]] = {}
+    for plate in plates:
+        queue.setdefault(plate.turn, []).append(plate)
+    return queue
+
+
+def match_plates(queue: Queue, moment: Moment) -> dict[str, WaitingPlate]:
+    """Match free printers with waiting plates; return the plate of each printer that gets one.
+
+    See `farm.scheduling.assign.assign` for the order and the choice.
+    """
+    matching = _Matching(moment)
+    most = min(moment.starts, len(moment.free))
+    places = dict(moment.places)
+    again: list[WaitingPlate] = []
+    for (_, job), plates in queue.items():
+        for plate in plates:
+            if len(matching.taken) >= most:
+                return matching.taken
+            if places.get(job) == 0:
+                break
+            if matching.place(plate):
+                if job in places:
+                    places[job] -= 1
+            elif plate.failed_on:
+                again.append(plate)
+    for plate in again:
+        if len(matching.taken) >= most:
+            break
+        if places.get(plate.job) != 0 and matching.place_again(plate) and plate.job in places:
+            places[plate.job] -= 1
+    return matching.taken
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """Free printers alike in all but name and reel."""
+
+    capabilities: Capabilities
+    names: list[str]
+    grams: float  # on the fullest reel
+
+
+class _Matching:
+    """A bipartite matching of plates and free printers that grows by augmenting paths."""
+
+    def __init__(self, moment: Moment) -> None:
+        self.taken: dict[str, WaitingPlate] = {}
+        self._moment = moment
+        free = sorted(moment.free, key=lambda n: (moment.fleet[n].capabilities.height_mm, n))
+        self._rank = {name: rank for rank, name in enumerate(free)}
+        self._known: dict[str, list[str]] = {}
+        kinds: dict[tuple[Capabilities, bool], list[str]] = {}
+        for name in free:
+            printer = moment.fleet[name]
+            kinds.setdefault((printer.capabilities, printer.unattended), []).append(name)
+        self._kinds = [
+            _Kind(capabilities, names, max(_grams(moment.fleet[name]) for name in names))
+            for (capabilities, _), names in kinds.items()
+        ]
+
+    def place(self, plate: WaitingPlate) -> bool:
+        """Find a printer for a plate, which others may leave for one that will do as well."""
+        return self._augment(plate, set())
+
+    def place_again(self, plate: WaitingPlate) -> bool:
+        """Find a printer for a plate among all that are left, those on which it failed too."""
+        for name in self._able(plate):
+            if name not in self.taken:
+                self.taken[name] = plate
+                return True
+        return False
+
+    def _augment(self, plate: WaitingPlate, seen: set[str]) -> bool:
+        choices = [name for name in self._choices(plate) if name not in seen]
+        for name in choices:
+            if name not in self.taken:
+                self.taken[name] = plate
+                return True
+        for name in choices:
+            if name not in seen:
+                seen.add(name)
+                if self._augment(self.taken[name], seen):
+                    self.taken[name] = plate
+                    return True
+        return False
+
+    def _choices(self, plate: WaitingPlate) -> list[str]:
+        """Return the printers that can take a plate now, the best first."""
+        if plate.id not in self._known:
+            planned, rank = self._moment.planned, self._rank
+            names = self._able(plate)
+            if plate.failed_on:
+                fresh = [name for name in names if name not in plate.failed_on]
+                names = fresh if fresh or not self._failed_everywhere(plate) else names
+            names.sort(key=lambda name: (name != plate.planned, name in planned, rank[name]))
+            self._known[plate.id] = names
+        return self._known[plate.id]
+
+    def _failed_everywhere(self, plate: WaitingPlate) -> bool:
+        """Tell whether a plate failed on every printer that matches."""
+        others = (p for p in self._moment.fleet.values() if p.name not in plate.failed_on)
+        return not any(plate.requirements.matches(p.capabilities) for p in others)
+
+    def _able(self, plate: WaitingPlate) -> list[str]:
+        """Return the free printers that can take a plate now, the lowest first."""
+        moment, grams = self._moment, needed_grams(plate)
+        found: list[str] = []
+        for kind in self._kinds:
+            first = moment.fleet[kind.names[0]]
+            if (
+                grams <= kind.grams
+                and plate.requirements.matches(kind.capabilities)
+                and moment.rules.find_start(plate, first, moment.now_s).at_s == moment.now_s
+            ):
+                found += [n for n in kind.names if grams <= _grams(moment.fleet[n]) and self._may(plate, n)]
+        found.sort(key=self._rank.__getitem__)
+        return found
+
+    def _may(self, plate: WaitingPlate, name: str) -> bool:
+        return name not in self._moment.kept or takes_spare(plate, self._moment.fleet)
+
+
+def _grams(printer: FleetPrinter) -> float:
+    return float("inf") if printer.grams is None else printer.grams
