@@ -146,15 +146,8 @@ class Uploads:
         FarmError
             Where the model cannot be printed.
         """
+        self._check_quota(name, size)
         controller, state = self._services.controller, self._services.state
-        check_quota(
-            controller.fleet.fleet.uploads,
-            name,
-            size,
-            tuple(self._missing_bytes.values()),
-            shutil.disk_usage(state.root).free,
-            sum(not job.state.ended for job in controller.books.jobs.values()),
-        )
         upload = state.work / f"upload-{uuid.uuid4().hex}"
         self._missing_bytes[upload] = size
         try:
@@ -175,3 +168,15 @@ class Uploads:
         finally:
             upload.unlink(missing_ok=True)
             del self._missing_bytes[upload]
+
+    def _check_quota(self, name: str, size: int) -> None:
+        """Refuse an upload that is too large or one too many, by the state of the farm now."""
+        controller = self._services.controller
+        check_quota(
+            controller.fleet.fleet.uploads,
+            name,
+            size,
+            tuple(self._missing_bytes.values()),
+            shutil.disk_usage(self._services.state.root).free,
+            sum(not job.state.ended for job in controller.books.jobs.values()),
+        )

@@ -1,7 +1,7 @@
 """The report of a job: one page, its Gantt, what went wrong, its parts."""
 
 import re
-from datetime import datetime
+from datetime import datetime, timedelta
 from xml.etree import ElementTree
 
 import trimesh
@@ -12,6 +12,7 @@ from farm.model import Verdict
 from farm.state import events as ev
 from farm.views import describe_job, list_history
 from farm.views.report import COLOURS, draw_gantt, list_bars, render_page
+from farm.views.report.gantt import Bar, lay_out_gantt
 from make_books import run
 from make_stl import stl_bytes
 
@@ -86,3 +87,12 @@ def test_a_part_has_a_picture_and_own_g_code_has_none(tmp_path):
     stl.write_bytes(stl_bytes(trimesh.creation.box((20.0, 10.0, 30.0))))
     assert draw_part(stl).startswith(PNG)
     assert draw_part(tmp_path / "plate.gcode") is None
+
+
+def test_the_last_mark_of_time_is_not_cut_off():
+    start = datetime.fromisoformat("2026-11-22T00:00:00+00:00")
+    bar = Bar("um2-01", start, start + timedelta(hours=7), "good", "01", "")
+    gantt = lay_out_gantt([bar])
+    half_text_px = 35
+    assert gantt.marks[-1].text == "Sun 07:00"
+    assert gantt.marks[-1].x + half_text_px <= gantt.width

@@ -1,0 +1,24 @@
+"""Commands that only show."""
+
+import pytest
+from typer.testing import CliRunner
+
+from farm import api
+from farm.cli.commands import status
+from farm.cli.main import app
+
+
+class Daemon:
+    """A daemon without ended prints."""
+
+    def __init__(self, _: object) -> None:
+        pass
+
+    def history(self, job: int | None, printer: str | None, last: int) -> api.History:
+        return api.History(prints=[])
+
+
+@pytest.mark.parametrize(("options", "shown"), [([], "no print has ended\n"), (["--json"], '"prints": []')])
+def test_an_empty_history_is_not_an_empty_table(monkeypatch: pytest.MonkeyPatch, options, shown):
+    monkeypatch.setattr(status, "Client", Daemon)
+    assert shown in CliRunner().invoke(app, ["history", *options]).stdout
